@@ -1,1 +1,1 @@
-"""Controllers of ros2_control and their manager."""
+"""Controllers modelled on ros2_control and ros2_controllers, and the controller manager."""

@@ -1,13 +1,13 @@
-"""Base class of controllers: lifecycle, interfaces, commands.
+"""Base class of all controllers, with the types that controllers share.
 
 A controller only reads and writes `value` of the interfaces it received at activation; it reads no clock, sends nothing
 and never blocks. A command that is not finite or has the wrong size is refused with a ControlError and counted: it is
-not applied and does not refresh a timeout. On every deactivation the velocity, effort and acceleration targets become
-0.0 (upstream leaves them; a wheel would keep turning), position targets stay. A command has a timeout
-(`command_timeout`); it is cleared when a drive behind the controller is no longer enabled.
+not applied and does not restart the timeout. On every deactivation the velocity, effort and acceleration targets become
+0.0 (upstream leaves them unchanged, so that a wheel would keep turning); position targets stay. A command has a timeout
+(`command_timeout`) and is cleared when a drive behind the controller is no longer enabled.
 
-A new controller is a class in this or any other package: derive from `Controller`, and register it in the entry point
-group `canopen_control.controllers` with its type as the name: `"my_robot/Dance" = "my_robot.dance:Dance"`.
+A new controller is a class in this or any other package: derive from `Controller`, and register the class in the entry
+point group `canopen_control.controllers` with its type as the name: `"my_robot/Dance" = "my_robot.dance:Dance"`.
 """
 
 from __future__ import annotations
@@ -36,18 +36,15 @@ if TYPE_CHECKING:
     Ends = tuple[CommandInterface, ...]
 
 
-# A copy of selected states at one time: the content of a broadcaster's messages.
-
-
 def finite(value: float) -> float | None:
-    """Return a value, None for an unknown one."""
+    """Return the value, or None if it is nan or infinite."""
     return value if math.isfinite(value) else None
 
 
 class StateCopy:
-    """Values of states by joint and name, copied by the last `take`.
+    """Copy of selected state interface values, refreshed by `take`; the content of a broadcaster's messages.
 
-    `layout` gives the source of each value by joint and name, None for a constant 0.0.
+    `layout` maps joint and interface name to the source of the value; None stands for a constant 0.0.
     """
 
     def __init__(self, layout: Mapping[str, Mapping[str, StateInterface | None]]) -> None:
@@ -60,56 +57,45 @@ class StateCopy:
 
     @property
     def joints(self) -> list[str]:
-        """Joints of the layout, in order."""
+        """Joint names, in the order of the layout."""
         return list(self._joints)
 
     def take(self) -> None:
-        """Copy the present states without allocations."""
+        """Copy the current state values, without allocating memory."""
         values = self._values
         for index, source in self._sources:
             values[index] = source.value
 
     def by_joint(self) -> dict[str, Values]:
-        """Return the copy; None for unknown values."""
+        """Return the copied values by joint and interface name; None for values that are not finite."""
         values_by_joint: dict[str, Values] = {joint: {} for joint in self._joints}
         for (joint, name), value in zip(self._places, self._values, strict=True):
             values_by_joint[joint][name] = finite(value)
         return values_by_joint
 
 
-# The timeout of a controller's command: its sender, its time, and how long it is valid.
-#
-# A velocity or effort command that is not renewed ends, after the time-out of the YAML
-# or, where that names none, after `DEFAULT_LIFE_S`; a time-out of 0 that is written is for ever, as upstream's default.
-# A position is a place to stay at and has no end.
-
-
-"""The kind of the event that tells of commands without an end."""
-"""The interfaces whose targets keep something moving."""
-
-
 ALL_STATES: Final = "*"
-"""As the only state interface name: every state interface of the robot."""
+"""Name that, as the only state interface name, selects every state interface of the robot."""
 
 
 class WheelGeometrySource(Protocol):
-    """Source of the wheel geometry in the robot's description, in m; None for unknown values."""
+    """Provider of wheel dimensions in m from the robot description; None means an unknown dimension."""
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance between the wheels of both sides, by their joints."""
+        """Return the distance between the left and the right wheels, which are given by joint name."""
         ...
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the radius of these wheels, by their joints."""
+        """Return the radius of the wheels, which are given by joint name."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class DriveGeometry:
-    """Geometry that a base controller assumes, for `check`: wheels, sizes in m, frames.
+    """Wheel geometry and frames that a base controller assumes, which `check` compares with the description.
 
-    `frozen` are the axes of a twist whose limits keep their speed constant. The keys are those of its parameters; a
-    separation of 0 is unknown.
+    `radius_key` and `separation_key` are the parameters that set the lengths; a separation of 0 is unknown. `frozen`
+    are the twist axes whose limits keep the speed constant.
     """
 
     left: tuple[str, ...]
@@ -125,7 +111,7 @@ class DriveGeometry:
 
 
 class ControllerState(enum.Enum):
-    """States of a controller (managed nodes of ROS 2)."""
+    """Lifecycle states of a controller, named like those of a managed node in ROS 2."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -134,45 +120,49 @@ class ControllerState(enum.Enum):
 
 
 def zero_targets(commands: Sequence[CommandInterface]) -> None:
-    """Set targets that would cause motion to 0.0; position targets are unchanged."""
+    """Set velocity, effort and acceleration targets to 0.0; leave position targets unchanged."""
     for command in commands:
         if command.quantity in MOVING:
             command.value = 0.0
 
 
 def is_moving(commands: Sequence[CommandInterface]) -> bool:
-    """Return whether a target causes motion, or may be a position that is not reached."""
+    """Return whether any command is finite and not 0.0, so that it may cause motion."""
     return any(command.value != 0.0 and math.isfinite(command.value) for command in commands)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class EnableStatus:
-    """Enable status of interfaces without drives: which follow commands together, and why some do not.
+    """Default enable status, for interfaces without drives.
 
-    `runtime.enable_status.DriveEnableStatus` is that of drives.
+    It explains why interfaces do not follow commands, and groups the interfaces that stop together. For drives see
+    `runtime.enable_status.DriveEnableStatus`.
     """
 
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
-        """Return the error for a command to interfaces that do not follow it."""
+        """Return the error for a command to interfaces that are not enabled."""
         return NotEnabled(f"{joint_names(waiting)}: not enabled, so no command is taken")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return the joints that do not follow commands, with advice."""
+        """Return a text that names the joints that are not enabled, and what to do."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
     def stop_groups(self, ends: Ends) -> Sequence[Ends]:
-        """Return the interfaces in groups that stop together."""
+        """Return the command interfaces in groups that stop together; here all of them are in one group."""
         return (ends,)
 
 
 def joint_names(interfaces: Sequence[CommandInterface]) -> str:
-    """Return the joints of interfaces, each once, separated by commas."""
+    """Return the joint names of interfaces as a comma-separated text without duplicates."""
     return ", ".join(dict.fromkeys(interface.joint for interface in interfaces))
 
 
 @dataclass(frozen=True, slots=True)
 class ControllerEvent:
-    """Controller event: `kind` is activated, deactivated, error, fallback, limited, or specific to a controller."""
+    """Event of a controller, with a text for the user.
+
+    `kind` is activated, deactivated, error, fallback, limited, or specific to the controller type.
+    """
 
     kind: str
     controller: str
@@ -180,44 +170,49 @@ class ControllerEvent:
 
 
 def twist_axes_of(controller: Controller) -> tuple[str, ...]:
-    """Return the twist axes that a base accepts, by its topic if undeclared; empty for other controllers."""
+    """Return the twist axes that a controller accepts, such as "linear.x".
+
+    A controller that declares none accepts linear.x and angular.z if its topic is cmd_vel, else nothing.
+    """
     return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
-    """Base of controllers: hooks without effect and no interfaces.
+    """Base class of all controllers; without overrides it claims no interfaces and computes nothing.
 
-    `commands` and `states` are its interfaces while it is active, in the order it named them. `rejected` counts the
-    commands it refused. `topic` is where ROS sends commands, None if it takes none. `publishes` are its topics of joint
-    states for ROS, relative to the robot's namespace, and `frame_id` is the frame of their headers. `tells`
-    is the kind of its `sample`, None if it has none, `stamp` the time of its last publication in ns, `publish_rate`
-    how often it publishes, in Hz, 0 for at every update. `life` is the timeout of its command.
+    - `commands`, `states`: the interfaces while the controller is active, in the order of their names.
+    - `rejected`: number of refused commands.
+    - `life`: timeout of the command.
+    - `topic`: name of the ROS topic for commands, None without one.
+    - `publishes`: topics of joint states for ROS, relative to the robot's namespace; `frame_id` is their frame.
+    - `tells`: type of the published samples, None without samples.
+    - `publish_rate`: publications in Hz; 0 publishes at every update. `stamp` is the time of the last one in ns.
     """
 
     title: ClassVar[str] = ""
-    """The heading of its parameters in the documentation; types with one heading are described together."""
+    """Heading of the parameters in the documentation; types with the same heading are described together."""
     reads: ClassVar[type[CommonParams]] = CommonParams
-    """The dataclass of its parameters, with their help texts."""
+    """Dataclass of the parameters, with their help texts."""
     sections: ClassVar[dict[str, type[object]]] = {}
-    """The dataclasses of parameters below names that the file gives, by the heading that says which they are."""
+    """Dataclasses of nested parameters, by their heading in the documentation."""
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
-    """Whether its joints move one base (a vehicle): they stop together, and no verb acts on one of them alone."""
+    """Whether the joints move one vehicle base: they stop together, and no CLI verb moves one of them alone."""
     moves_joints: ClassVar[bool] = True
-    """Whether it is one to move joints; one that is not, as a broadcaster, is started beside the one that is."""
+    """Whether the controller moves joints; others, such as broadcasters, run beside the controller that does."""
     twist_axes: ClassVar[tuple[str, ...]] = ()
-    """The axes of the twists that a base takes, such as "linear.x"; empty if it takes values of joints."""
+    """Twist axes that a base accepts, such as "linear.x"; empty if the controller accepts joint values."""
     independent: ClassVar[bool] = False
-    """Whether each of its interfaces has a value of its own: one stop group of them may go on without another."""
+    """Whether every interface has its own command, so that one stop group can stop while the others continue."""
     settable: ClassVar[tuple[str, ...]] = ()
-    """The parameters that `on_set` takes while it is configured: patterns of dotted names, `gains.*`."""
+    """Patterns of the parameters that `on_set` accepts after configuration, as dotted names (`gains.*`)."""
     topic: ClassVar[str | None] = None
     tells: ClassVar[type[Sample] | None] = None
     roller_wheels: ClassVar[tuple[str, ...]] = ()
-    """The parameters that name the joints of its mecanum wheels, which physics gives rollers."""
+    """Parameters that name the joints of mecanum wheels, whose rollers the physics simulation models."""
     offers: ClassVar[tuple[str, ...]] = ()
-    """What it takes beside commands, by the words of `rpc.messages.state`: goals of ROS, services, a calibration."""
+    """Features besides commands, by the constants of `rpc.messages.state`: action goals, services, calibration."""
 
     def __init__(self, name: str, type_name: str = "") -> None:
         self.name, self.type = name, type_name
@@ -234,26 +229,26 @@ class Controller:
         self.commands: list[CommandInterface] = []
         self.states: list[StateInterface] = []
         self.description_joints: tuple[str, ...] | None = None
-        """The movable joints of the robot's description, set by the manager; None if there is no description."""
+        """Movable joints of the robot description, set by the manager; None without a description."""
         self.geometry: WheelGeometrySource | None = None
-        """The wheels of the robot's description, set by the manager; None if there is no description."""
+        """Wheel dimensions of the robot description, set by the manager; None without a description."""
         self.description: Mapping[str, Joint] = {}
-        """The joints of the robot's description by name, set by the manager."""
+        """Joints of the robot description by name, set by the manager."""
         self.enable_status = EnableStatus()
-        """Which interfaces follow commands and why others do not, set by the manager."""
+        """Enable status of the command interfaces, set by the manager."""
         self.cycle_rate = 100
-        """How often the cycle runs, in Hz, set by the manager."""
+        """Rate of the control cycle in Hz, set by the manager."""
         self.notices: list[ControllerEvent] = []
-        """What it has told; once it is loaded it is the manager's list, in which all tell."""
+        """Reported events; after loading, the manager's list, which all controllers share."""
 
     # ----------------------------------------------------------------------------------------------------- hooks
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; ConfigError with all mistakes."""
+        """Read the parameters; raise ConfigError with all errors in them."""
         self.update_rate = params.read(self.reads).update_rate
 
     def on_set(self, params: Params) -> None:
-        """Apply changed `settable` parameters, in any state; ConfigError without any change if they are invalid.
+        """Apply changed `settable` parameters, in any state; raise ConfigError and change nothing if they are invalid.
 
         An override reads all of them, as `on_configure` does, before it changes anything.
         """
@@ -263,85 +258,88 @@ class Controller:
         return []
 
     def state_interface_names(self) -> list[str]:
-        """Return the state interfaces to read, as "joint/interface"; `[ALL_STATES]` stands for all of them."""
+        """Return the state interfaces to read, as "joint/interface"; `[ALL_STATES]` selects every interface."""
         return []
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return the references that another controller may command instead of a topic (chaining).
+        """Return the reference interfaces that another controller may command instead of a topic (chaining).
 
-        Always the same objects.
+        Every call returns the same objects.
         """
         return ()
 
     def exported_states(self) -> Sequence[StateInterface]:
-        """Return the states that other controllers may read, nan while inactive; always the same objects."""
+        """Return the state interfaces that other controllers may read; their values are nan while inactive.
+
+        Every call returns the same objects.
+        """
         return ()
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces; `now` in ns. An override calls this first."""
+        """Store the claimed interfaces; `now` is in ns. An override calls this method first."""
         del now
         self.commands, self.states = commands, states
 
     def on_deactivate(self, now: int) -> None:
-        """Stop: every velocity, effort and acceleration target becomes 0.0."""
+        """Stop the joints: set every velocity, effort and acceleration target to 0.0."""
         del now
         zero_targets(self.commands)
 
     def forget(self, now: int) -> None:
-        """Clear the command: moving targets become 0.0, positions are held at the present position."""
+        """Clear the command: motion targets become 0.0, joints with a position command hold the actual position."""
         self.on_deactivate(now)
         for command in self.commands:
             if command.quantity == POSITION:
-                command.value = math.nan  # the hardware holds where it is, and does not go on to the old target
+                command.value = math.nan  # the hardware holds the actual position instead of the old target
         self.on_activate(self.commands, self.states, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Clear the commands of some interfaces; of all, unless the controller is `independent`."""
+        """Clear the commands of some interfaces; here of all, because only an `independent` controller can do less."""
         del commands
         self.forget(now)
 
     def on_cleanup(self) -> None:
-        """Clear the configuration."""
+        """Discard the configuration; the base class has none."""
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one step in the cycle; `now` in ns, `period` since its last step in s."""
+        """Execute one control step; `now` is in ns, `period` is the time since the previous step in s."""
         del now, period
         return OK
 
     def sample(self, wall_offset_ns: int) -> ControllerSample | None:
-        """Return the last publication, of type `tells`; None before the first one.
+        """Return the last publication, of type `tells`; None before the first publication.
 
-        `wall_offset_ns` converts its stamps to Unix time. It is called between two cycles, any number of times, and
-        changes nothing: it returns the results of `update`.
+        `wall_offset_ns` converts the time stamps to Unix time. The method is called between two cycles, any number of
+        times, and changes nothing: it returns the results of `update`.
         """
         del wall_offset_ns
         return None
 
     def wheel_base(self) -> DriveGeometry | None:
-        """Return the assumed wheel geometry, once configured; None for a controller without wheels."""
+        """Return the wheel geometry that a configured controller assumes; None for a controller without wheels."""
         return None
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:  # noqa: ARG002 - of a base
-        """Return the pose by odometry in `ahead` s, as x and y in m and heading in rad; None without odometry."""
+        """Return the pose that odometry predicts in `ahead` s: x and y in m, heading in rad; None without odometry."""
         return None
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether a command with these values is standstill, which may outlive its client."""
+        """Return whether a command with these values stops all motion; such a command may outlive its client."""
         return not any(values) and all(command.quantity in MOVING for command in self.commands)
 
     # ------------------------------------------------------------------------------------------------ for overrides
 
     def published(self, wall_offset_ns: int) -> float:
-        """Return the time of the last publication in Unix s: the `time` of its sample."""
+        """Return the time of the last publication as Unix time in s, for the `time` of a sample."""
         return (self.stamp + wall_offset_ns) / 1e9
 
     def refusal(self, reason: str) -> ControlError:
-        """Count a refused command and return its error."""
+        """Count a refused command, and return the ControlError to raise."""
         self.rejected += 1
         return ControlError(f"{self.name} {reason}")
 
     def checked(self, values: Sequence[object], names: Sequence[str]) -> None:
-        """Raise ControlError unless there is a finite number for each name and the controller is active."""
+        """Raise ControlError unless the controller is active and there is one finite number for each name."""
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):
@@ -354,12 +352,15 @@ class Controller:
 
     @property
     def describe_stop(self) -> str:
-        """Return the state of its joints after the end of a command, as a clause."""
+        """Clause that says what the joints do after a command has ended."""
         stands = all(command.quantity in MOVING for command in self.commands)
         return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 
     def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
-        """Refuse a value that is out of range for an object behind these interfaces; the previous command ends."""
+        """Refuse a value outside the range of the CANopen object behind any of these interfaces.
+
+        A refused value also ends the previous command, and raises ControlError.
+        """
         for command in commands:
             fits = command.range_error(value)
             if fits is not None:
@@ -369,11 +370,11 @@ class Controller:
                 )
 
     def report(self, kind: str, text: str) -> None:
-        """Report an event; the manager's events() returns it."""
+        """Report an event, which the manager returns from `events()`."""
         self.notices.append(ControllerEvent(kind, self.name, f"{self.name}: {text}"))
 
     def tell(self, kind: str, text: str) -> None:
-        """Report an event; the name of `report` up to version 0.2."""
+        """Report an event; deprecated name of `report`, used up to version 0.2."""
         self.report(kind, text)
 
 

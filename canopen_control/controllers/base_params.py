@@ -1,4 +1,4 @@
-"""Common parameters of wheeled bases: frames and covariances of odometry, and limits of the twist axes."""
+"""Common parameters of wheeled bases: odometry frames and covariances, and limits of the twist axes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Six = tuple[float, float, float, float, float, float]
 
 @dataclass(frozen=True)
 class TwistAxisLimits:
-    """Limits of an axis of the twist, such as `linear.x`; nan is unlimited."""
+    """Limits of one twist axis, such as `linear.x`; nan means unlimited."""
 
     max_velocity: float = setting(NAN, low=0.0, nan=True, help="m/s, rad/s forward (left)")
     min_velocity: float = setting(
@@ -42,11 +42,11 @@ class TwistAxisLimits:
 
     @property
     def freezes(self) -> bool:
-        """Whether the jerk limit keeps the speed of the axis constant."""
+        """Whether the jerk limit is 0, so that the axis can only keep its speed."""
         return self.max_jerk == 0.0
 
     def limits(self) -> VelocityLimits:
-        """Return the limits for the limiter."""
+        """Convert the parameters to the type that the limiter uses."""
         return VelocityLimits(
             self.min_velocity,
             self.max_velocity,
@@ -61,7 +61,7 @@ class TwistAxisLimits:
 
 @dataclass(frozen=True)
 class BaseParams(CommonParams):
-    """Parameters of every base: frames and covariances of its odometry."""
+    """Parameters of every wheeled base: odometry frames, their transform, and covariances."""
 
     odom_frame_id: str = setting("odom", help="parent frame of odometry")
     base_frame_id: str = setting("base_link", help="child frame of odometry")
@@ -70,16 +70,16 @@ class BaseParams(CommonParams):
     enable_odom_tf: bool = setting(True, help="publishes odom to base as a transform")
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield the checks with their results."""
+        """Yield checks as pairs: whether the parameters fail the check, and the error text; here none."""
         return iter(())
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
-        """Return the names of the odometry and the base frame."""
+        """Return the names of the odometry frame and the base frame, with prefix."""
         prefix = self.frame_prefix(namespace)
         return prefix + self.odom_frame_id, prefix + self.base_frame_id
 
     def frame_prefix(self, namespace: str) -> str:
-        """Return the prefix of frame names."""
+        """Return the prefix of frame names for a namespace; here always empty."""
         del namespace
         return ""
 
@@ -89,32 +89,35 @@ P = TypeVar("P", bound=BaseParams)
 
 @dataclass(frozen=True)
 class PrefixedParams(BaseParams):
-    """Parameters of a base whose frames may have a prefix."""
+    """Parameters of a base whose frame names may have a prefix."""
 
     tf_frame_prefix_enable: bool = setting(True, help="whether frame names have a prefix")
     tf_frame_prefix: str = setting("", help="that prefix; empty: the namespace")
 
     def frame_prefix(self, namespace: str) -> str:
-        """Return the prefix, see `tf_prefix`."""
+        """Return the prefix of frame names, as `tf_prefix` does; empty if prefixes are disabled."""
         return tf_prefix(self.tf_frame_prefix, namespace, enable=self.tf_frame_prefix_enable)
 
 
 def read_checked(params: Params, cls: type[P], renames: Mapping[str, str] | None = None) -> P:
-    """Return the parameters of a base; RobotConfigError with every mistake. `renames` as in `Params.read`."""
+    """Return the checked parameters of a base, or raise RobotConfigError with all errors in them.
+
+    `renames` is passed to `Params.read`.
+    """
     settings = params.read(cls, renames)
     refuse(params.name, settings.mistakes())
     return settings
 
 
 def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
-    """Raise RobotConfigError with the text of each check that is true, for this controller."""
+    """Raise RobotConfigError with the texts of all failed checks, if any; `name` is the controller."""
     problems = [text for wrong, text in checks if wrong]
     if problems:
         raise RobotConfigError("\n".join(f"{name}: {text}" for text in problems))
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
-    """Return the prefix of frame names: the configured one, else the namespace; `~` in it is the namespace."""
+    """Return the prefix of frame names: `prefix` with its first `~` replaced by the namespace, else the namespace."""
     if not enable:
         return ""
     text = prefix.replace("~", namespace, 1) if prefix else namespace

@@ -1,9 +1,9 @@
-"""Broadcasters of states other than joint states: inputs and outputs, diagnostics, sensors, batteries.
+"""Broadcasters of states other than joint states: GPIOs, diagnostics, sensors and batteries.
 
-A broadcaster claims nothing and publishes the states once per update. The inputs and outputs are the configured
-interfaces (by default `digital_inputs` and `digital_outputs` of every drive, and all of a <gpio> that is named under
-`joints`). The diagnostics evaluate each joint by its drive: no data for `stale_after` is STALE, an error code is a
-fault, the rest as in `rpc/messages/health.py`.
+A broadcaster claims no command interface and publishes the states once per update. The GPIO broadcaster publishes the
+configured interfaces (by default `digital_inputs` and `digital_outputs` of every drive, and all interfaces of a <gpio>
+that is named under `joints`). The diagnostics evaluate each joint by its drive: without data for `stale_after` the
+joint is STALE, an error code is a fault, and the rest is as in `rpc/messages/health.py`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 # The parameters of battery_state_broadcaster/BatteryStateBroadcaster.
 #
-# Keys, defaults and meaning are those of ros2_controllers; `state_joints` is what `batteries` was called before.
+# Keys, defaults and meaning are those of ros2_controllers; `state_joints` is the former name of `batteries`.
 
 
 QUANTITIES: Final = (
@@ -58,13 +58,16 @@ QUANTITIES: Final = (
     "battery_power_supply_health",
     "battery_present",
 )
-"""What may be measured of a battery: V, degC, A, Ah, 0 to 100, and enums of sensor_msgs/BatteryState."""
+"""Battery state interfaces, in V, degC, A, Ah and percent; the last three are values of sensor_msgs/BatteryState."""
 _RENAMES: Final = {"state_joints": "batteries"}
 
 
 @dataclass(frozen=True)
 class BatteryFacts:
-    """Properties of one battery: V and Ah, an enum of sensor_msgs/BatteryState, nan and "" if unknown."""
+    """Fixed properties of one battery, for sensor_msgs/BatteryState.
+
+    Unknown numbers are nan, unknown texts are empty.
+    """
 
     minimum_voltage: float = setting(
         math.nan, nan=True, help="V of an empty battery, for the percentage of one that reports none"
@@ -79,7 +82,11 @@ class BatteryFacts:
 
 @dataclass(frozen=True)
 class BatteryParams(CommonParams):
-    """Parameters of the broadcaster; `interfaces` by "<battery>.battery_temperature", `own` by battery."""
+    """Parameters of battery_state_broadcaster/BatteryStateBroadcaster.
+
+    The keys of `interfaces` are "<battery>.battery_temperature" and so on; `own` are the properties in the order of
+    `names`.
+    """
 
     batteries: tuple[str, ...] = setting(
         (), help="names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least"
@@ -99,11 +106,11 @@ class BatteryParams(CommonParams):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Batteries, including one given as a sensor."""
+        """Names of the batteries; if the deprecated `sensor_name` is given, only this name."""
         return (self.sensor_name,) if self.sensor_name else self.batteries
 
     def measured(self, battery: str) -> list[str]:
-        """Return the state interface for each of QUANTITIES of a battery, "" for one that is not read."""
+        """Return the state interface for each of `QUANTITIES` of a battery; "" marks quantities that are not read."""
         if self.sensor_name:
             return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
         first, *others = QUANTITIES
@@ -112,7 +119,7 @@ class BatteryParams(CommonParams):
         return [f"{battery}/{first}", *names]
 
     def mistakes(self) -> Iterator[str]:
-        """Yield the mistakes in the parameters."""
+        """Yield an error text for each invalid parameter."""
         if bool(self.sensor_name) == bool(self.batteries):
             both = "both 'sensor_name' and 'batteries'" if self.batteries else "no 'batteries'"
             yield f"{both}; give it under ros__parameters: batteries: [main_battery]"
@@ -130,7 +137,7 @@ class BatteryParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> BatteryParams:
-    """Return the parameters of controller `name`; RobotConfigError with all mistakes."""
+    """Return the parameters of battery broadcaster `name`; raise RobotConfigError with all errors in them."""
     nodes = [params.flat.get(key) for key in ("batteries", "state_joints")]
     batteries = tuple(dict.fromkeys(element.text for node in nodes if node is not None for element in node.elements()))
     settings = params.read(_with_batteries(batteries), _RENAMES)
@@ -148,7 +155,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
 
 
 def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
-    """Return the parameter class with a section for each battery."""
+    """Return a parameter class that has a section of `BatteryFacts` for each battery."""
     fields: list[tuple[str, Any, Any]] = [
         (f"battery_{index}", BatteryFacts, setting(BatteryFacts(), key=battery, section=True))
         for index, battery in enumerate(batteries)
@@ -158,7 +165,7 @@ def _with_batteries(batteries: tuple[str, ...]) -> type[BatteryParams]:
     )
 
 
-# The parameters of the broadcasters of sensors: IMU, range, force and torque, pose.
+# The parameters of the sensor broadcasters: IMU, range, force and torque, pose.
 #
 # Keys, defaults and meaning are those of ros2_controllers (jazzy).
 
@@ -171,7 +178,7 @@ _COVARIANCE: Final = 9
 
 @dataclass(frozen=True)
 class SensorParams(CommonParams):
-    """Common parameters: `sensor_name` is a <sensor> of the description, `frame_id` the frame of its values."""
+    """Common parameters of sensor broadcasters: the <sensor> of the description, and the frame of its values."""
 
     sensor_name: str = setting(
         "", help="a <sensor> of the description, whose interfaces have the names of ros2_control"
@@ -179,20 +186,23 @@ class SensorParams(CommonParams):
     frame_id: str = setting("", help="frame of the headers")
 
     def mistakes(self) -> Iterator[str]:
-        """Yield the mistakes in the parameters."""
+        """Yield an error text for each invalid parameter."""
         if not self.sensor_name:
             yield "no 'sensor_name'; give it under ros__parameters: sensor_name: imu"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: imu_link"
 
     def check(self, name: str) -> None:
-        """Raise RobotConfigError with all mistakes; `name` is the controller's."""
+        """Raise RobotConfigError with all errors in the parameters, if any; `name` is the controller."""
         refuse_all(name, self.mistakes())
 
 
 @dataclass(frozen=True)
 class ImuParams(SensorParams):
-    """Parameters of imu_sensor_broadcaster/IMUSensorBroadcaster; covariances row by row about x, y, z."""
+    """Parameters of imu_sensor_broadcaster/IMUSensorBroadcaster.
+
+    Each covariance has nine numbers, row by row about x, y and z.
+    """
 
     static_covariance_orientation: tuple[float, ...] = setting(
         _UNKNOWN, help="nine numbers, row by row about x, y, z; all 0: not known"
@@ -205,7 +215,7 @@ class ImuParams(SensorParams):
     )
 
     def mistakes(self) -> Iterator[str]:
-        """Yield the mistakes in the parameters."""
+        """Yield an error text for each invalid parameter."""
         yield from super().mistakes()
         for quantity in ("orientation", "angular_velocity", "linear_acceleration"):
             covariance = getattr(self, f"static_covariance_{quantity}")
@@ -215,7 +225,7 @@ class ImuParams(SensorParams):
 
 @dataclass(frozen=True)
 class RangeParams(SensorParams):
-    """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster; rad and m, the variance in m^2."""
+    """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster, in rad and m; the variance is in m^2."""
 
     radiation_type: int = setting(0, low=0, high=1, help="0 ultrasound, 1 infrared")
     field_of_view: float = setting(0.52, low=0.0, high=2 * math.pi, help="rad, the arc for which the distance holds")
@@ -226,10 +236,10 @@ class RangeParams(SensorParams):
 
 @dataclass(frozen=True)
 class ForceTorqueParams(SensorParams):
-    """Parameters of force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster, by "force.x" to "torque.z".
+    """Parameters of force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster.
 
-    The interfaces are those of `sensor_name`, or each by its own name; those that are not named are not known. N and
-    Nm are published as (value + offset) * multiplier.
+    The state interfaces are those of `sensor_name`, or are named singly by `interface_names`; axes without a name have
+    no value. Forces in N and torques in Nm are published as (value + offset) * multiplier.
     """
 
     interface_names: dict[str, str] = setting(
@@ -247,13 +257,13 @@ class ForceTorqueParams(SensorParams):
 
     @property
     def names(self) -> list[str]:
-        """The six state interfaces in the order of `AXES`, "" for an absent one."""
+        """State interfaces of the six axes in the order of `AXES`; "" marks an axis without one."""
         if self.sensor_name:
             return [f"{self.sensor_name}/{axis}" for axis in AXES]
         return [self.interface_names.get(axis, "") for axis in AXES]
 
     def mistakes(self) -> Iterator[str]:
-        """Yield the mistakes in the parameters."""
+        """Yield an error text for each invalid parameter."""
         named = any(self.interface_names.values())
         if bool(self.sensor_name) == named:
             both = "both 'sensor_name' and interface_names" if named else "neither 'sensor_name' nor interface_names"
@@ -273,7 +283,7 @@ class ForceTorqueParams(SensorParams):
 
 @dataclass(frozen=True)
 class PoseTransform:
-    """Options of the transform of a pose: whether it is published, and its child frame."""
+    """Parameters of the transform that a pose broadcaster publishes: an enable flag and the child frame."""
 
     enable: bool = setting(True, help="whether the pose is a transform in `/tf` too")
     child_frame_id: str = setting("", help="the frame that is there; empty: `pose_name`")
@@ -282,7 +292,10 @@ class PoseTransform:
 
 @dataclass(frozen=True)
 class PoseParams(CommonParams):
-    """Parameters of pose_broadcaster/PoseBroadcaster: state interfaces of `pose_name`, or each under its own name."""
+    """Parameters of pose_broadcaster/PoseBroadcaster.
+
+    The state interfaces are those of `pose_name`, or are named singly by `interface_names`.
+    """
 
     frame_id: str = setting("", help="frame of the pose")
     pose_name: str = setting("", help="a <sensor> of the description with `position.x` to `orientation.w`")
@@ -296,18 +309,18 @@ class PoseParams(CommonParams):
 
     @property
     def names(self) -> list[str]:
-        """The seven state interfaces in the order of `POSE`."""
+        """The seven state interfaces of the pose, in the order of `POSE`."""
         if self.pose_name:
             return [f"{self.pose_name}/{key}" for key in POSE]
         return [self.interface_names[key] for key in POSE]
 
     @property
     def child_frame_id(self) -> str | None:
-        """Child frame of the published transform, None without one."""
+        """Child frame of the published transform; None if no transform is published."""
         return (self.tf.child_frame_id or self.pose_name or None) if self.tf.enable else None
 
     def mistakes(self) -> Iterator[str]:
-        """Yield the mistakes in the parameters."""
+        """Yield an error text for each invalid parameter."""
         named = any(self.interface_names.values())
         if bool(self.pose_name) == named:
             both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
@@ -319,22 +332,22 @@ class PoseParams(CommonParams):
         yield from (f"interface_names.{name}{nearest(name, POSE)}" for name in self.interface_names if name not in POSE)
 
     def check(self, name: str) -> None:
-        """Raise RobotConfigError with all mistakes; `name` is the controller's."""
+        """Raise RobotConfigError with all errors in the parameters, if any; `name` is the controller."""
         refuse_all(name, self.mistakes())
 
 
 def refuse_all(name: str, mistakes: Iterator[str]) -> None:
-    """Raise RobotConfigError with all sentences, if there are any; `name` is the controller's."""
+    """Raise RobotConfigError with all error texts, if there are any; `name` is the controller."""
     if texts := list(mistakes):
         raise RobotConfigError(f"{name}: {'; '.join(texts)}")
 
 
-# Broadcasters of sensors: IMU, range, force and torque, pose, over the state interfaces of a <sensor> of any hardware.
+# Sensor broadcasters: IMU, range, force and torque, pose; they read the state interfaces of a <sensor> of any hardware.
 #
 # Rules (ros2_controllers, Jazzy): the names of the interfaces are fixed (`orientation.x`, `range`, `force.x` ...), and
 # a broadcaster is activated only if all the interfaces that it reads exist; a force-torque broadcaster whose interfaces
-# are named one by one publishes nan for the others. A value is the state of the interface at the update, nan if the
-# hardware has none.
+# are named singly publishes nan for the others. A published value is the state at the update, nan if the hardware has
+# none.
 
 
 _IMU: Final = (
@@ -345,7 +358,7 @@ _IMU: Final = (
 
 
 class SensorBroadcaster(Controller):
-    """Broadcaster of state interfaces in a fixed order; "" marks an absent one."""
+    """Base class of broadcasters that copy state interfaces in a fixed order; "" marks an absent interface."""
 
     is_broadcaster: ClassVar[bool] = True
 
@@ -357,11 +370,11 @@ class SensorBroadcaster(Controller):
         self._values: list[float] = []
 
     def state_interface_names(self) -> list[str]:
-        """Return the state interfaces to read."""
+        """Return the state interfaces to read, without the absent ones."""
         return [name for name in self._names if name]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces, and publish their values."""
+        """Store the interfaces, and copy their values for the first publication."""
         super().on_activate(commands, states, now)
         by_name = {state.name: state for state in states}
         self._values = [math.nan] * len(self._names)
@@ -369,7 +382,7 @@ class SensorBroadcaster(Controller):
         self.update(now, 0.0)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states: a publication."""
+        """Copy the states for the next publication."""
         del period
         for place, source in self._sources:
             self._values[place] = source.value
@@ -377,17 +390,17 @@ class SensorBroadcaster(Controller):
         return OK
 
     def _set_up(self, params: SensorParams | PoseParams, names: list[str]) -> None:
-        """Store checked parameters."""
+        """Check the parameters, and store them with the state interface names."""
         params.check(self.name)
         self.update_rate, self.frame_id, self._names = params.update_rate, params.frame_id, names
 
     def _known(self, first: int, last: int) -> tuple[float | None, ...]:
-        """Return some of the values of the last update, None for unknown ones."""
+        """Return values `first` to `last` - 1 of the last update; None for values that are not finite."""
         return tuple(finite(value) for value in self._values[first:last])
 
 
 class IMUSensorBroadcaster(SensorBroadcaster):
-    """Broadcaster of orientation, angular velocity and linear acceleration of an IMU."""
+    """Broadcaster of the orientation, angular velocity and linear acceleration of an IMU."""
 
     title: ClassVar[str] = "IMU"
     reads: ClassVar[type[ImuParams]] = ImuParams
@@ -395,12 +408,12 @@ class IMUSensorBroadcaster(SensorBroadcaster):
     params: ImuParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with all mistakes."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = params.read(ImuParams)
         self._set_up(self.params, [f"{self.params.sensor_name}/{quantity}" for quantity in _IMU])
 
     def sample(self, wall_offset_ns: int) -> ImuSample:
-        """Return the measurement of the last update."""
+        """Return the measurement of the last update, with the configured covariances."""
         params = self.params
         return ImuSample(
             time=self.published(wall_offset_ns),
@@ -415,7 +428,7 @@ class IMUSensorBroadcaster(SensorBroadcaster):
 
 
 class RangeSensorBroadcaster(SensorBroadcaster):
-    """Broadcaster of the distance measured by one sensor."""
+    """Broadcaster of the distance that one range sensor measures."""
 
     title: ClassVar[str] = "Range sensor"
     reads: ClassVar[type[RangeParams]] = RangeParams
@@ -423,12 +436,12 @@ class RangeSensorBroadcaster(SensorBroadcaster):
     params: RangeParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with all mistakes."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = params.read(RangeParams)
         self._set_up(self.params, [f"{self.params.sensor_name}/range"])
 
     def sample(self, wall_offset_ns: int) -> RangeSample:
-        """Return the measurement of the last update."""
+        """Return the distance of the last update, with the properties of the sensor."""
         params = self.params
         return RangeSample(
             time=self.published(wall_offset_ns),
@@ -443,7 +456,7 @@ class RangeSensorBroadcaster(SensorBroadcaster):
 
 
 class ForceTorqueSensorBroadcaster(SensorBroadcaster):
-    """Broadcaster of forces and torques along and about three axes."""
+    """Broadcaster of the forces along three axes and the torques about them."""
 
     title: ClassVar[str] = "Force and torque"
     reads: ClassVar[type[ForceTorqueParams]] = ForceTorqueParams
@@ -454,13 +467,13 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         self._scales: list[tuple[float, float]] = []
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with all mistakes."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         settings = params.read(ForceTorqueParams)
         self._set_up(settings, settings.names)
         self._scales = [(settings.offset.get(axis, 0.0), settings.multiplier.get(axis, 1.0)) for axis in AXES]
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states, with offset and multiplier: a publication."""
+        """Copy the states for the next publication, with offsets and multipliers applied."""
         super().update(now, period)
         for place, source in self._sources:
             offset, factor = self._scales[place]
@@ -468,7 +481,7 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         return OK
 
     def sample(self, wall_offset_ns: int) -> WrenchSample:
-        """Return the measurement of the last update."""
+        """Return the forces and torques of the last update."""
         return WrenchSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
@@ -478,7 +491,7 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
 
 
 class PoseBroadcaster(SensorBroadcaster):
-    """Broadcaster of a position and an orientation, and of their transform."""
+    """Broadcaster of a pose, and optionally of its transform."""
 
     title: ClassVar[str] = "Pose"
     reads: ClassVar[type[PoseParams]] = PoseParams
@@ -489,7 +502,7 @@ class PoseBroadcaster(SensorBroadcaster):
     params: PoseParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with all mistakes."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = settings = params.read(PoseParams)
         settings.check(self.name)
         self._set_up(settings, settings.names)
@@ -499,7 +512,7 @@ class PoseBroadcaster(SensorBroadcaster):
             )
 
     def sample(self, wall_offset_ns: int) -> PoseSample:
-        """Return the measurement of the last update."""
+        """Return the pose of the last update, with its frames."""
         return PoseSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
@@ -509,17 +522,17 @@ class PoseBroadcaster(SensorBroadcaster):
         )
 
 
-# BatteryStateBroadcaster: the batteries of a robot, each by itself and all of them as one.
+# BatteryStateBroadcaster: the state of each battery of a robot, and of all batteries combined.
 #
-# Rules (battery_state_broadcaster): the voltage of each battery is read, and what `interfaces` names
-# besides; without a percentage it is that of the voltage between `minimum_voltage` and `maximum_voltage`; a battery is
-# present that has a voltage. Of all of them voltage, current, temperature and percentage are the mean of those that are
-# known, charge and capacities the sum, status and health the highest. Ours: a percentage is published from 0 to 1, as
-# sensor_msgs defines it; upstream publishes 0 to 100.
+# Rules (battery_state_broadcaster): the voltage of each battery is read, and the quantities enabled in `interfaces`.
+# A percentage that is not measured is interpolated from the voltage between `minimum_voltage` and `maximum_voltage`;
+# without a `battery_present` state, a battery with a voltage is present. For all batteries combined, voltage, current,
+# temperature and percentage are the mean of the known values, charge and capacities the sum, status and health the
+# highest. Different from upstream: a percentage is published from 0 to 1, as sensor_msgs defines it, not 0 to 100.
 
 
 class BatteryStateBroadcaster(SensorBroadcaster):
-    """Broadcaster of the batteries."""
+    """Broadcaster of the state of each battery, and of all batteries combined."""
 
     title: ClassVar[str] = "Batteries"
     reads: ClassVar[type[BatteryParams]] = BatteryParams
@@ -530,13 +543,13 @@ class BatteryStateBroadcaster(SensorBroadcaster):
     params: BatteryParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with all mistakes."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = settings = read_params(params, self.name)
         self.update_rate = settings.update_rate
         self._names = [name for battery in settings.names for name in settings.measured(battery)]
 
     def sample(self, wall_offset_ns: int) -> BatteriesSample:
-        """Return the measurement of the last update."""
+        """Return the battery states of the last update."""
         size = len(QUANTITIES)
         batteries = [
             _reading(name, own, self._known(place * size, (place + 1) * size))
@@ -546,9 +559,9 @@ class BatteryStateBroadcaster(SensorBroadcaster):
 
 
 def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> BatteryReading:
-    """Return the state of a battery; `values` are those of QUANTITIES."""
+    """Return the state of one battery; `values` are in the order of `QUANTITIES`."""
     voltage, temperature, current, charge, percentage, status, health, present = values
-    if percentage is None and voltage is not None:  # nan without its bounds
+    if percentage is None and voltage is not None:  # the result is nan without voltage bounds
         percentage = finite(100.0 * (voltage - own.minimum_voltage) / (own.maximum_voltage - own.minimum_voltage))
     return BatteryReading(
         name=name,
@@ -569,7 +582,7 @@ def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> Ba
 
 
 def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
-    """Return all batteries combined."""
+    """Combine the states of all batteries into one state: means, sums or maxima, as listed above."""
     technologies = {battery.power_supply_technology for battery in batteries}
     return BatteryReading(
         name="",
@@ -590,20 +603,23 @@ def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
 
 
 def _sum(values: Sequence[float | None]) -> float | None:
-    """Return the sum of the known values, None if there are none."""
+    """Return the sum of the known values, or None if no value is known."""
     numbers = [value for value in values if value is not None]
     return math.fsum(numbers) if numbers else None
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean of the known values, None if there are none."""
+    """Return the mean of the known values, or None if no value is known."""
     numbers = [value for value in values if value is not None]
     return math.fsum(numbers) / len(numbers) if numbers else None
 
 
 @dataclass(frozen=True)
 class StateParams(CommonParams):
-    """Common parameters: empty `joints` or `interfaces` select all; `stale_after` in s."""
+    """Parameters of the GPIO and diagnostics broadcasters; `stale_after` is in s.
+
+    An empty `joints` selects all joints, an empty `interfaces` the default interfaces of the broadcaster.
+    """
 
     joints: tuple[str, ...] = setting((), help="only these joints; empty: all")
     interfaces: tuple[str, ...] = setting((), help="only these interfaces; empty: all that the broadcaster is about")
@@ -611,7 +627,7 @@ class StateParams(CommonParams):
 
 
 class _StateBroadcaster(Controller):
-    """Broadcaster of selected states, by default those of one kind."""
+    """Base class of broadcasters of selected state interfaces; `chosen` are the default interfaces."""
 
     title: ClassVar[str] = "GPIO and diagnostics"
     reads: ClassVar[type[StateParams]] = StateParams
@@ -629,13 +645,13 @@ class _StateBroadcaster(Controller):
         self.update_rate = self.params.update_rate
 
     def state_interface_names(self) -> list[str]:
-        """Return joints times interfaces if both are configured, else all interfaces, to be selected at activation."""
+        """Return the configured interfaces of the configured joints; if either is empty, `ALL_STATES`."""
         if self.params.joints and self.params.interfaces:
             return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Create the layout of the published values; ControlError if it is empty."""
+        """Select the state interfaces to publish; raise ControlError if there are none."""
         super().on_activate(commands, states, now)
         layout: dict[str, dict[str, StateInterface | None]] = {}
         for state in filter(self._is_selected, states):
@@ -653,7 +669,7 @@ class _StateBroadcaster(Controller):
         return state.interface in (interfaces or self.chosen) or bool(joints and not interfaces)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states: a publication."""
+        """Copy the states for the next publication."""
         del period
         self._copy.take()
         self.stamp = now
@@ -667,19 +683,19 @@ class GpioBroadcaster(_StateBroadcaster):
     tells: ClassVar[type[Sample] | None] = GpioSample
 
     def sample(self, wall_offset_ns: int) -> GpioSample:
-        """Return the values of the last update."""
+        """Return the inputs and outputs of the last update."""
         return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
 
 
 class DiagnosticsBroadcaster(_StateBroadcaster):
-    """Broadcaster of the health of the joints' drives."""
+    """Broadcaster of the health of the drives behind the joints."""
 
     chosen = ("nmt_state", "statusword", "error_code", "age")
 
     tells: ClassVar[type[Sample] | None] = DiagnosticsSample
 
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
-        """Return the health of every joint by its values in the last update."""
+        """Return the health of every joint, evaluated from the values of the last update."""
         judged = [
             JointDiagnosis(joint, *self._diagnose(values), values) for joint, values in self._copy.by_joint().items()
         ]

@@ -1,9 +1,9 @@
-"""CanopenProxyController and Cia402DeviceController of ros2_canopen: services of the node behind a joint.
+"""CanopenProxyController and Cia402DeviceController of ros2_canopen, which offer services of one CANopen node.
 
-Rules (canopen_ros2_controllers): the parameter is `joint`; the topics and services are the controller's.
-Upstream's pass each word through interfaces that a hardware component looks at in its cycle. Here they claim none: what
-they serve are the services that every node of the bus has, with their answers and their safety, so that they are
-started beside the controller that moves the joint, and work whether they are active or not.
+Rules (canopen_ros2_controllers): the parameter is `joint`; topics and services have the controller's name. Upstream
+passes each request through interfaces that a hardware component polls in its cycle. Here the controllers claim no
+interfaces: they offer the services that every node of the bus has, with the same answers and safety checks. So they
+are started beside the controller that moves the joint, and work whether they are active or not.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DeviceParams(CommonParams):
-    """Common parameters: `joint` is a joint of a node, or the name of a node without joints."""
+    """Parameters of both controllers: `joint` is a joint of the node, or the name of a node without joints."""
 
     joint: str = setting("", help="a joint that a node drives, or the name of a node that drives none")
 
 
 class CanopenProxyController(Controller):
-    """Controller for the services of one node: NMT, SDO and PDOs."""
+    """Controller that offers the services of one node: NMT commands, SDO access and PDOs."""
 
     title: ClassVar[str] = "One node, as ros2_canopen shows it"
     reads: ClassVar[type[DeviceParams]] = DeviceParams
@@ -37,7 +37,7 @@ class CanopenProxyController(Controller):
     offers: ClassVar[tuple[str, ...]] = (NODE_SERVICES,)
 
     def on_configure(self, params: Params) -> None:
-        """Read the joint; RobotConfigError without one."""
+        """Read the parameter `joint`; raise RobotConfigError if it is missing."""
         settings = params.read(DeviceParams)
         if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
@@ -45,6 +45,6 @@ class CanopenProxyController(Controller):
 
 
 class Cia402DeviceController(CanopenProxyController):
-    """Controller for the services of one drive: those of a proxy, and its CiA 402 states and modes."""
+    """Controller that offers the services of one drive: those of a node, and CiA 402 states and modes."""
 
     offers: ClassVar[tuple[str, ...]] = (DRIVE_SERVICES,)

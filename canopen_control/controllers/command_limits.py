@@ -1,15 +1,16 @@
-"""Limiter of commands by the description: the controller_manager's `enforce_command_limits`.
+"""Limits of the robot description, applied to commands: `enforce_command_limits` of the controller manager.
 
-Rules (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is
-enforced; a <safety_controller> adds soft limits. Accelerations and jerks are limited by
-their <command_interface name="acceleration"> and "jerk" alone. Nothing is limited where `<limits enable="false"/>`
-stands. A command that is nan stays nan.
+Rules (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is enforced; a
+<safety_controller> adds soft limits. Accelerations and jerks are limited only by their <command_interface
+name="acceleration"> and "jerk". Nothing is limited for an interface with `<limits enable="false"/>`. A command that is
+nan stays nan.
 
-Ours, and safer: a joint outside of its range is led back by its velocity limit and not at once, and a velocity may lead
-it back too; one that has no velocity state begins from standstill; no velocity changes by more than the acceleration.
+Safer than upstream: a joint outside its range returns at no more than the velocity limit, instead of in one step, and a
+velocity command may also move it back; a joint without a velocity state is taken to start from standstill; no
+velocity changes by more than the acceleration limit allows.
 
 A limited command is reported once per occasion, with the desired value and the limit of the description. An occasion
-ends when nothing has been limited for a second, which is the report interval of ros2_control.
+ends when nothing has been limited for a second, the report interval of ros2_control.
 """
 
 from __future__ import annotations
@@ -43,41 +44,41 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-# Commands that are limited together: those of one joint, or one with bounds of its own.
+# Commands that are limited together: those of one joint, or a single command with bounds of another quantity.
 #
-# Most commands advance by less than the limits allow. `passes` detects that with a few comparisons, if one quantity of
-# a joint is commanded and it has no soft limits; only other commands are processed in full (`enforce`), with the same
-# result for those that would have passed. The report of a limit comes at its begin, see `command_limits`.
+# Most commands change by less than the limits allow. If one quantity of a joint without soft limits is commanded,
+# `passes` detects this with a few comparisons. All other commands are processed in full by `enforce`, which would not
+# change a command that passes. A limit is reported when limiting begins, see the module's docstring.
 
 
-QUIET_S: Final = 1.0  # without a limited command until the next one is reported again
-_UNITS: Final = ("", "/s", None, "/s²", "/s³")  # after rad or m; an effort has its own
-_ALMOST: Final = 1.0 - 1e-9  # what rounding leaves of a step
-_MOST: Final = sys.float_info.max  # what is infinite is looked at closer
+QUIET_S: Final = 1.0  # time without limiting after which a limited command is reported again
+_UNITS: Final = ("", "/s", None, "/s²", "/s³")  # after rad or m; an effort has its own unit
+_ALMOST: Final = 1.0 - 1e-9  # tolerance for the rounding of a step
+_MOST: Final = sys.float_info.max  # infinite commands fail the short check
 
 Commands = Sequence["CommandInterface"]
 States = Sequence["StateInterface"]
 
 
 class Limited(metaclass=ABCMeta):
-    """Commands that are limited together; the full check runs only if `passes` is False."""
+    """Base class of commands that are limited together; the full check runs only if `passes` is False."""
 
     __slots__ = ()
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """Whether the commands of this cycle are within every limit by a short check; False requires the full check."""
+        """Return whether a short check proves the commands within all limits; False requires the full check."""
         return False
 
     @abstractmethod
     def enforce(self, period: float, clock: float) -> str | None:
-        """Limit the commands; return commands and limits when limiting begins.
+        """Limit the commands to their allowed values; when limiting begins, return a text with commands and limits.
 
-        `clock` is how much time has passed in the cycles until the end of this one, in s.
+        `clock` is the sum of all periods up to and including this cycle, in s.
         """
 
 
 class JointCommands(Limited):
-    """Commands of one joint with its limiter and the last reported text."""
+    """Commands of one joint, which share a limiter; every command goes through the full check."""
 
     __slots__ = (
         "_actual",
@@ -97,11 +98,11 @@ class JointCommands(Limited):
         self._commands = [(QUANTITIES.index(command.interface), command) for command in commands]
         self._states = [(QUANTITIES.index(state.interface), state) for state in states]
         self._actual, self._desired = list(NOTHING), list(NOTHING)
-        self._limited_at = [-math.inf] * len(QUANTITIES)  # when a command had to be changed last
+        self._limited_at = [-math.inf] * len(QUANTITIES)  # time of the last change of a command
         self._starts = [math.nan, math.nan]
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """Whether the joint has no command; see `Limited`."""
+        """Return whether the joint has no command (and no soft limits); see `Limited`."""
         if self._joint.soft is not None:
             return False
         for _, command in self._commands:
@@ -113,7 +114,7 @@ class JointCommands(Limited):
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """See `Limited`."""
+        """Limit the commands of the joint by the full check; see `Limited`."""
         actual, desired, limiter = self._actual, self._desired, self._limiter
         for at, state in self._states:
             actual[at] = state.value
@@ -135,7 +136,7 @@ class JointCommands(Limited):
         return sentence
 
     def _begin(self, actual: list[float], before: list[float]) -> None:
-        """Start from the last commands, else from the measured state; a joint outside its range starts at its limit."""
+        """Prepare the start values: the last commands, else the measured state, clamped to the position range."""
         limits, here = self._limits, actual[POS]
         self._starts[POS] = before[POS] if math.isfinite(before[POS]) else here
         if here < limits.min_position or here > limits.max_position:
@@ -145,7 +146,7 @@ class JointCommands(Limited):
         self._starts[VEL] = before[VEL]
 
     def _changed(self, at: int, value: float, period: float) -> float:
-        """Return a position or velocity changed by at most its rate limit."""
+        """Return a position or velocity command that differs from the start value by at most one rate-limited step."""
         most = (self._limits.max_velocity if at == POS else self._limits.max_acceleration) * period
         start = self._starts[at]
         return min(max(value, start - most), start + most) if math.isfinite(start) else value
@@ -155,7 +156,7 @@ class JointCommands(Limited):
     def _limit_text(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
-        """Return the limits that changed the desired value to `value`, once when limiting begins."""
+        """Return a text about the limits that changed the desired value to `value`, or None if limiting goes on."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
@@ -175,7 +176,7 @@ class JointCommands(Limited):
         return f"{command.name}: {self._quantity(at, target)} is limited to {' and to '.join(reasons)}"
 
     def _bounded(self, at: int, command: CommandInterface, value: float) -> float:
-        """Return a command within the constant limits."""
+        """Clamp a command to the limits that do not depend on the joint's state."""
         limits = self._limits
         if at == POS:
             return min(max(value, limits.min_position), limits.max_position)
@@ -183,7 +184,7 @@ class JointCommands(Limited):
         return min(max(value, -most, command.minimum), most, command.maximum)
 
     def _by_state(self, at: int, value: float, period: float) -> str:
-        """Return the limit that depends on position and velocity of the joint."""
+        """Describe the limit that depends on the position and velocity of the joint."""
         soft, limits = self._joint.soft, self._limits
         at_step = abs(value - self._starts[POS]) >= limits.max_velocity * period * _ALMOST
         if soft is not None and soft.lower < soft.upper and not (at == POS and at_step):
@@ -203,7 +204,7 @@ class JointCommands(Limited):
         return min(max(value, behind), ahead)
 
     def _quantity(self, at: int, value: float) -> str:
-        """Return a value with the unit of the description."""
+        """Format a value with its unit: rad or m, Nm or N, and their derivatives."""
         length = "m" if self._joint.type == "prismatic" else "rad"
         if at == EFF:
             return f"{value:g} {'N' if length == 'm' else 'Nm'}"
@@ -211,7 +212,7 @@ class JointCommands(Limited):
 
 
 class JointPosition(JointCommands):
-    """Limiter of a joint with only a position command and no soft limits."""
+    """Limiter of a joint that has one position command and no soft limits, with a short check."""
 
     __slots__ = ("_before", "_command", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -223,7 +224,7 @@ class JointPosition(JointCommands):
         self._speed = _state(states, VELOCITY)
 
     def passes(self, period: float) -> bool:
-        """See `Limited`."""
+        """Return whether a short check proves the position command within all limits; see `Limited`."""
         command, before, rate = self._command, self._before, self._rate
         value = command.value
         if self._slope != math.inf:
@@ -239,7 +240,7 @@ class JointPosition(JointCommands):
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """See `Limited`."""
+        """Limit the position command by the full check; see `Limited`."""
         before = self._limiter.before
         before[POS] = self._before
         text = super().enforce(period, clock)
@@ -248,7 +249,7 @@ class JointPosition(JointCommands):
 
 
 class JointVelocity(JointCommands):
-    """Limiter of a joint with only a velocity command and no soft limits."""
+    """Limiter of a joint that has one velocity command and no soft limits, with a short check."""
 
     __slots__ = ("_before", "_command", "_here", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -261,7 +262,7 @@ class JointVelocity(JointCommands):
         self._speed = _state(states, VELOCITY)
 
     def passes(self, period: float) -> bool:
-        """See `Limited`."""
+        """Return whether a short check proves the velocity command within all limits; see `Limited`."""
         command, rate, before, change = self._command, self._rate, self._before, self._slope * period
         value = command.value
         if value != value or command.owner is None:
@@ -280,7 +281,7 @@ class JointVelocity(JointCommands):
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """See `Limited`."""
+        """Limit the velocity command by the full check; see `Limited`."""
         before = self._limiter.before
         before[VEL] = self._before
         text = super().enforce(period, clock)
@@ -289,7 +290,7 @@ class JointVelocity(JointCommands):
 
 
 class JointSeveral(Limited):
-    """Limiter of a joint with several independent commands and no soft limits."""
+    """Limiters of a joint that has several commands and no soft limits; every command is limited by itself."""
 
     __slots__ = ("_parts",)
 
@@ -297,17 +298,17 @@ class JointSeveral(Limited):
         self._parts = parts
 
     def passes(self, period: float) -> bool:
-        """See `Limited`."""
+        """Return whether all commands of the joint pass their short checks; see `Limited`."""
         for part in self._parts:  # noqa: SIM110 - `all` would make a generator in the cycle
             if not part.passes(period):
                 return False
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """See `Limited`."""
+        """Limit the commands of the joint that do not pass their short check; see `Limited`."""
         sentence: str | None = None
         for part in self._parts:
-            if period > 0.0 and part.passes(period):  # once more is not a difference
+            if period > 0.0 and part.passes(period):  # a repeated check gives the same result
                 continue
             if (text := part.enforce(period, clock)) is not None:
                 sentence = text if sentence is None else f"{sentence}; {text}"
@@ -315,7 +316,7 @@ class JointSeveral(Limited):
 
 
 class PlainCommand(Limited):
-    """Command of another quantity, with its own bounds."""
+    """Limiter of a command with another quantity than the `QUANTITIES`, by the bounds of its interface."""
 
     __slots__ = ("_command", "_limited_at")
 
@@ -323,7 +324,7 @@ class PlainCommand(Limited):
         self._command, self._limited_at = command, -math.inf
 
     def enforce(self, period: float, clock: float) -> str | None:  # noqa: ARG002 - the verb of all of them
-        """See `Limited`."""
+        """Clamp the command to the bounds of its interface; see `Limited`."""
         command, target = self._command, self._command.value
         if command.owner is None or command.minimum <= target <= command.maximum or math.isnan(target):
             return None
@@ -340,19 +341,19 @@ _KINDS: Final[Mapping[str, type[JointCommands]]] = MappingProxyType({POSITION: J
 
 
 def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: States) -> Limited:
-    """Return the fastest sufficient limiter for these commands of a joint."""
+    """Return the limiter with the shortest check that suffices for the commands of a joint."""
     if joint.soft is not None:
         return JointCommands(joint, limits, commands, states)
     parts = [_KINDS.get(command.interface, JointCommands)(joint, limits, [command], states) for command in commands]
     return parts[0] if len(parts) == 1 else JointSeveral(parts)
 
 
-_TOLD_AT_ONCE = 3  # joints named in a sentence
+_TOLD_AT_ONCE = 3  # limited commands that one report describes
 _NO_BOUNDS: Final = InterfaceInfo("")
 
 
 class CommandLimits:
-    """Limits of all joints of a description."""
+    """Limiters for all commands of the joints in a robot description."""
 
     def __init__(self, description: UrdfDescription, registry: InterfaceRegistry) -> None:
         self._limited: list[Limited] = []
@@ -382,7 +383,7 @@ class CommandLimits:
                 self._limited.append(limited_joint(joint, limits, limitable, states))
 
     def enforce(self, period: float) -> str | None:
-        """Limit commands; return the limited ones when limiting begins. `period` in s."""
+        """Limit all commands; `period` is in s. Return a text about commands whose limiting begins, else None."""
         self._clock = clock = self._clock + period
         judged = period > 0.0
         texts: list[str] | None = None
@@ -404,9 +405,9 @@ def _summary(texts: list[str]) -> str:
 
 
 def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> HardLimits:
-    """Return the limits of a joint by its <limit> and its command interfaces.
+    """Return the limits of a joint, combined from its URDF <limit> and its command interfaces.
 
-    Without `speeds` its velocity is unknown, and no acceleration of its positions can be limited.
+    Without `speeds` the velocity of the joint is unknown, so that its acceleration cannot be limited.
     """
     limits, interfaces = joint.limits, part.command_interfaces
     position = interfaces.get(POSITION, _NO_BOUNDS)
@@ -424,11 +425,11 @@ def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> Har
 
 
 def _smaller(info: InterfaceInfo) -> float:
-    """Return the smaller magnitude of the bounds of an interface."""
+    """Return the smaller magnitude of the two bounds of an interface."""
     return min(abs(info.minimum), info.maximum)
 
 
 def _accelerations(info: InterfaceInfo) -> tuple[float, float]:
-    """Return maximum acceleration and deceleration: `max` and |`min`|; a single value applies to both."""
+    """Return the maximum acceleration and deceleration: `max` and |`min`|; a single bound is used for both."""
     faster, slower = info.maximum, abs(info.minimum)
     return (faster if math.isfinite(faster) else slower), (slower if math.isfinite(slower) else faster)

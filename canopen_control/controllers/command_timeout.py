@@ -1,7 +1,7 @@
-"""Timeout of a controller's command: source, time and validity.
+"""Timeout of a controller's command, with the source of the command and the reason of its end.
 
 A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
-`DEFAULT_LIFE_S`; an explicit timeout of 0 is unlimited, as upstream's default. A position command has no end.
+`DEFAULT_LIFE_S`; an explicit timeout of 0 means unlimited, which is upstream's default. A position command has no end.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 DEFAULT_LIFE_S: Final = 2.0
 ENDLESS: Final = "endless_command"
-"""The kind of the event that tells of commands without an end."""
+"""Kind of the event that reports commands without a time limit."""
 MOVING: Final = frozenset({VELOCITY, EFFORT, ACCELERATION})
-"""The interfaces whose targets keep something moving."""
+"""Interfaces whose targets keep a joint moving."""
 
 
 class GoalState(enum.Enum):
-    """States of an accepted goal, by action_msgs' names."""
+    """States of an accepted action goal, named as in action_msgs."""
 
     EXECUTING = "executing"
     SUCCEEDED = "succeeded"
@@ -32,10 +32,12 @@ class GoalState(enum.Enum):
 
 
 class CommandTimeout:
-    """Command of a controller, without its values: `live` while it is valid, `given` its creation in ns.
+    """Validity of a controller's current command, without the values of the command.
 
-    `source` is its source as text; `holder` is the connection with which it ends, None if it outlives the connection.
-    `ended_by` is the reason of the end of the last one, "" if unknown.
+    - `live`: whether the command is valid; `given`: its creation time in ns; `limit_ns`: the timeout, 0 if unlimited.
+    - `source`: text that names the sender.
+    - `holder`: connection whose end also ends the command; None if the command outlives the connection.
+    - `ended_by`: reason for the end of the previous command, "" if unknown.
     """
 
     __slots__ = ("ended_by", "given", "holder", "limit_ns", "live", "source")
@@ -48,32 +50,32 @@ class CommandTimeout:
         self.holder: object = None
 
     def give(self, now: int) -> None:
-        """Start with a command that was created at `now`, in ns."""
+        """Start the validity of a command that was created at `now`, in ns."""
         self.given, self.live = now, True
 
     def runs_out(self, now: int) -> bool:
-        """Return whether the command expires now without a renewal: True once for each command."""
+        """Return whether the command has just expired; True only once per command. `now` is in ns."""
         if not self.live or not self.limit_ns or now - self.given <= self.limit_ns:
             return False
         self.live = False
         return True
 
     def end(self, why: str = "") -> None:
-        """End the command; `why` is a clause about the reason."""
+        """End the command; `why` is a clause with the reason."""
         self.live = False
         self.ended_by = why
         self.holder = None
 
 
 def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
-    """Return the timeout of commands to these interfaces in ns, 0 if unlimited; `timeout` in s as in the YAML file."""
+    """Return the timeout in ns of commands to these interfaces, 0 if unlimited; `timeout` is the YAML value in s."""
     if timeout is None:
         timeout = DEFAULT_LIFE_S if MOVING.intersection(interfaces) else 0.0
     return round(timeout * 1e9)
 
 
 def unlimited_warning(key: str, timeout: float | None, interfaces: Iterable[str]) -> str | None:
-    """Return the warning about an explicit timeout of 0 for velocities or efforts, else None."""
+    """Return a warning about an explicit timeout of 0 for velocities, efforts or accelerations, else None."""
     if timeout != 0.0 or not MOVING.intersection(interfaces):
         return None
     return f"{key} is 0, so a command never ends by itself: what moves continues when its sender ends"

@@ -1,8 +1,8 @@
-"""Reader of ros2_controllers.yaml in every layout in use: controllers and their parameters.
+"""Reader of ros2_controllers.yaml files, in every layout in use by ROS 1 and ROS 2.
 
-A controller's type is in the controller_manager's block or in its own, with `ros__parameters` (ROS 2) or without (ROS
-1); blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces, each with the wildcards of rcl: `*` is
-one namespace or name, `**` any number of them. Parameters are read by `params`.
+A controller's type is in the controller_manager's block or in the controller's own block, with `ros__parameters` (ROS
+2) or without (ROS 1). Blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces, each with the
+wildcards of rcl: `*` is one namespace or name, `**` any number of them. `params` reads the parameters themselves.
 """
 
 from __future__ import annotations
@@ -37,10 +37,11 @@ _WILDCARDS: Final = ("*", "**")
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """Controller of the file: `type` is "" if absent; `line` is that of its type.
+    """Configuration of one controller in the file; `type` is "" if absent.
 
-    `fallbacks` replace it when it fails, `node_options` are the arguments of its ROS node. `namespace` and `block_line`
-    are those of its parameters; `ros1` means that they are written as in ROS 1, without `ros__parameters`.
+    `line` is the line of the type. `fallbacks` are the controllers that replace this controller when it fails,
+    `node_options` the arguments of its ROS node. `namespace` and `block_line` are those of the parameter block; `ros1`
+    means that the block is written as in ROS 1, without `ros__parameters`.
     """
 
     name: str
@@ -57,10 +58,10 @@ class ControllerConfig:
 
 @dataclass(frozen=True)
 class ControllersFile:
-    """Contents of ros2_controllers.yaml: `update_rate` in Hz, the controllers in the order of the file, and warnings.
+    """Contents of ros2_controllers.yaml: the controllers in the order of the file, the manager's parameters, warnings.
 
-    `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its parameters. `shared` are
-    the keys of a block for all nodes (`/**`).
+    `update_rate` is in Hz. `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its
+    parameters. `shared` are the keys of a block for all nodes (`/**`).
     """
 
     update_rate: int = 100
@@ -76,7 +77,10 @@ class ControllersFile:
 
 @dataclass(frozen=True)
 class ManagerParams:
-    """Parameters of the controller_manager; those that do not apply to one process with one thread are accepted."""
+    """Parameters of the controller_manager.
+
+    Parameters that do not apply to one process with one thread are accepted, without effect.
+    """
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
         "handle_exceptions": "an exception of a controller never ends the cycle",
@@ -110,7 +114,7 @@ _IGNORED: Final = (
     "hardware_synchronization.",
     "hardware_components_initial_state.",
 )
-"""Groups of controller_manager parameters that this manager answers by itself."""
+"""Groups of controller_manager parameters that are accepted and not read."""
 
 _INITIAL_STATES: Final = frozenset(
     {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
@@ -122,12 +126,12 @@ FOREIGN: Final = {
     "hardware_interface": "the joints are those of the description",
     "generic_hw_control_loop": "the cycle is that of bus.yml and update_rate",
 }
-"""Blocks of ROS 1 files that belong to no controller, and why they have no effect."""
+"""Blocks of ROS 1 files that belong to no controller, with the reason why they have no effect."""
 
 
 @dataclass(frozen=True)
 class _Block:
-    """Parameters under one name."""
+    """Block of parameters under one node name, with its namespace."""
 
     key: Node
     value: Node
@@ -137,7 +141,10 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Declared:
-    """Controller in the manager's block: type, further parameters, their files, fallbacks, node options."""
+    """Controller that the manager's block declares.
+
+    Besides its type, the block may contain `further` parameters, parameter files, fallbacks and node options.
+    """
 
     key: Node
     type: str
@@ -150,12 +157,12 @@ class _Declared:
 def read_controllers(
     path: str | os.PathLike[str], *, strict: bool = False, variables: Mapping[str, str] | None = None
 ) -> ControllersFile:
-    """Read a ros2_controllers.yaml; RobotConfigError with all errors, by file, line and column.
+    """Read a ros2_controllers.yaml; raise RobotConfigError with all errors, by file, line and column.
 
-    Parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables` are
-    the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile and
-    nav2's ReplaceString; a name that is not an identifier is replaced as it stands. An undefined one stays unchanged,
-    with a warning.
+    The parameters of a controller are checked when it is configured. With `strict`, warnings are errors. `variables`
+    are the arguments of a launch file: they replace `$(var NAME)` and `<namespace>`, as in launch_ros's ParameterFile
+    and nav2's ReplaceString; a name that is not an identifier is replaced wherever it occurs. An undefined variable
+    stays unchanged, with a warning.
     """
     text = read_text(path, RobotConfigError)
     values = variables or {}
@@ -202,14 +209,14 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
 
 
 def _variables_in(text: str) -> list[tuple[str, int]]:
-    """Return the remaining variables, each once, with its first line."""
+    """Return the variables that have no value, as pairs of name and first line, without duplicates."""
     lines = enumerate(LINE_END.split(text), 1)
     uses = [(match[0], number) for number, line in lines for match in _VARIABLE.finditer(line.partition("#")[0])]
     return list({name: (name, number) for name, number in reversed(uses)}.values())[::-1]
 
 
 def _common(everywhere: Node) -> Node:
-    """Return the keys of a `/**` block that belong to the manager."""
+    """Return the keys of a `/**` block that are also parameters of the controller manager."""
     pairs = {name: (key, value) for name, (key, value) in _pairs(everywhere).items() if name in _MANAGER_KEYS}
     return Node.mapping(like(everywhere), pairs)
 
@@ -219,7 +226,7 @@ def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
 
 
 def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
-    """Collect the parameter blocks by controller: `name:`, `/ns/name:`, nested, with ROS 2's key or without."""
+    """Collect the parameter blocks of all layouts by controller name, and warn about blocks that belong to none."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
         inner = value.get(PARAMETERS)
@@ -238,21 +245,24 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
 
 
 def _nested(node: Node) -> Node:
-    """Return the blocks that are nested next to the parameters of a name, as under `/**`, which is also a namespace."""
+    """Return the blocks nested beside the parameters of a block, as under `/**`, which is also a namespace."""
     pairs = {key.text: (key, value) for key, value in node.pairs() if value.get(PARAMETERS) is not None}
     return Node.mapping(like(node), pairs)
 
 
 def is_within(pattern: str, namespace: str) -> bool:
-    """Return whether a block's namespace matches that of a node; both may have the wildcards of rcl."""
+    """Return whether the namespace of a parameter block applies to a node's namespace.
+
+    The pattern may contain the wildcards of rcl; a namespace with `*` matches every pattern.
+    """
     if "*" in namespace:
-        return True  # of a manager that may be anywhere
+        return True  # a manager in any namespace
     text = re.escape(pattern).replace(r"/\*\*", r"(/\w+)*").replace(r"/\*", r"/\w+")
     return re.fullmatch(text, namespace) is not None
 
 
 def _is_namespace(name: str, value: Node) -> bool:
-    """Return whether a block contains only blocks: mappings without a type that are not the manager's."""
+    """Return whether a block contains only mappings and no type, so that its name is a namespace."""
     below = {node.kind for _, node in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 
@@ -263,7 +273,7 @@ def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
 
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
-    """Return the controllers declared in the manager's block, and its own parameters."""
+    """Return the controllers that the manager's block declares, and the parameters of the manager."""
     own: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
     declared: dict[str, _Declared] = {}
@@ -286,7 +296,7 @@ def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParam
 
 
 def _texts(pairs: Mapping[str, tuple[Node, Node]], name: str) -> tuple[tuple[Node, str], ...]:
-    """Return a parameter that is a text or a list of texts, each text with its place."""
+    """Return the texts of a parameter that is one text or a list, each with its node in the file."""
     if name not in pairs:
         return ()
     _, node = pairs[name]
@@ -302,7 +312,7 @@ def _node_options(entries: tuple[tuple[Node, str], ...]) -> tuple[str, ...]:
 
 
 def node_options_mistake(arguments: Sequence[str]) -> str | None:
-    """Return the error in the arguments of a controller's ROS node, None if all are remappings."""
+    """Return an error text if the ROS arguments of a controller's node are not all remappings, else None."""
     words = [argument for argument in arguments if argument != "--ros-args"]
     for option, rule in zip(words[::2], [*words[1::2], ""], strict=False):
         if option not in ("-r", "--remap"):
@@ -313,7 +323,7 @@ def node_options_mistake(arguments: Sequence[str]) -> str | None:
 
 
 def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
-    """Return the parameters of a controller in the manager's block, without the manager's own."""
+    """Return the parameters of a controller in the manager's block, without the keys that the manager uses."""
     inner: dict[str, tuple[Node, Node]] = {}
     for dotted, (key, value) in pairs.items():
         rest = dotted.removeprefix(f"{name}.")
@@ -325,7 +335,7 @@ def _below(flat: Node, pairs: dict[str, tuple[Node, Node]], name: str) -> Node:
 def _controllers(
     declared: dict[str, _Declared], blocks: dict[str, _Block], everywhere: Node, namespace: str
 ) -> dict[str, ControllerConfig]:
-    """Combine the parameters of each controller; one without a block is in the manager's namespace."""
+    """Combine type and parameters of each controller; a controller without a block is in the manager's namespace."""
     shared = set(flattened(everywhere).keys())
     controllers: dict[str, ControllerConfig] = {}
     for name, entry in declared.items():
@@ -359,7 +369,10 @@ def _check_fallbacks(declared: dict[str, _Declared], controllers: dict[str, Cont
 
 
 def from_file(place: Node, text: str, name: str) -> Node:
-    """Return the parameters of a controller in a `params_file`, relative to the file that names it."""
+    """Return the parameters of controller `name` in a `params_file`, whose path is `text`.
+
+    A relative path begins at the folder of the file that names it. Errors are reported at `place`.
+    """
     path = Path(place.path).parent / Path(os.path.expandvars(text)).expanduser()
     blocks: dict[str, _Block] = {}
     try:
@@ -383,12 +396,12 @@ def _config(
     return ControllerConfig(name, type_name, params, place.line, place.path, fallbacks, *where)
 
 
-# Controllers as a spawner gives them: type, files of parameters and fallbacks, set as parameters of the manager.
+# Controllers that a spawner defines by parameters of the manager: type, parameter files and fallbacks.
 #
-# Rules (spawner of ros2_control, Jazzy): before it loads a controller it sets `NAME.params_file`, a file or a list of
-# them, `NAME.type`, `NAME.fallback_controllers` and, for --controller-ros-args, `NAME.node_options_args`. These files
-# take precedence over the robot's own file, a later file over those before it. A relative path begins at the folder of
-# the robot's ros2_controllers.yaml; the bridge passes a path in the spawner's own folder as an absolute one.
+# Rules (spawner of ros2_control, Jazzy): before it loads a controller, the spawner sets `NAME.params_file` (a file or a
+# list of files), `NAME.type`, `NAME.fallback_controllers` and, for --controller-ros-args, `NAME.node_options_args`.
+# These files take precedence over the robot's own file, and a later file over earlier files. A relative path begins at
+# the folder of the robot's ros2_controllers.yaml; the bridge makes a path in the spawner's own folder absolute.
 
 
 _TEXTS: Final = ("string", "string_array")
@@ -397,7 +410,7 @@ _KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controller
 
 @dataclasses.dataclass(frozen=True)
 class SpawnerArguments:
-    """Settings of one controller by a spawner."""
+    """Settings that a spawner has made for one controller."""
 
     type: str = ""
     params_file: tuple[str, ...] = ()
@@ -405,7 +418,7 @@ class SpawnerArguments:
     node_options_args: tuple[str, ...] = ()
 
     def changed(self, key: str, texts: tuple[str, ...]) -> SpawnerArguments:
-        """Return a copy with one of `_KEYS` set."""
+        """Return a copy in which the setting `key`, one of `_KEYS`, has the value `texts`."""
         if key == "type":
             return dataclasses.replace(self, type=texts[0])
         if key == "params_file":
@@ -416,7 +429,10 @@ class SpawnerArguments:
 
 
 class SpawnedControllers:
-    """Settings of all controllers by spawners; they are added to `control`, the controllers of the robot's file."""
+    """Settings that spawners have made for all controllers.
+
+    The resulting controllers are added to `control`, the contents of the robot's file.
+    """
 
     def __init__(self, control: ControllersFile) -> None:
         self._control = control
@@ -424,7 +440,7 @@ class SpawnedControllers:
         self.arguments: dict[str, SpawnerArguments] = {}
 
     def set(self, parameters: Sequence[ParameterValue]) -> None:
-        """Apply parameters whose names are `CONTROLLER.KEY`: all, or none with a ControlError or RobotConfigError."""
+        """Apply all parameters named `CONTROLLER.KEY`, or none and raise ControlError or RobotConfigError."""
         arguments_by_name = dict(self.arguments)
         for parameter in parameters:
             name, _, key = parameter.name.rpartition(".")
@@ -465,7 +481,7 @@ class SpawnedControllers:
 
 
 def _spawner_texts(parameter: ParameterValue, key: str) -> tuple[str, ...]:
-    """Return the value of a parameter; ControlError for an unknown one, or another type."""
+    """Return a parameter's value as texts; raise ControlError for an unknown key or a wrong type."""
     if key not in _KEYS:
         keys = ", ".join(_KEYS)
         raise ControlError(f"{MANAGER}: parameter '{parameter.name}' cannot be set; of a controller there are: {keys}")

@@ -1,8 +1,8 @@
-"""Parameters declared by a controller, as ROS 2 lists and describes them, derived from its dataclass.
+"""Parameters that a controller declares, as ROS 2 lists and describes them, derived from its dataclass.
 
 Name, type, default, bounds and choices are those of the dataclass, see `yamlfile.convert`; the description is its help
-text. `settable` of the class lists those that may be set while the controller is configured; the others are read-only,
-as most are upstream.
+text. The class attribute `settable` lists the parameters that may be set after configuration; the others are read-only,
+as most parameters are upstream.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _NO_METADATA: Final[Mapping[str, Any]] = types.MappingProxyType({})
 
 
 def declared_by(params: object, settable: Iterable[str] = (), **effective: PlainValue) -> tuple[ParameterReading, ...]:
-    """Return the parameters of a dataclass, sorted by name; `settable` are patterns of names.
+    """Return the parameters of a dataclass, sorted by name; those that match the patterns `settable` are writable.
 
-    `effective` are values that differ from the file: the `update_rate` that a controller has from the manager.
+    `effective` are values that differ from the file, such as an `update_rate` that the manager determines.
     """
     patterns = tuple(settable)
     rows = sorted(_rows(params, ""), key=lambda row: row.name)
@@ -55,7 +55,7 @@ def _reading(row: _Row, value: object, patterns: Iterable[str]) -> ParameterRead
 
 
 def given_in(params: Params) -> tuple[ParameterReading, ...]:
-    """Return the parameters in the files for a controller that is not configured; its declarations are unknown."""
+    """Return the parameters that the file has for an unconfigured controller, whose declarations are not yet known."""
     values = {key.text: value.value for key, value in params.flat.pairs()}
     return tuple(
         ParameterReading(name=name, kind=_kind_of(value), value=plain_value(value), read_only=True)
@@ -67,7 +67,7 @@ def given_in(params: Params) -> tuple[ParameterReading, ...]:
 def checked(
     owner: str, declared: Sequence[ParameterReading], parameters: Sequence[ParameterValue]
 ) -> dict[str, PlainValue]:
-    """Return the values to set, by name; ControlError, with the text of rclcpp, for invalid ones."""
+    """Return the values to set by name; raise ControlError, with the text of rclcpp, for invalid parameters."""
     rows = {reading.name: reading for reading in declared}
     values: dict[str, PlainValue] = {}
     for parameter in parameters:
@@ -93,7 +93,7 @@ def checked(
 
 
 class _Row(NamedTuple):
-    """One parameter: its full name, annotation, value and help text."""
+    """Parameter of a dataclass, with full dotted name, annotation, value, metadata and help text."""
 
     name: str
     value_type: Any
@@ -111,7 +111,7 @@ def _rows(params: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a datac
             continue
         if metadata.get("part"):
             yield from _rows(value, prefix)
-        elif metadata.get("section") and isinstance(value, dict):  # whose names the file gives
+        elif metadata.get("section") and isinstance(value, dict):  # the keys are names from the file
             inner = typing.get_args(annotation)[-1]
             yield from (_Row(f"{prefix}{key}.{name}", inner, one, metadata, help_text) for name, one in value.items())
         elif metadata.get("section"):
@@ -121,7 +121,7 @@ def _rows(params: Any, prefix: str) -> Iterator[_Row]:  # noqa: ANN401 - a datac
 
 
 def _kind(annotation: Any, value: object) -> str:  # noqa: ANN401 - types without a common base
-    """Return the type of a parameter: that of its annotation if it is unique, else that of its value."""
+    """Return the ROS type of a parameter, derived from its annotation or, if that is ambiguous, from its value."""
     origin, inner = typing.get_origin(annotation), typing.get_args(annotation)
     if origin in (typing.Union, types.UnionType):
         kinds = [_kind(member, value) for member in inner if member is not type(None)]

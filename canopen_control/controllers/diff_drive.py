@@ -1,8 +1,9 @@
-"""The diff drive controller: a twist becomes wheel speeds, the wheels' motion becomes odometry.
+"""Diff drive controller, which converts twists to wheel speeds and wheel motion to odometry.
 
-Kinematics (ros2_controllers jazzy): (v -+ w * separation / 2) / radius is written to every wheel of a side.
-Before the first command nothing is written; once the timeout has passed since the activation, zeros are. A
-`cmd_vel_timeout` of 0 is never. A feedback that is nan is an ERROR. Ours, and safer: see `mobile_base`.
+Kinematics (ros2_controllers jazzy): (v -+ w * separation / 2) / radius is written to every wheel of a side. Nothing is
+written before the first command; when the timeout has passed since the activation, zeros are written. A
+`cmd_vel_timeout` of 0 disables the timeout. Feedback that is nan is an ERROR. For differences from upstream see
+`mobile_base`.
 """
 
 from __future__ import annotations
@@ -26,21 +27,21 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import OdometrySample
 
 
-# Where a differential drive robot is, from what its wheels did.
+# Odometry of a differential drive robot.
 #
-# Rules (ros2_controllers jazzy): a step is the exact arc of the two wheels' ways (`planar_pose`), and one
-# shorter than `MIN_DT` is put off to the next; `linear` and `angular` are means over the last steps. Ours: the first
-# sample after `stop` is the baseline, so that neither the wheels' angle at start nor the time before it moves the robot
-# (upstream jumps by both).
+# Rules (ros2_controllers jazzy): a step is the exact arc that follows from the distances of the two wheels
+# (`planar_pose`); a time step shorter than `MIN_DT` is added to the next step; `linear` and `angular` are means over
+# the last steps. Different from upstream: the first sample after `stop` is the baseline, so that neither the wheel
+# angles nor the time before this sample move the pose (upstream jumps by both).
 
 
 NS: Final = 1_000_000_000
 
 
 class Odometry(PlanarPose):
-    """The pose `x`, `y` (m), `heading` (rad), and `linear` (m/s), `angular` (rad/s).
+    """Odometry of a differential drive: pose `x`, `y` in m and `heading` in rad, with mean velocities.
 
-    `separation` and the radii, in m, are those after their multipliers; `window` is how many steps are averaged.
+    `separation` and the radii, in m, include their multipliers; velocities are averaged over the last `window` steps.
     """
 
     def __init__(self, separation: float, left_radius: float, right_radius: float, window: int = 10) -> None:
@@ -54,37 +55,37 @@ class Odometry(PlanarPose):
 
     @property
     def linear(self) -> float:
-        """The velocity along the robot, in m/s."""
+        """Mean forward velocity in m/s."""
         return self._linear.mean
 
     @property
     def angular(self) -> float:
-        """The velocity of its heading, in rad/s."""
+        """Mean yaw rate in rad/s."""
         return self._angular.mean
 
     def resize(self, separation: float, left_radius: float, right_radius: float) -> None:
-        """Use other wheel sizes from now on, in m; the pose is unchanged."""
+        """Set other wheel dimensions in m for the following steps; the pose is unchanged."""
         self._left *= left_radius / self._left_radius
         self._right *= right_radius / self._right_radius
         self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
 
     def begin(self, left: float, right: float, now: int) -> None:
-        """Set the wheels' angles (rad) at `now` (ns) as the baseline; the pose is unchanged."""
+        """Set the baseline: the wheel angles in rad at time `now` in ns. The pose is unchanged."""
         self._left, self._right, self._time = left * self._left_radius, right * self._right_radius, now
         self.started = True
 
     def stop(self) -> None:
-        """Ignore motion until the next sample, which becomes the baseline."""
+        """Ignore motion until the next sample, which becomes the new baseline."""
         self.started = False
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Set the pose, in m and rad; the averages are reset."""
+        """Set the pose, in m and rad, and reset the mean velocities."""
         super().set_pose(x, y, heading)
         self._linear.clear()
         self._angular.clear()
 
     def update_position(self, left: float, right: float, now: int) -> bool:
-        """Integrate the wheels' angles in rad; return whether the time step was long enough."""
+        """Integrate the wheel angles in rad; return False for the baseline or too short a time step."""
         if not self.started:
             self.begin(left, right, now)
             return False
@@ -95,12 +96,12 @@ class Odometry(PlanarPose):
         step_left, step_right = way_left - self._left, way_right - self._right
         self._left, self._right = way_left, way_right
         if step_left == 0.0 == step_right and self._still > self._window:
-            self._time = now  # pose and averages stay as they are
+            self._time = now  # pose and averages are unchanged
             return True
         return self._step(step_left, step_right, dt, now)
 
     def update_velocity(self, left: float, right: float, now: int) -> bool:
-        """Integrate the wheels' velocities in rad/s; return whether the time step was long enough."""
+        """Integrate the wheel velocities in rad/s; return False for the baseline or too short a time step."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -110,7 +111,7 @@ class Odometry(PlanarPose):
         return self._step(left * self._left_radius * dt, right * self._right_radius * dt, dt, now)
 
     def update_open_loop(self, linear: float, angular: float, now: int) -> bool:
-        """Integrate the command, in m/s and rad/s; return whether the time step was long enough."""
+        """Integrate the commanded twist, in m/s and rad/s; return False for the first call, which is the baseline."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -135,15 +136,16 @@ class Odometry(PlanarPose):
 def wheel_velocities(
     linear: float, angular: float, separation: float, left_radius: float, right_radius: float
 ) -> tuple[float, float]:
-    """Return the wheels' speeds in rad/s for a twist in m/s and rad/s; lengths in m."""
+    """Return the left and right wheel speeds in rad/s for a twist in m/s and rad/s; lengths are in m."""
     turn = angular * separation / 2.0
     return (linear - turn) / left_radius, (linear + turn) / right_radius
 
 
 class DiffDriveController(MobileBase):
-    """Controller that moves a robot with wheels on two sides by twists.
+    """Controller that moves a base with left and right wheels according to twists.
 
-    `odometry` is published at `publish_rate`; the twist after the limits is published on `~/cmd_vel_out`.
+    `odometry` is published at `publish_rate`; the limited twist is published on `~/cmd_vel_out` if the parameters
+    enable it.
     """
 
     title: ClassVar[str] = "Diff drive"
@@ -171,17 +173,17 @@ class DiffDriveController(MobileBase):
         self._pair: tuple[StateInterface, StateInterface] | None = None  # of a base with one wheel on each side
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel geometry in its parameters, without the multipliers, which are calibration."""
+        """Return the wheel geometry of the parameters, without multipliers, which are calibration factors."""
         params, (odom, base) = self.params, self.frame_ids()
         sizes = (params.wheel_separation, params.wheel_radius)
         return DriveGeometry(params.left, params.right, *sizes, odom, base, params.enable_odom_tf, params.frozen)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry."""
+        """Return the last published odometry; None before the first publication."""
         return self.odometry_sample(wall_offset_ns, self.params.publish_limited_velocity)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; the pose becomes 0."""
+        """Read the parameters, and reset the odometry to the origin."""
         settings = read_params(params, self.geometry, lambda text: self.report("parameter", text))
         self.params = settings
         self._wheels = (settings.separation, settings.left_radius, settings.right_radius)
@@ -195,7 +197,7 @@ class DiffDriveController(MobileBase):
         )
 
     def on_set(self, params: Params) -> None:
-        """Apply other limits, timeouts and publications from the next update on; wheel sizes only at rest."""
+        """Apply changed limits, timeout and publication parameters; multipliers only at standstill."""
         settings = read_params(params, self.geometry)
         wheels = (settings.separation, settings.left_radius, settings.right_radius)
         if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
@@ -205,41 +207,41 @@ class DiffDriveController(MobileBase):
         self.odometry.resize(*wheels)
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity of every wheel, the left ones first."""
+        """Return the velocity interface of every wheel, left wheels first."""
         return [f"{wheel}/{VELOCITY}" for wheel in self.joints]
 
     def state_interface_names(self) -> list[str]:
-        """Return position or velocity of every wheel; nothing in open loop."""
+        """Return the position or velocity interface of every wheel; an empty list in open loop."""
         return self.wheel_states(self.params.position_feedback)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start without a command; the pose is kept, and the next sample is the baseline."""
+        """Start without a command; the pose is kept, and the next sample is the odometry baseline."""
         super().on_activate(commands, states, now)
         self._left_states, self._right_states = states[: self._side], states[self._side :]
         self._pair = (states[0], states[1]) if len(states) == 2 and self._side == 1 else None
 
     @property
     def begun(self) -> bool:
-        """Whether odometry has its baseline."""
+        """Whether the odometry has its baseline."""
         return self.odometry.started
 
     def stop_following(self) -> None:
-        """Ignore motion until the next sample."""
+        """Ignore motion until the next sample, which becomes the odometry baseline."""
         self.odometry.stop()
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the mean velocities of its odometry."""
+        """Return the mean velocities of the odometry: forward in m/s, 0.0 sideways, yaw rate in rad/s."""
         return self.odometry.linear, 0.0, self.odometry.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute the velocities of both sides from a twist."""
+        """Compute the wheel velocities of both sides from a twist."""
         separation, left_radius, right_radius = self._wheels
         left, right = wheel_velocities(twist[0], twist[1], separation, left_radius, right_radius)
         for index in range(self._side):
             self.targets[index], self.targets[self._side + index] = left, right
 
     def follow(self, now: int) -> bool:
-        """Update the odometry; return False if a wheel's feedback is unknown."""
+        """Update the odometry from the wheels, or from the command in open loop; return False if a state is nan."""
         if self.params.open_loop:
             self.odometry.update_open_loop(self.limited[0], self.limited[1], now)
             return True

@@ -1,9 +1,8 @@
-"""Parameters of the diff drive controller, with the names of every ROS distribution.
+"""Parameters of the diff drive controller, by the names of all ROS distributions.
 
-The names are those of Jazzy; those of noetic and humble are translated, with one warning each. Limits in the
-file are applied unless `has_*_limits` is false, as in jazzy but not in noetic and humble: a written limit
-is always kept. `min_acceleration`, which jazzy declares and never reads, is `max_acceleration_reverse`, its exact
-equivalent.
+The names are those of Jazzy; names of noetic and humble are translated, with one warning each. Limits in the file are
+applied unless `has_*_limits` is false, as in jazzy but not in noetic and humble. `min_acceleration`, which jazzy
+declares and never reads, is `max_acceleration_reverse`, its exact equivalent.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ NAN: Final = math.nan
 
 @dataclass(frozen=True)
 class SwitchedLimits(TwistAxisLimits):
-    """Limits of `linear.x` or `angular.z`; nan and a group with false `has_` mean no limit."""
+    """Limits of `linear.x` or `angular.z`; nan means unlimited, as does a false `has_*_limits` for its group."""
 
     has_velocity_limits: bool = setting(True, help="false: the velocity limits do not count")
     has_acceleration_limits: bool = setting(True, help="false: the acceleration limits do not count")
@@ -36,11 +35,11 @@ class SwitchedLimits(TwistAxisLimits):
 
     @property
     def freezes(self) -> bool:
-        """Whether an active jerk limit keeps the axis at a constant speed."""
+        """Whether an active jerk limit of 0 keeps the speed of the axis constant."""
         return self.has_jerk_limits and super().freezes
 
     def limits(self) -> VelocityLimits:
-        """Return the limits for the limiter."""
+        """Convert the enabled limits to the type that the limiter uses."""
         limits = super().limits()
         if not self.has_velocity_limits:
             limits = replace(limits, min_velocity=NAN, max_velocity=NAN)
@@ -57,7 +56,7 @@ class SwitchedLimits(TwistAxisLimits):
 
 @dataclass(frozen=True)
 class DiffDriveParams(PrefixedParams):
-    """Parameters of diff_drive_controller/DiffDriveController: m, s, Hz, rad."""
+    """Parameters of diff_drive_controller/DiffDriveController, in units of m, s, Hz and rad."""
 
     left_wheel_names: tuple[str, ...] | str = setting((), help="joints of the left wheels, a name or a list")
     right_wheel_names: tuple[str, ...] | str = setting((), help="joints of the right wheels, as many")
@@ -82,32 +81,32 @@ class DiffDriveParams(PrefixedParams):
 
     @property
     def left(self) -> tuple[str, ...]:
-        """Wheels of the left side."""
+        """Joints of the left wheels."""
         return (self.left_wheel_names,) if isinstance(self.left_wheel_names, str) else self.left_wheel_names
 
     @property
     def right(self) -> tuple[str, ...]:
-        """The wheels of the right side."""
+        """Joints of the right wheels."""
         return (self.right_wheel_names,) if isinstance(self.right_wheel_names, str) else self.right_wheel_names
 
     @property
     def separation(self) -> float:
-        """Effective wheel separation in m."""
+        """Wheel separation in m, including its multiplier."""
         return self.wheel_separation * self.wheel_separation_multiplier
 
     @property
     def left_radius(self) -> float:
-        """Effective radius of the left wheels in m."""
+        """Radius of the left wheels in m, including its multiplier."""
         return self.wheel_radius * self.left_wheel_radius_multiplier
 
     @property
     def right_radius(self) -> float:
-        """Effective radius of the right wheels in m."""
+        """Radius of the right wheels in m, including its multiplier."""
         return self.wheel_radius * self.right_wheel_radius_multiplier
 
     @property
     def frozen(self) -> tuple[str, ...]:
-        """Axes that a jerk limit of 0 keeps at a constant speed."""
+        """Twist axes whose speed a jerk limit of 0 keeps constant."""
         axes = {"linear.x": self.linear, "angular.z": self.angular}
         return tuple(name for name, axis in axes.items() if axis.freezes)
 
@@ -124,22 +123,23 @@ RENAMES: Final = {
     "allow_multiple_cmd_vel_publishers": "",
     "publish_wheel_joint_controller_state": "",
 }
-"""Keys of noetic and humble to jazzy's; "" for what has no effect."""
+"""Names of noetic and humble, mapped to those of jazzy; "" marks parameters without effect."""
 
 
 def _silent(_text: str) -> None:
-    """Do nothing."""
+    """Ignore a report."""
 
 
 def read_params(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], None] = _silent
 ) -> DiffDriveParams:
-    """Return checked parameters; RobotConfigError with every error. Valid but unusual values are warnings.
+    """Return the checked parameters; raise RobotConfigError with all errors in them.
 
-    Missing wheel sizes are taken from the description's `geometry` (as in noetic); `report` gets each of them.
+    Missing wheel dimensions are taken from the `geometry` of the description, as in noetic; `report` is called for
+    each.
     """
     settings = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
-    if not math.isnan(settings.wheel_radius_multiplier):  # noetic: it overrides the sides' own
+    if not math.isnan(settings.wheel_radius_multiplier):  # noetic: it overrides the multipliers of both sides
         both = settings.wheel_radius_multiplier
         settings = replace(settings, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
     refuse(params.name, _checks(settings))

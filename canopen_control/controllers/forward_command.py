@@ -1,10 +1,10 @@
-"""Forward command controllers: a list of numbers for a list of command interfaces.
+"""Forward command controllers, which write a list of numbers to a list of command interfaces.
 
-Rules (ros2_controllers jazzy): `~/commands` carries one number per interface, in the order of the
-parameters; before the first command nothing is written. Safer than upstream: a bad command is refused instead of
-stopping the controller, and a velocity or effort target becomes 0.0 when the last valid command is older than
-`command_timeout` (s; absent 2 s, 0 never, see `command_timeout`), reported once; a position target is held. The next
-command takes over again.
+Rules (ros2_controllers jazzy): `~/commands` has one number per interface, in the order of the parameters; nothing is
+written before the first command. Safer than upstream: a bad command is refused instead of stopping the controller, and
+a velocity or effort target becomes 0.0 when the last valid command is older than `command_timeout` (in s; 2 s if
+absent, unlimited if 0, see `command_timeout`), which is reported once; a position target is held. The next command is
+accepted as usual.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class ForwardCommandController(Controller):
-    """Forwards numbers to one interface of several joints."""
+    """Controller that forwards a list of numbers to the same interface of several joints."""
 
     title: ClassVar[str] = "Forward command: all joints of one interface"
     independent: ClassVar[bool] = True
@@ -44,45 +44,45 @@ class ForwardCommandController(Controller):
 
     @property
     def timed_out(self) -> bool:
-        """Whether the targets are zero because of a timeout."""
+        """Whether the last command has timed out, and no new command has been accepted since."""
         return self._timed_out
 
     def on_configure(self, params: Params) -> None:
-        """Read joints, interface_name and command_timeout; an empty list or a duplicate is an error."""
+        """Read joints, interface_name and command_timeout; an empty or repeated joint list is a RobotConfigError."""
         settings = params.read(ForwardParams)
         if not settings.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
         self._set_up(settings, settings.joints, settings.interface_name, settings.command_timeout)
 
     def on_set(self, params: Params) -> None:
-        """Apply another command_timeout, also to the present command."""
+        """Apply a changed command_timeout, also to the current command."""
         interfaces = [name.rpartition("/")[2] for name in self._names]
         self._set_life(params.read(self.reads, self.renames).command_timeout, interfaces)
 
     def command_interface_names(self) -> list[str]:
-        """Return one interface per value, in the order of the values."""
+        """Return the command interfaces, in the order of the values of a command."""
         return list(self._names)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces; earlier commands are discarded."""
+        """Store the interfaces, and discard earlier commands."""
         super().on_activate(commands, states, now)
         self._timed_out = False
         self.life.end()
         self._values = [math.nan] * len(commands)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store one finite number per interface, or refuse all; `now` in ns restarts the timeout."""
+        """Store one finite number per interface, or refuse all of them; `now` in ns restarts the timeout."""
         del stamp  # Float64MultiArray has none
         self.checked(values, self._names)
         for command, value in zip(self.commands, values, strict=True):
             self.refuse_out_of_range((command,), float(value), now)
-        for index, command in enumerate(self.commands):  # what is off keeps nothing for when it is on
+        for index, command in enumerate(self.commands):  # a disabled drive keeps no command for later
             self._values[index] = float(values[index]) if command.enabled else math.nan
         self._timed_out = False
         self.life.give(now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Stop some joints; the others continue."""
+        """Stop the joints of some interfaces; the other joints continue."""
         del now
         zero_targets(commands)
         for index, command in enumerate(self.commands):
@@ -92,7 +92,7 @@ class ForwardCommandController(Controller):
                     command.value = math.nan
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the targets."""
+        """Write the values of the command, until the command expires."""
         del period
         life = self.life
         if not life.live:
@@ -107,7 +107,7 @@ class ForwardCommandController(Controller):
         return OK
 
     def _runs_out(self, now: int) -> bool:
-        """Whether the command expires now."""
+        """Return whether the command has just expired."""
         return self.life.runs_out(now)
 
     def _stop(self, now: int) -> None:
@@ -141,13 +141,13 @@ class ForwardCommandController(Controller):
 
 
 class MultiInterfaceForwardCommandController(ForwardCommandController):
-    """Forwards numbers to several interfaces of one joint."""
+    """Controller that forwards a list of numbers to several interfaces of one joint."""
 
     title: ClassVar[str] = "Several interfaces of one joint"
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = MultiParams
 
     def on_configure(self, params: Params) -> None:
-        """Read joint, interface_names and command_timeout."""
+        """Read joint, interface_names and command_timeout; raise RobotConfigError if a name is missing."""
         settings = params.read(MultiParams)
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
@@ -158,30 +158,30 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 
 
 class _JointGroupController(ForwardCommandController):
-    """Forward command controller with the interface of its type."""
+    """Base class of forward command controllers whose type determines the interface."""
 
     title: ClassVar[str] = "Group controllers: the interface is the type's"
     fixed_interface = VELOCITY
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
 
     def on_configure(self, params: Params) -> None:
-        """Read joints and command_timeout."""
+        """Read joints and command_timeout; raise RobotConfigError for an empty or repeated joint list."""
         settings = params.read(GroupParams)
         self._set_up(settings, settings.joints, self.fixed_interface, settings.command_timeout)
 
 
 class JointGroupVelocityController(_JointGroupController):
-    """velocity_controllers/JointGroupVelocityController."""
+    """Forwards velocities to several joints (velocity_controllers/JointGroupVelocityController)."""
 
 
 class JointGroupPositionController(_JointGroupController):
-    """position_controllers/JointGroupPositionController."""
+    """Forwards positions to several joints (position_controllers/JointGroupPositionController)."""
 
     fixed_interface = POSITION
 
 
 class JointGroupEffortController(_JointGroupController):
-    """effort_controllers/JointGroupEffortController."""
+    """Forwards efforts to several joints (effort_controllers/JointGroupEffortController)."""
 
     fixed_interface = EFFORT
 
@@ -190,7 +190,7 @@ _GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 
 
 class _JointController(ForwardCommandController):
-    """ROS 1 controller of one joint, with the interface of its type."""
+    """Base class of the ROS 1 controllers of one joint, whose type determines the interface."""
 
     title: ClassVar[str] = "One joint, as in ROS 1"
     fixed_interface = VELOCITY
@@ -198,7 +198,7 @@ class _JointController(ForwardCommandController):
     renames: ClassVar[dict[str, str]] = {f"pid.{gain}": "" for gain in _GAINS}
 
     def on_configure(self, params: Params) -> None:
-        """Read joint and command_timeout."""
+        """Read joint and command_timeout; raise RobotConfigError if the joint is missing."""
         settings = params.read(SingleParams, self.renames)
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
@@ -206,17 +206,17 @@ class _JointController(ForwardCommandController):
 
 
 class JointVelocityController(_JointController):
-    """velocity_controllers/JointVelocityController."""
+    """Forwards a velocity to one joint (velocity_controllers/JointVelocityController of ROS 1)."""
 
 
 class JointPositionController(_JointController):
-    """position_controllers/JointPositionController."""
+    """Forwards a position to one joint (position_controllers/JointPositionController of ROS 1)."""
 
     fixed_interface = POSITION
 
 
 class JointEffortController(_JointController):
-    """effort_controllers/JointEffortController."""
+    """Forwards an effort to one joint (effort_controllers/JointEffortController of ROS 1)."""
 
     fixed_interface = EFFORT
 
@@ -227,25 +227,28 @@ def _missing(name: str, key: str, example: str) -> str:
 
 # TargetController: one number for one joint, in whatever mode of operation its drive is.
 #
-# Rules (ros2_canopen's `target` service, made safe): the quantity follows the mode, which a user selects by `axis mode`
-# or the services of the node: a position, a velocity or an effort, in SI units. A position is a final position: it has
-# no timeout, but ends with its client. A velocity or effort ends after `command_timeout` (s; absent 2 s, 0 never, see
-# `command_timeout`). A target is cleared at every change of the mode, which changes its quantity, and whenever the
-# drive is no longer enabled; activating the controller enables nothing.
+# Rules (ros2_canopen's `target` service, made safe): the mode, which a user selects by `axis mode` or the services of
+# the node, determines the quantity of the target: a position, a velocity or an effort, in SI units. A position is a
+# final position: it has no timeout, but ends with its client. A velocity or effort ends after `command_timeout` (in s;
+# 2 s if absent, unlimited if 0, see `command_timeout`). A target is cleared at every change of the mode, because the
+# quantity changes, and whenever the drive is no longer enabled; activating the controller does not enable the drive.
 
 
 TYPE = "canopen_control/TargetController"
 
 
 class TargetController(ForwardCommandController):
-    """Controller that forwards one number to interface `target` of a joint; `interface` is its present quantity."""
+    """Controller that forwards one number to the command interface `target` of a joint.
+
+    `interface` is the quantity of the drive's current mode of operation.
+    """
 
     title: ClassVar[str] = "One drive in whatever mode it is"
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
     topic: ClassVar[str | None] = TARGET
 
     def on_configure(self, params: Params) -> None:
-        """Read joint and command_timeout."""
+        """Read joint and command_timeout; raise RobotConfigError if the joint is missing."""
         settings = params.read(SingleParams)
         if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
@@ -253,7 +256,7 @@ class TargetController(ForwardCommandController):
         self._set_life(settings.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store one finite number if the drive's mode has a target; `now` in ns restarts the timeout."""
+        """Store one finite number, or refuse it if the drive's mode has no target; `now` in ns restarts the timeout."""
         if self.commands and self.commands[0].quantity == TARGET:
             joint = self.joints[0]
             how = f"canopen-control axis mode {joint} PV"
@@ -261,10 +264,10 @@ class TargetController(ForwardCommandController):
         super().set_command(values, now, stamp)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the target."""
+        """Write the target, as the quantity of the drive's current mode."""
         self.interface = self.commands[0].quantity
         return super().update(now, period)
 
     def _runs_out(self, now: int) -> bool:
-        """Whether a velocity or effort expires now; positions do not expire."""
+        """Return whether a velocity or effort command has just expired; position commands do not expire."""
         return self.commands[0].quantity in MOVING and super()._runs_out(now)

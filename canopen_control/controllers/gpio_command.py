@@ -1,11 +1,12 @@
-"""GpioCommandController: outputs of <gpio> parts commanded by name; their inputs and outputs published.
+"""GpioCommandController: commands the outputs of <gpio> parts by name, and publishes inputs and outputs.
 
 Rules (gpio_controllers, Jazzy): a command sets some of the command interfaces, the others keep their values; the
-commanded values are written again in every update, nothing before the first command; without command
-interfaces it only publishes states. Safer than upstream: a command with an unknown name or a value that is not finite
-is refused as a whole. When commands end (deactivation, stop, disconnected client, `command_timeout`) each commanded
-output gets its safe value at once, that of the hardware unless the parameters give another; outputs to be kept stay.
-The next command begins from there. Outputs of a lost node end separately.
+commanded values are written again in every update, nothing before the first command; without command interfaces the
+controller only publishes states. Safer than upstream: a command with an unknown name or a value that is not finite is
+refused as a whole. When commands end (deactivation, stop, disconnected client, `command_timeout`), each commanded
+output changes to its safe value at once, which is that of the hardware unless the parameters set another; outputs
+listed in `kept_outputs` do not change. The next command starts from these values. The commands to outputs of a lost
+node end without affecting other nodes.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
 
 
-# The parameters of gpio_controllers/GpioCommandController, of jazzy, and ours: where outputs go when commands end.
+# The parameters of gpio_controllers/GpioCommandController of jazzy, and additional ones for the values after a command.
 
 
 _LIST: Final = ".interfaces"
@@ -39,9 +40,10 @@ _LIST: Final = ".interfaces"
 
 @dataclass(frozen=True)
 class GpioParams(CommonParams):
-    """Parameters of the controller; `command_timeout` in s, see `command_timeout` for its default and 0.
+    """Parameters of gpio_controllers/GpioCommandController, with safe values of outputs.
 
-    Interfaces are by "<gpio>.interfaces", safe values by "<gpio>.<interface>", `kept_outputs` are "<gpio>/<interface>".
+    `command_timeout` is in s, see the module `command_timeout` for its default and 0. The keys of the interface lists
+    are "<gpio>.interfaces", those of the safe values "<gpio>.<interface>"; `kept_outputs` are "<gpio>/<interface>".
     """
 
     gpios: tuple[str, ...] = setting((), help="names of <gpio> parts of the description")
@@ -76,7 +78,7 @@ class GpioParams(CommonParams):
 
     @property
     def outputs(self) -> list[str]:
-        """The command interfaces, as "gpio/interface", in the order of the parameters."""
+        """Command interfaces, as "gpio/interface", in the order of the parameters."""
         return [
             f"{gpio}/{interface}" for gpio in self.gpios for interface in self.command_interfaces.get(gpio + _LIST, ())
         ]
@@ -90,19 +92,19 @@ class GpioParams(CommonParams):
 
     @property
     def unnamed_gpios(self) -> list[str]:
-        """GPIOs without selected state interfaces, which are published completely."""
+        """GPIOs without selected state interfaces, of which all state interfaces are published."""
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
-        """Return the value of an output at the end of commands, nan to keep it; `hardware` is that of the hardware."""
+        """Return the value of an output after its commands end, nan to keep it; `hardware` is the default, or None."""
         default = 0.0 if hardware is None else hardware
         return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
 
 def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:
-    """Return the parameters of controller `name`; RobotConfigError with all errors.
+    """Return the parameters of GPIO controller `name`; raise RobotConfigError with all errors in them.
 
-    `joints` are those of the description that move: no output moves one.
+    `joints` are the movable joints of the description, whose motion interfaces are not allowed as outputs.
     """
     settings = params.read(GpioParams)
     mistakes = [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)]
@@ -156,7 +158,7 @@ def _dotted(output: str) -> str:
 
 
 class GpioCommandController(Controller):
-    """Holds outputs at the last command, and publishes inputs and outputs."""
+    """Controller that writes commanded values to outputs, and publishes inputs and outputs."""
 
     title: ClassVar[str] = "Outputs and inputs of `<gpio>` parts"
     reads: ClassVar[type[GpioParams]] = GpioParams
@@ -174,7 +176,7 @@ class GpioCommandController(Controller):
         self._copy = StateCopy({})
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; RobotConfigError with all errors."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         settings = read_params(params, self.name, self.description_joints or ())
         self.params, self.update_rate, self.joints = settings, settings.update_rate, settings.gpios
         self._names = settings.outputs
@@ -184,15 +186,15 @@ class GpioCommandController(Controller):
             self.report(ENDLESS, text)
 
     def command_interface_names(self) -> list[str]:
-        """Return the outputs, in the order of the parameters."""
+        """Return the command interfaces of the outputs, in the order of the parameters."""
         return list(self._names)
 
     def state_interface_names(self) -> list[str]:
-        """Return the selected inputs, and all interfaces of a GPIO without a selection, resolved at activation."""
+        """Return the selected state interfaces; `ALL_STATES` if a GPIO has no selection."""
         return [ALL_STATES] if self.params.unnamed_gpios else self.params.inputs
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Prepare the published values; nothing is written before the first command."""
+        """Select the states to publish; raise ControlError if an interface or GPIO does not exist."""
         super().on_activate(commands, states, now)
         input_names, whole_gpios = self.params.inputs, self.params.unnamed_gpios
         inputs = {state.name: state for state in states if state.name in input_names or state.joint in whole_gpios}
@@ -211,18 +213,18 @@ class GpioCommandController(Controller):
         self.life.end()
 
     def on_deactivate(self, now: int) -> None:
-        """Set the outputs to their safe values."""
+        """Set the commanded outputs to their safe values, also after the release of the interfaces."""
         for command, safe in zip(self.commands, self._safe, strict=True):
             command.release_value = safe
         self.forget(now)
 
     def forget(self, now: int) -> None:
-        """End the commands: outputs are set to their safe values, or unchanged."""
+        """End the commands, and set the commanded outputs to their safe values."""
         self.life.end(self.life.ended_by)
         self.forget_some(self.commands, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """End the commands of some outputs; those without a command are unchanged."""
+        """Set some outputs to their safe values, and end their commands; outputs without a command are unchanged."""
         del now
         index = 0
         for command in self.commands:
@@ -233,14 +235,14 @@ class GpioCommandController(Controller):
             index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store a value for every output, in the order of the parameters."""
+        """Store a value for every output, in the order of the parameters; `now` in ns restarts the timeout."""
         del stamp
         self._refuse_unless_active()
         self.checked(values, self._names)
         self.set_named(dict(zip(self._names, values, strict=True)), now)
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Store values for some outputs, by "gpio/interface"; all of them, or none and ControlError."""
+        """Store values of some outputs, by "gpio/interface"; raise ControlError, storing none, if one is invalid."""
         self._refuse_unless_active()
         for name in values:
             if name not in self._names:
@@ -258,18 +260,18 @@ class GpioCommandController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Whether every output already has its safe value."""
+        """Return whether every commanded output has its safe value, or keeps its value when commands end."""
         del values
         pairs = zip(self._values, self._safe, strict=True)
         return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in pairs)
 
     @property
     def describe_stop(self) -> str:
-        """State of the outputs after the end of a command, as a clause."""
+        """Clause that says what the outputs do after the commands have ended."""
         return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the commands and copy the states for the next publication."""
+        """Write the commanded values, check the timeout, and copy the states for the next publication."""
         del period
         if self.life.runs_out(now):
             self.report(

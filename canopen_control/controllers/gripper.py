@@ -1,10 +1,10 @@
-"""Gripper action controllers: move to a position with limited effort, and detect success or stall.
+"""Gripper action controllers, which move a gripper with limited effort, and detect success or a stall.
 
-Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within
-`goal_tolerance`, and ends as stalled if the joint has not moved for `stall_timeout`, which is a success with
-`allow_stalling`. After a success the position is held, or the object gripped, with the effort of the goal. Safer than
-upstream: any other end holds the joint at its position without pressing; a goal ends with its client; a joint that is
-not enabled keeps no goal for later.
+Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within `goal_tolerance`, and ends
+as stalled if the joint has not moved for `stall_timeout`, which is a success with `allow_stalling`. After a success the
+position is held, or the object gripped, with the effort of the goal. Safer than upstream: any other end holds the joint
+at its position without further effort against the object; a goal ends with its client; a joint that is not enabled
+keeps no goal for later.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
 
 
-# The parameters of the gripper action controllers, of jazzy.
+# The parameters of the gripper action controllers of jazzy.
 #
 # Keys, defaults and meaning are those of gripper_controllers and parallel_gripper_controller.
 
@@ -44,7 +44,7 @@ P = TypeVar("P", bound="GripperParams")
 
 @dataclass(frozen=True)
 class GripperParams(CommonParams):
-    """Parameters of position_controllers/GripperActionController: rad or m, Nm or N, s."""
+    """Parameters of position_controllers/GripperActionController, in units of rad or m, Nm or N, and s."""
 
     joint: str = setting("", help="the joint of the gripper")
     action_monitor_rate: float = setting(20.0, low=0.1, help="Hz of feedback to the action's client")
@@ -64,11 +64,11 @@ class GripperParams(CommonParams):
 
     @property
     def limits(self) -> list[str]:
-        """Command interfaces of the configured effort and velocity limits."""
+        """Command interfaces that limit effort and velocity, as far as they are configured."""
         return [name for name in (self.max_effort_interface, self.max_velocity_interface) if name]
 
     def mistake(self) -> str | None:
-        """Return the error in the parameters, None without one."""
+        """Return an error text if the parameters are invalid, else None."""
         if not self.joint:
             return "no 'joint'; give it under ros__parameters: joint: finger_joint"
         if missing := [kind for kind in (POSITION, VELOCITY) if kind not in self.state_interfaces]:
@@ -80,20 +80,20 @@ class GripperParams(CommonParams):
 
 @dataclass(frozen=True)
 class ParallelGripperParams(GripperParams):
-    """Parameters of parallel_gripper_action_controller/GripperActionController."""
+    """Parameters of parallel_gripper_action_controller/GripperActionController, with another default effort."""
 
     max_effort: float = setting(10.0, low=0.0)
 
 
 @dataclass(frozen=True)
 class EffortGripperParams(GripperParams):
-    """Parameters of effort_controllers/GripperActionController; `gains` are those of its position loop."""
+    """Parameters of effort_controllers/GripperActionController; `gains` are those of the position loop."""
 
     gains: LoopGains = derived(LoopGains())  # noqa: RUF009 - it is frozen
 
 
 def read_params(params: Params, name: str, cls: type[P]) -> P:
-    """Return the parameters of controller `name`; RobotConfigError with every error."""
+    """Return the parameters of gripper controller `name`; raise RobotConfigError with all errors in them."""
     node = params.flat.get("joint")
     joint = "" if node is None else node.text
     settings = params.read(_with_gains(cls, joint))
@@ -105,7 +105,7 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
 
 
 def _with_gains(cls: type[P], joint: str) -> type[P]:
-    """Return the parameter class with the gains of the joint, whose name is in their keys."""
+    """Return a parameter class with a section `gains.<joint>`, if the class has gains."""
     if not issubclass(cls, EffortGripperParams):
         return cls
     loop = ("loop", LoopGains, setting(LoopGains(), key=f"gains.{joint}", section=True))
@@ -113,7 +113,7 @@ def _with_gains(cls: type[P], joint: str) -> type[P]:
 
 
 class PositionGripperActionController(Controller):
-    """Controller of a gripper's position; `goal` is the active one."""
+    """Controller that moves a gripper by position commands; `goal` is the active goal, None without one."""
 
     title: ClassVar[str] = "Gripper, commanded by position"
     tells: ClassVar[type[Sample] | None] = GripperSample
@@ -132,7 +132,7 @@ class PositionGripperActionController(Controller):
         self._is_limited = False
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters."""
+        """Read the parameters, and set up the detection of success and stall."""
         self.params = settings = read_params(params, self.name, self.reads)
         self.update_rate, self.joints, self.interface = settings.update_rate, (settings.joint,), self.commanded
         self._is_limited = self.commanded == EFFORT or bool(settings.max_effort_interface)
@@ -141,11 +141,11 @@ class PositionGripperActionController(Controller):
         )
 
     def command_interface_names(self) -> list[str]:
-        """Return the interface of the joint and those of its limits."""
+        """Return the command interfaces of the joint and of its effort and velocity limits."""
         return [f"{self.params.joint}/{self.commanded}", *self.params.limits]
 
     def state_interface_names(self) -> list[str]:
-        """Return the state interfaces of the joint."""
+        """Return the configured state interfaces of the joint."""
         return [f"{self.params.joint}/{interface}" for interface in self.params.state_interfaces]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
@@ -157,13 +157,13 @@ class PositionGripperActionController(Controller):
         self.stamp = now
 
     def on_deactivate(self, now: int) -> None:
-        """End the goal; an effort becomes 0, a position is kept."""
+        """Abort the goal; an effort target becomes 0.0, a position target stays."""
         self._end(GoalState.ABORTED, f"{self.name} was deactivated; activate it and send the goal again")
         super().on_deactivate(now)
         self._target = math.nan
 
     def forget(self, now: int) -> None:
-        """End the goal and hold the joint."""
+        """Abort the goal, and hold the joint at its position."""
         del now
         why, client = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
         self._end(GoalState.ABORTED, f"{why}, so the goal of {client} was taken back; send it again once that is over")
@@ -173,7 +173,7 @@ class PositionGripperActionController(Controller):
     # -------------------------------------------------------------------------------------------------- goals
 
     def grip(self, goal: GripperGoal, now: int) -> None:
-        """Start a goal in the next cycle, replacing the previous one; ControlError if it is refused."""
+        """Start a goal in the next cycle, aborting the previous goal; raise ControlError for an invalid goal."""
         params = self.params
         effort = params.max_effort if not goal.max_effort else goal.max_effort
         velocity = params.max_velocity if not goal.max_velocity else goal.max_velocity
@@ -186,12 +186,12 @@ class PositionGripperActionController(Controller):
         self.life.give(now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Refuse numbers: a gripper controller accepts only goals."""
+        """Raise ControlError, because a gripper controller accepts only goals."""
         del values, now, stamp
         raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """Cancel the active goal, or `only` this one; the joint is held."""
+        """Cancel the active goal, or only the goal `only` if it is active, and hold the joint."""
         if self.goal is not None and only in (None, self.goal):
             self._end(GoalState.CANCELED, "the goal was cancelled" if why is None else f"the goal was cancelled: {why}")
             self._hold()
@@ -214,14 +214,14 @@ class PositionGripperActionController(Controller):
             raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
 
     def _report_unlimited(self, goal: GripperGoal) -> None:
-        """Report once that no interface limits the effort of a goal."""
+        """Report once that the effort of a goal has no effect, because no interface limits the effort."""
         if goal.max_effort and not self._is_limited:
             self._is_limited = True
             text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
             self.report("max_effort", text)
 
     def _end(self, state: GoalState, text: str, way: GripStatus = GripStatus.MOVING) -> None:
-        """End the active goal with its result."""
+        """End the active goal, if any, with a result; report an end that is not a success."""
         goal, self.goal = self.goal, None
         if goal is not None:
             goal.end(state, text, self._at, self._effort, way)
@@ -232,7 +232,7 @@ class PositionGripperActionController(Controller):
     # -------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Check the goal and command the joint."""
+        """Check the progress of the goal, and write the commands."""
         self._read()
         if self.goal is not None:
             self._update_status(now)
@@ -243,7 +243,7 @@ class PositionGripperActionController(Controller):
         return OK
 
     def sample(self, wall_offset_ns: int) -> GripperSample:
-        """Return actual and desired position of the last update."""
+        """Return the actual and the desired state of the last update."""
         return GripperSample(
             time=self.published(wall_offset_ns),
             joint=self.params.joint,
@@ -281,7 +281,7 @@ class PositionGripperActionController(Controller):
                 self._hold()
 
     def _write(self, period: float) -> None:
-        """Command the target and the limits of the active goal."""
+        """Write the target position and the limits of the last goal, if there is a target."""
         del period
         if not math.isnan(self._target):
             self.commands[0].value = self._target
@@ -296,12 +296,15 @@ class PositionGripperActionController(Controller):
             self.commands[place].value = self._limits[1]
 
     def _hold(self) -> None:
-        """Hold the joint: the hardware holds a position without a command."""
+        """Hold the joint: without a position command, the hardware holds the actual position."""
         self._target = self.commands[0].value = math.nan
 
 
 class ParallelGripperActionController(PositionGripperActionController):
-    """parallel_gripper_action_controller/GripperActionController: a gripper commanded with a JointState."""
+    """Controller of a gripper that is commanded by a JointState.
+
+    The type is parallel_gripper_action_controller/GripperActionController.
+    """
 
     title: ClassVar[str] = "Parallel gripper"
     reads: ClassVar[type[GripperParams]] = ParallelGripperParams
@@ -309,7 +312,7 @@ class ParallelGripperActionController(PositionGripperActionController):
 
 
 class EffortGripperActionController(PositionGripperActionController):
-    """Controller of a gripper's effort by a position loop."""
+    """Controller that moves a gripper by effort commands of a position loop."""
 
     title: ClassVar[str] = "Gripper, commanded by effort"
     reads: ClassVar[type[GripperParams]] = EffortGripperParams
@@ -320,13 +323,13 @@ class EffortGripperActionController(PositionGripperActionController):
         self._loop = Pid(EffortGripperParams().gains.pid())
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and the gains."""
+        """Read the parameters, including the gains of the position loop."""
         super().on_configure(params)
         if isinstance(self.params, EffortGripperParams):
             self._loop = Pid(self.params.gains.pid())
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start with a reset position loop."""
+        """Store the interfaces, and reset the position loop."""
         super().on_activate(commands, states, now)
         self._loop.reset()
 
@@ -336,7 +339,7 @@ class EffortGripperActionController(PositionGripperActionController):
             raise self.refusal("would not move: max_effort is 0; give one with the goal, or among the parameters")
 
     def _write(self, period: float) -> None:
-        """Command the loop's effort, limited by the goal; none while the position is unknown."""
+        """Write the effort of the position loop, limited by the goal; 0.0 without a target or known position."""
         if math.isnan(self._target):
             self.commands[0].value = 0.0
             self._loop.reset()
@@ -350,5 +353,5 @@ class EffortGripperActionController(PositionGripperActionController):
         self._write_limits()
 
     def _hold(self) -> None:
-        """Hold the joint with the effort of the last goal."""
+        """Hold the joint at its actual position, with at most the effort of the last goal."""
         self._target = self._at if self.commands[0].enabled else math.nan

@@ -1,7 +1,7 @@
-"""Goal of a gripper, its success and its stall (control_msgs/GripperCommand).
+"""Goal of a gripper action, and the detection of success and stall (control_msgs/GripperCommand).
 
-Rules (gripper_controllers, Jazzy): a goal is reached within its tolerance of the position; a gripper has
-stalled that was no faster than a threshold for a time since the goal came or since it moved last.
+Rules (gripper_controllers, Jazzy): a goal is reached within its tolerance of the position; a gripper has stalled if its
+speed has stayed within a threshold for the timeout.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 
 class GripperGoal:
-    """Position in rad or m, with maximum effort in Nm or N and maximum velocity; None uses the parameters.
+    """Goal of a gripper: position in rad or m, maximum effort in Nm or N, and maximum velocity.
 
-    Once it has `ended`, the rest is its result: `at` is where the gripper was then, nan where that is not known.
-    `ended_now` is called then, in the cycle: an observer must defer longer work.
+    A maximum that is None or 0 is taken from the parameters. When the goal has `ended`, the other attributes are its
+    result: `at` is the final position, nan if unknown. `ended_now` is called at the end, within the cycle: an observer
+    must defer longer work.
     """
 
     def __init__(
@@ -38,7 +39,7 @@ class GripperGoal:
         self._ended_now = ended_now
 
     def end(self, state: GoalState, text: str, at: float, effort: float, way: GripStatus) -> None:
-        """Store the result; only the first one counts."""
+        """Store the result and call `ended_now`, unless the goal has already ended."""
         if not self.ended:
             self.state, self.text, self.at, self.effort = state, text, at, effort
             self.reached, self.stalled = way is GripStatus.REACHED, way is GripStatus.STALLED
@@ -47,7 +48,7 @@ class GripperGoal:
 
 
 class GripStatus(enum.Enum):
-    """Progress of a goal."""
+    """Progress of a gripper goal."""
 
     MOVING = "moving"
     REACHED = "reached"
@@ -55,18 +56,18 @@ class GripStatus(enum.Enum):
 
 
 class StallDetector:
-    """Detector of success and stall of a gripper, once per cycle; `timeout` in s."""
+    """Detector of success and stall of a gripper, called once per cycle; `timeout` is in s."""
 
     def __init__(self, tolerance: float, slowest: float, timeout: float) -> None:
         self._tolerance, self._slowest, self._timeout_ns = tolerance, slowest, round(timeout * 1e9)
         self._moved = 0
 
     def begin(self, now: int) -> None:
-        """Start a goal, `now` in ns."""
+        """Start the detection for a new goal; `now` is in ns."""
         self._moved = now
 
     def update(self, now: int, error: float, velocity: float) -> GripStatus:
-        """Check position error and velocity."""
+        """Return the status for a position error and a velocity; `now` is in ns."""
         if abs(error) < self._tolerance:
             return GripStatus.REACHED
         if abs(velocity) > self._slowest:

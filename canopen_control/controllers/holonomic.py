@@ -1,10 +1,11 @@
-"""Controllers of bases that drive sideways too: a twist becomes the speeds of omni or mecanum wheels.
+"""Controllers of bases that can also move sideways, with omni or mecanum wheels.
 
-Rules (ros2_controllers jazzy): omni wheels, three or more, stand at even angles around the middle; each axis of the
-twist of mecanum wheels has its limiter. The odometry of both is the fit to what the wheels measure. Ours: a timeout of
-0 (the default of `reference_timeout` of mecanum wheels) lets a twist move a base for one update, where upstream's omni
-wheels never move; a timeout brakes along the limits, where upstream's mecanum wheels brake for one update and then
-stand; odometry starts at the first sample, and feedback is waited for, see `mobile_base`.
+Rules (ros2_controllers jazzy): three or more omni wheels are mounted at equal angles around the centre; each twist axis
+of a mecanum base has its own limiter. The odometry of both is a least-squares fit to the measured wheel speeds.
+Different from upstream: with a timeout of 0 (the default of `reference_timeout` of mecanum bases) a twist applies for
+one update, where upstream's omni wheels never move; after a timeout the base brakes along its limits, where upstream's
+mecanum wheels brake for one update and then stop at once; odometry starts at the first sample, and missing feedback
+does not end the controller, see `mobile_base`.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ if TYPE_CHECKING:
 
 
 HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
-"""The axes of its twists: forward, to the left, around."""
+"""Twist axes of a holonomic base: forward, to the left, and yaw."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicBase(MobileBase):
-    """Base whose commands are wheel velocities only; `wheels` are computed by its kinematics."""
+    """Base whose commands are wheel velocities only; `wheels` are the kinematics with pose and wheel speeds."""
 
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
@@ -45,32 +46,35 @@ class HolonomicBase(MobileBase):
         self._drive = wheels
 
     def move_by(self, wheels: HolonomicKinematics) -> None:
-        """Use these kinematics, with their pose."""
+        """Replace the kinematics; the base then has the pose of the new kinematics."""
         self.pose = self._drive = wheels
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity of every wheel, in the order of the parameters."""
+        """Return the velocity interface of every wheel, in the order of the parameters."""
         return [f"{joint}/{VELOCITY}" for joint in self.joints]
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the velocities of the last step."""
+        """Return the velocities of the last odometry step: forward and left in m/s, yaw rate in rad/s."""
         return self._drive.forward, self._drive.left, self._drive.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute the wheel velocities of a twist."""
+        """Compute the wheel velocities from a twist."""
         self._drive.command(twist[0], twist[1], twist[2])
         for index in range(len(self.targets)):
             self.targets[index] = self._drive.wheels[index]
 
 
-# Omni wheels (ros2_controllers jazzy): wheel i of n stands at 2 pi i / n + `offset` and rolls along the circle.
+# Omni wheels (ros2_controllers jazzy): wheel i of n is mounted at 2 pi i / n + `offset`, and rolls along the circle.
 
 
-_LEAST_DT: Final = 1e-6  # s between two positions
+_LEAST_DT: Final = 1e-6  # minimum time between two positions, in s
 
 
 class OmniKinematics(HolonomicKinematics):
-    """Pose, and `forward`, `left` (m/s) and `angular` (rad/s); `wheels` are its commands in rad/s."""
+    """Kinematics and odometry of a base with omni wheels.
+
+    `forward` and `left` in m/s and `angular` in rad/s are the velocities of the pose, `wheels` the commands in rad/s.
+    """
 
     def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
         if count < LEAST_WHEELS:
@@ -81,12 +85,12 @@ class OmniKinematics(HolonomicKinematics):
         self._speeds = [0.0] * count
 
     def begin(self, positions: Sequence[float]) -> None:
-        """Set the start positions of the wheels, in rad."""
+        """Set the wheel positions in rad that are the baseline of the odometry."""
         for index in range(len(self.wheels)):
             self._positions[index] = positions[index]
 
     def update_position(self, positions: Sequence[float], dt: float) -> bool:
-        """Integrate the wheels' positions in rad; `dt` in s. Return False if the time step is too short."""
+        """Integrate the wheel positions in rad; `dt` is in s. Return False if the time step is too short."""
         if abs(dt) < _LEAST_DT:
             return False
         for index in range(len(self.wheels)):
@@ -95,19 +99,19 @@ class OmniKinematics(HolonomicKinematics):
         return self.update_velocity(self._speeds, dt)
 
     def update_velocity(self, speeds: Sequence[float], dt: float) -> bool:
-        """Integrate the wheels' speeds in rad/s; every time step counts, even a negative one."""
+        """Integrate the wheel speeds in rad/s; `dt` in s may have any value, even a negative one. Return True."""
         self.fit(speeds)
         return self.update_open_loop(self.forward, self.left, self.angular, dt)
 
     def update_open_loop(self, forward: float, left: float, angular: float, dt: float) -> bool:
-        """Integrate a command instead of measurements (open loop), in m/s and rad/s."""
+        """Integrate a commanded twist in m/s and rad/s instead of measurements (open loop); return True."""
         self.forward, self.left, self.angular = forward, left, angular
         self.shift(forward * dt, left * dt, angular * dt)
         return True
 
 
 class OmniWheelDriveController(HolonomicBase):
-    """Controller of a base with omni wheels; `kinematics` has its pose."""
+    """Controller of a base with omni wheels; `kinematics` contains the pose."""
 
     title: ClassVar[str] = "Omni wheel drive"
     reads: ClassVar[type[OmniParams]] = OmniParams
@@ -120,12 +124,12 @@ class OmniWheelDriveController(HolonomicBase):
         self._reading: list[float] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return frames and wheel radius of the base."""
+        """Return the wheel radius and the frames of the parameters; sides and separation are unknown."""
         params, (odom, base) = self.params, self.frame_ids()
         return DriveGeometry((), (), 0.0, params.wheel_radius, odom, base, params.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; the pose becomes 0."""
+        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = read_checked(params, OmniParams)
         count = len(settings.wheel_names)
         self.kinematics = OmniKinematics(
@@ -137,26 +141,26 @@ class OmniWheelDriveController(HolonomicBase):
         self.set_up(settings, settings.cmd_vel_timeout, count, open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Apply another timeout and odometry options from the next update on."""
+        """Apply a changed timeout and changed odometry options from the next update on."""
         settings = read_checked(params, OmniParams)
         self.take(settings, settings.cmd_vel_timeout)
         self.params = settings
 
     def state_interface_names(self) -> list[str]:
-        """Return position or velocity of every wheel; nothing if the loop is open."""
+        """Return the position or velocity interface of every wheel; an empty list in open loop."""
         return self.wheel_states(self.params.position_feedback)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry."""
+        """Return the last published odometry; None before the first publication."""
         return self.odometry_sample(wall_offset_ns)
 
     def begin(self) -> None:
-        """Set the start positions of the wheels."""
+        """Set the actual wheel positions as the baseline of the odometry."""
         self._read()
         self.kinematics.begin(self._reading)
 
     def advance(self, dt: float) -> None:
-        """Integrate the wheels' motion into the pose."""
+        """Integrate the measured wheel motion of the last `dt` s into the pose."""
         self._read()
         if self.params.position_feedback:
             self.kinematics.update_position(self._reading, dt)
@@ -164,7 +168,7 @@ class OmniWheelDriveController(HolonomicBase):
             self.kinematics.update_velocity(self._reading, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Follow the twist."""
+        """Integrate the limited twist over `dt` s into the pose."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], self.limited[2], dt)
 
     def _read(self) -> None:
@@ -172,14 +176,16 @@ class OmniWheelDriveController(HolonomicBase):
             self._reading[index] = self.states[index].value
 
 
-# Mecanum wheels (ros2_controllers jazzy) are in the order of `WHEELS`, clockwise from the front left one. The frame of
-# the base may stand off the middle of the wheels.
+# Mecanum wheels (ros2_controllers jazzy) are in the order of `WHEELS`, clockwise from the front left wheel. The base
+# frame may have an offset from the centre of the wheels.
 
 
 class MecanumKinematics(HolonomicKinematics):
-    """Pose, and `forward`, `left` (m/s) and `angular` (rad/s), of the base frame; `wheels` are its commands.
+    """Kinematics and odometry of a base with four mecanum wheels, for the base frame.
 
-    `reach` is the sum of the wheels' distances from the middle along x and y, `offset` where the frame is: x, y, angle.
+    `forward` and `left` in m/s and `angular` in rad/s are the velocities of the pose, `wheels` the commands in rad/s.
+    `reach` is the distance of a wheel from the centre along x plus that along y, in m; `offset` is the pose of the base
+    frame relative to the centre: x, y and angle.
     """
 
     def __init__(self, radius: float, reach: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
@@ -187,12 +193,12 @@ class MecanumKinematics(HolonomicKinematics):
         cosine, sine = math.cos(angle), math.sin(angle)
         rows = []
         for across, around in ((-1.0, -reach), (1.0, reach), (-1.0, reach), (1.0, -reach)):
-            turn = around + y - across * x  # of the frame of the base, seen from the middle of the wheels
+            turn = around + y - across * x  # for a rotation about the base frame instead of the centre
             rows.append((cosine + across * sine, across * cosine - sine, turn))
         super().__init__(rows, radius)
 
     def update(self, speeds: Sequence[float], dt: float) -> bool:
-        """Integrate the wheels' speeds in rad/s for `dt` s; return whether the time step was long enough."""
+        """Integrate the wheel speeds in rad/s over `dt` s; return whether the time step was long enough."""
         if dt < MIN_DT:
             return False
         self.fit(speeds)
@@ -204,7 +210,7 @@ class MecanumKinematics(HolonomicKinematics):
 
 
 class MecanumDriveController(HolonomicBase):
-    """Controller of a base with four mecanum wheels; `kinematics` has its pose."""
+    """Controller of a base with four mecanum wheels; `kinematics` contains the pose."""
 
     title: ClassVar[str] = "Mecanum drive"
     reads: ClassVar[type[MecanumParams]] = MecanumParams
@@ -227,7 +233,7 @@ class MecanumDriveController(HolonomicBase):
         self._reference = [0.0, 0.0, 0.0]
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the drive geometry of the parameters."""
+        """Return the wheel radius, sides and frames of the parameters; the separation is unknown."""
         params, (odom, base) = self.params, self.frame_ids()
         front_left, front_right, rear_right, rear_left = params.commanded
         frozen = tuple(axis for axis, limit in zip(HOLONOMIC, params.limits, strict=True) if limit.freezes)
@@ -237,7 +243,7 @@ class MecanumDriveController(HolonomicBase):
         )
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; the pose becomes 0."""
+        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = read_checked(params, MecanumParams)
         self.kinematics = MecanumKinematics(settings.radius, settings.reach, settings.offset)
         self.move_by(self.kinematics)
@@ -245,23 +251,23 @@ class MecanumDriveController(HolonomicBase):
         self.set_up(settings, settings.reference_timeout, len(self.joints), settings.limits)
 
     def on_set(self, params: Params) -> None:
-        """Apply other limits and another timeout from the next update on."""
+        """Apply changed limits, a changed timeout and odometry options from the next update on."""
         settings = read_checked(params, MecanumParams)
         self.take(settings, settings.reference_timeout, settings.limits)
         self.params = settings
 
     def state_interface_names(self) -> list[str]:
-        """Return the velocity of every wheel, in the same order."""
+        """Return the velocity interface of every measured joint, in the order of the commands."""
         return [f"{joint}/{VELOCITY}" for joint in self.params.measured]
 
     def advance(self, dt: float) -> None:
-        """Integrate the wheels' motion into the pose."""
+        """Integrate the measured wheel speeds of the last `dt` s into the pose."""
         for index in range(len(self._speeds)):
             self._speeds[index] = self.states[index].value
         self.kinematics.update(self._speeds, dt)
 
     def snapshot(self) -> None:
-        """Also copy the wheels' speeds and the requested twist."""
+        """Copy the pose, the wheel speeds and the requested twist for the publication."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
@@ -269,7 +275,7 @@ class MecanumDriveController(HolonomicBase):
             self._reference[index] = self.desired[index]
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry, speeds and twist."""
+        """Return the last published odometry, wheel speeds and requested twist; None before the first publication."""
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None

@@ -1,4 +1,4 @@
-"""The parameters of the controllers of omni and mecanum wheels, in jazzy's words."""
+"""Parameters of the controllers of omni and mecanum wheels, by the names of jazzy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NONE: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class OmniParams(PrefixedParams):
-    """Parameters of omni_wheel_drive_controller/OmniWheelDriveController: m, s, rad."""
+    """Parameters of omni_wheel_drive_controller/OmniWheelDriveController, in units of m, s and rad."""
 
     pose_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.pose", help="of the odometry's pose")
     twist_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.twist", help="of the odometry's twist")
@@ -35,7 +35,7 @@ class OmniParams(PrefixedParams):
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results."""
+        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         names = self.wheel_names
         yield (
             len(names) < LEAST_WHEELS,
@@ -53,7 +53,7 @@ class OmniParams(PrefixedParams):
 
 
 WHEELS: Final = ("front_left", "front_right", "rear_right", "rear_left")
-"""The wheels in the order of the interfaces."""
+"""Mecanum wheels, in the order of the interfaces."""
 COMMANDED: Final = tuple(f"{wheel}_wheel_command_joint_name" for wheel in WHEELS)
 _RADIUS: Final = "kinematics.wheels_radius"
 _REACH: Final = "kinematics.sum_of_robot_center_projection_on_X_Y_axis"
@@ -62,7 +62,7 @@ _COVARIANCE: Final[Six] = (0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
 
 @dataclass(frozen=True)
 class MecanumParams(PrefixedParams):
-    """Parameters of mecanum_drive_controller/MecanumDriveController: m, s, rad."""
+    """Parameters of mecanum_drive_controller/MecanumDriveController, in units of m, s and rad."""
 
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
@@ -92,27 +92,27 @@ class MecanumParams(PrefixedParams):
 
     @property
     def commanded(self) -> tuple[str, ...]:
-        """Commanded joints, in the order of `WHEELS`."""
+        """Joints that are commanded, in the order of `WHEELS`."""
         return tuple(getattr(self, key) for key in COMMANDED)
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Measured joints: the commanded ones unless configured otherwise."""
+        """Joints whose velocities are measured, in the order of `WHEELS`; by default the commanded joints."""
         names = (getattr(self, f"{wheel}_wheel_state_joint_name") for wheel in WHEELS)
         return tuple(name or joint for name, joint in zip(names, self.commanded, strict=True))
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """The limits of the axes of a twist."""
+        """Limits of the twist axes: forward, to the left, and yaw."""
         return self.linear_x, self.linear_y, self.angular_z
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """Pose of the base's frame relative to the centre of the wheels: m, m, rad."""
+        """Pose of the base frame relative to the centre of the wheels: x and y in m, angle in rad."""
         return self.offset_x, self.offset_y, self.offset_angle
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results."""
+        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         for wheel, joint in zip(WHEELS, self.commanded, strict=True):
             yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
         joints = [joint for joint in self.commanded if joint]

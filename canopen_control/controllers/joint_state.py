@@ -1,11 +1,12 @@
-"""Joint state broadcaster: the measured states of all joints.
+"""Joint state broadcaster, which publishes the measured states of all joints.
 
-Rules (ros2_controllers jazzy): `names` are the joints of a JointState, whose arrays have their length, a
-missing interface is not known; with a description only its movable joints are named, in alphabetical order, without one
-the joints come in the order of their interfaces. `joints` and `interfaces` restrict only when both are given. An extra
-joint is 0.0, unless a state interface of it is read. It publishes once per update, what was measured then, so
-that `update_rate` is the rate of its topics. They are `joint_states` and, unless
-`publish_dynamic_joint_states` is false, `dynamic_joint_states`, below its own name with `use_local_topics`.
+Rules (ros2_controllers jazzy): `names` are the joints of a JointState message, whose arrays have the same length; the
+value of a missing interface is unknown. With a description only its movable joints are included, in alphabetical order;
+without a description the joints are in the order of their interfaces. `joints` and `interfaces` restrict the states
+only when both are given. An extra joint is 0.0, unless one of its state interfaces is read. The broadcaster publishes
+the measured states once per update, so that `update_rate` is the rate of its topics. These are `joint_states` and,
+unless `publish_dynamic_joint_states` is false, `dynamic_joint_states`, below the controller's name with
+`use_local_topics`.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _KINDS: Final = (POSITION, VELOCITY, EFFORT)
 
 
 class JointStateBroadcaster(Controller):
-    """Publishes the states of the joints; `names` is the order of a JointState."""
+    """Broadcaster of joint states; `names` are the joints in the order of a JointState message."""
 
     title: ClassVar[str] = "Joint states"
     reads: ClassVar[type[BroadcasterParams]] = BroadcasterParams
@@ -45,7 +46,7 @@ class JointStateBroadcaster(Controller):
         self._copy = StateCopy({})
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters."""
+        """Read the parameters, and determine topics and frame."""
         self.params = params.read(BroadcasterParams, RENAMES)
         self.update_rate = self.params.update_rate
         self.publishes, self.frame_id = self._topics(), self.params.frame_id
@@ -56,13 +57,13 @@ class JointStateBroadcaster(Controller):
         return tuple(f"{prefix}{topic}" for topic in ("joint_states", *dynamic))
 
     def state_interface_names(self) -> list[str]:
-        """Return joints times interfaces if both are configured, else all interfaces."""
+        """Return the configured interfaces of the configured joints; if either is empty, `ALL_STATES`."""
         if self.params.joints and self.params.interfaces:
             return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Prepare the published values; ControlError without any state interface."""
+        """Determine the joints to publish and their order; raise ControlError if no state interface exists."""
         super().on_activate(commands, states, now)
         if not states:
             raise ControlError(
@@ -93,12 +94,12 @@ class JointStateBroadcaster(Controller):
         return (*joints, *extras)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states: a publication."""
+        """Copy the states for the next publication."""
         del period
         self._copy.take()
         self.stamp = now
         return OK
 
     def sample(self, wall_offset_ns: int) -> JointStatesSample:
-        """Return the measured states of the last update."""
+        """Return the states of the last update, with the joints of a JointState message."""
         return JointStatesSample(time=self.published(wall_offset_ns), names=self.names, joints=self._copy.by_joint())

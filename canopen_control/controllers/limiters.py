@@ -1,14 +1,15 @@
-"""Limiters of commands: the laws of ros2_control and of control_toolbox, with one interface.
+"""Command limiters that behave as those of ros2_control and control_toolbox, with one common interface.
 
-| law | class | limits | measured against |
+| upstream | class | limits | compared with |
 |---|---|---|---|
 | control_toolbox::RateLimiter | `RateLimiter` | numbers and their two derivatives | the last two commands |
-| joint_limits JointSaturationLimiter | `JointLimiter` | one joint's commands, by quantity | the command before |
+| joint_limits JointSaturationLimiter | `JointLimiter` | one joint's commands, by quantity | the previous command |
 | joint_limits JointSoftLimiter | `SoftLimiter` | the same, slower before soft limits | the same, and the joint |
-| joint_limits JointTrajectoryPointSaturationLimiter | `PointLimiter` | points of several joints | the point before |
+| joint_limits JointTrajectoryPointSaturationLimiter | `PointLimiter` | points of several joints | the previous point |
 
-The laws differ and stay as they are upstream. `enforce` is the same for all: it clamps `desired` in place, beginning at
-`actual` where no command came before, and returns whether it changed anything; `reset` forgets the commands before.
+The algorithms are kept as different as they are upstream. `enforce` is the same for all: it clamps `desired` in place,
+compared with `actual` if there was no previous command, and returns whether it changed anything; `reset` discards the
+previous commands.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ NAN: Final = math.nan
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Limiter(Generic[S]):
-    """Limiter of commands; `S` is what it limits: numbers by axis, quantities of a joint, or a point of several."""
+    """Base class of limiters; `S` is the limited type: a list of numbers by axis or quantity, or a trajectory point."""
 
     @abstractmethod
     def enforce(self, actual: S, desired: S, period: float) -> bool:
@@ -44,22 +45,23 @@ class Limiter(Generic[S]):
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget the previous commands."""
+        """Discard the previous commands."""
 
 
-# Rate limiter (control_toolbox::RateLimiter): jerk, then acceleration, then velocity, each against the two previous
-# limited values. nan switches off or is derived: without max_velocity no velocity limit; without max_acceleration no
-# acceleration limit at all; without max_jerk no jerk limit; min_velocity is -max_velocity, max_acceleration_reverse
-# -max_acceleration, max_deceleration the same as max_acceleration_reverse, max_deceleration_reverse the same as
-# max_acceleration, min_jerk -max_jerk. Jerk limits only a step that grows, of speeding up or of braking.
+# Rate limiter (control_toolbox::RateLimiter): limits jerk, then acceleration, then velocity, compared with the two
+# previous limited values. A limit of nan is off, or derived: without max_velocity there is no velocity limit; without
+# max_acceleration no acceleration limit at all; without max_jerk no jerk limit. The default of min_velocity is
+# -max_velocity, of max_acceleration_reverse -max_acceleration, of max_deceleration max_acceleration_reverse, of
+# max_deceleration_reverse max_acceleration, of min_jerk -max_jerk. The jerk limit applies only while the step from one
+# value to the next grows in its direction, in speeding up as in braking.
 
 
 @dataclass(frozen=True)
 class VelocityLimits:
-    """Bounds in SI units, nan for none; min_velocity, decelerations and reverse limits are signed as in ROS.
+    """Velocity, acceleration and jerk limits of one number in SI units; nan means unlimited.
 
-    `max_acceleration` and `max_deceleration_reverse` are >= 0; `max_deceleration` (moving forward) and
-    `max_acceleration_reverse` (speeding up backward) are <= 0.
+    Lower bounds have their sign, as in ROS: `max_acceleration` and `max_deceleration_reverse` are >= 0;
+    `max_deceleration` (while moving forward) and `max_acceleration_reverse` (while speeding up backward) are <= 0.
     """
 
     min_velocity: float = NAN
@@ -77,7 +79,10 @@ def _or(value: float, default: float) -> float:
 
 
 class RateLaw:
-    """Bounds of one number for `RateLimiter`, `free` without any; ValueError if a minimum is above its maximum."""
+    """Limits of one number for `RateLimiter`, with derived defaults; `free` means that there are none.
+
+    Raises ValueError if a minimum is above its maximum.
+    """
 
     def __init__(self, limits: VelocityLimits) -> None:
         self._min_v, self._max_v = _or(limits.min_velocity, -limits.max_velocity), limits.max_velocity
@@ -101,7 +106,7 @@ class RateLaw:
             raise ValueError("Invalid second derivative limits")
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Return `v` limited by the previous two limited values, v0 (last) and v1; `dt` in s."""
+        """Return `v`, limited by all bounds; `v0` and before it `v1` are the last limited values; `dt` is in s."""
         if self._has_j:
             v = self.limit_jerk(v, v0, v1, dt)
         if self._has_a:
@@ -109,13 +114,13 @@ class RateLaw:
         return self.limit_velocity(v) if self._has_v else v
 
     def limit_velocity(self, v: float) -> float:
-        """Clamp the value itself."""
+        """Return `v`, clamped to the velocity limits."""
         if not self._has_v:
             return v
         return self._min_v if v < self._min_v else self._max_v if v > self._max_v else v
 
     def limit_acceleration(self, v: float, v0: float, dt: float) -> float:
-        """Clamp the step from v0 by the bounds for acceleration and deceleration."""
+        """Return `v`, with its step from the last value `v0` clamped to the acceleration limits; `dt` is in s."""
         if not self._has_a:
             return v
         step = v - v0
@@ -124,7 +129,7 @@ class RateLaw:
         return v0 + (low if step < low else high if step > high else step)
 
     def limit_jerk(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Clamp the change of the step, only while the step grows in its direction."""
+        """Return `v`, with the change of its step clamped to the jerk limits while the step grows; `dt` is in s."""
         if not self._has_j:
             return v
         dv, dv0 = v - v0, v0 - v1
@@ -138,10 +143,10 @@ _UNLIMITED: Final = RateLaw(VelocityLimits())
 
 
 class RateLimiter(Limiter["list[float]"]):
-    """Limiter of several numbers, each by its law and against its last two commands, which `step` records.
+    """Limiter of several numbers, each with its `RateLaw` and its last two commands, which `step` records.
 
-    `rest` is where each number begins, nan for its actual value. A nan is no command: it stays, and its history does.
-    `last` are the commands of the last `step`.
+    `rest` are the initial values, nan for the actual value. A nan is no command: the number stays nan, and its history
+    is unchanged. `last` are the commands of the last `step`.
     """
 
     def __init__(self, rest: Sequence[float]) -> None:
@@ -150,7 +155,7 @@ class RateLimiter(Limiter["list[float]"]):
         self.last, self._earlier = list(rest), list(rest)
 
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
-        """See `Limiter`; the history stays until `step`."""
+        """Clamp the numbers and return whether any was changed; the history is unchanged until `step`."""
         limited, latest, before = False, self.last, self._earlier
         for at, law in enumerate(self.laws):
             target, last, earlier = desired[at], latest[at], before[at]
@@ -166,7 +171,7 @@ class RateLimiter(Limiter["list[float]"]):
         return limited
 
     def step(self, actual: list[float], commanded: list[float]) -> None:
-        """Record the commands of this cycle."""
+        """Record the commands of this cycle for the limits of the next cycles."""
         self._earlier[:] = self.last
         total = sum(commanded)
         if total == total:  # no nan
@@ -180,16 +185,17 @@ class RateLimiter(Limiter["list[float]"]):
                 self.last[at] = actual[at]
 
     def reset(self) -> None:
-        """See `Limiter`."""
+        """Reset the history to the initial values."""
         self.last[:] = self._earlier[:] = self._rest
 
 
 # Joint limiter: clamps the commands of one joint to its limits of position, velocity, effort, acceleration and jerk.
 #
-# Rules (joint_limits of ros2_control jazzy, JointSaturationLimiter): the quantities are judged in their
-# order; a position moves by what the velocity, and that by what the acceleration allows since the command before; a
-# velocity does not lead past the end of the joint within the cycle; an effort does not push beyond the end, nor what is
-# too fast further. What is nan is not given. All in SI units (rad or m).
+# Rules (joint_limits of ros2_control jazzy, JointSaturationLimiter): the quantities are limited in the order of
+# `QUANTITIES`. Since the previous command, a position changes by at most what the velocity limit allows, and a velocity
+# by at most what the acceleration limit allows. A velocity does not lead beyond the end of the range within the cycle.
+# An effort neither pushes the joint beyond the end of the range nor accelerates a joint that is already too fast. A nan
+# is no command. All values are in SI units (rad or m).
 
 
 POS: Final = 0
@@ -198,16 +204,16 @@ EFF: Final = 2
 ACC: Final = 3
 JERK: Final = 4
 QUANTITIES: Final = (POSITION, VELOCITY, EFFORT, ACCELERATION, "jerk")
-"""The quantities of a joint in the order in which they are judged; POS to JERK are their places."""
+"""Quantities of a joint, in the order of limiting; POS to JERK are their indices."""
 NOTHING: Final = (math.nan,) * len(QUANTITIES)
 
-_FAR_OUT: Final = 0.0087  # rad or m: a joint that is this far outside of its range is an error
-NEAR: Final = 0.002  # rad or m: so far outside it may still move back
+_FAR_OUT: Final = 0.0087  # rad or m outside the range from which a position command is an error
+NEAR: Final = 0.002  # rad or m outside the range within which a velocity may still move the joint back
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class JointLimiter(Limiter["list[float]"]):
-    """Limiter of one joint's commands; `before` are the last ones, nan without one since `reset`."""
+    """Limiter of one joint's commands; `before` are the previous commands, nan if there is none since `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
         self.limits = limits
@@ -215,13 +221,13 @@ class JointLimiter(Limiter["list[float]"]):
         self._low = self._high = 0.0
 
     def reset(self) -> None:
-        """Clear the previous commands; the next one is compared with the joint's state."""
+        """Discard the previous commands; the next command is compared with the joint's state."""
         self.before[:] = NOTHING
 
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
-        """Clamp the desired values by quantity and return whether any was clamped; `period` in s.
+        """Clamp the desired values, by quantity, and return whether any was changed; `period` is in s.
 
-        Raises ControlError for a position command to a joint that is far outside of its range.
+        Raises ControlError for a position command to a joint that is far outside its range.
         """
         if period <= 0.0:
             return False
@@ -239,7 +245,7 @@ class JointLimiter(Limiter["list[float]"]):
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """Start from the measured state, else from the first command, if no previous command is known."""
+        """If there are no previous commands, start from the measured state, or else from the desired values."""
         before = self.before
         for limited in before:
             if limited == limited:  # is not nan
@@ -249,7 +255,7 @@ class JointLimiter(Limiter["list[float]"]):
                 before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
 
     def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
-        """Set the range of a quantity; bounds in the wrong order are exchanged."""
+        """Set `_low` and `_high`, the range of a quantity; bounds in the wrong order are exchanged."""
         if at == POS:
             self._bound_position(actual, period)
         elif at == VEL:
@@ -294,7 +300,7 @@ class JointLimiter(Limiter["list[float]"]):
         self._low, self._high = low, high
 
     def _may_not_move(self, target: float, here: float) -> bool:
-        """Whether the joint is outside its range and the command would move it further out."""
+        """Return whether the joint is far outside its range, or slightly outside and commanded further out."""
         low, high = self.limits.min_position, self.limits.max_position
         if low <= here <= high:
             return False
@@ -322,12 +328,12 @@ class JointLimiter(Limiter["list[float]"]):
         return self.limits.max_acceleration
 
 
-# Soft joint limiter: slows a joint down before its soft limits, those of a URDF's <safety_controller>.
+# Soft joint limiter: slows a joint down before its soft limits, which are those of a URDF <safety_controller>.
 #
-# Rules (joint_limits of ros2_control jazzy, JointSoftLimiter): towards a soft limit the velocity is at
-# most `k_position` times the distance to it, beyond it leads back at one degree per second (of a prismatic joint: as
-# many m/s), and an effort is at most `k_velocity` times what the velocity may still grow by. The hard limits
-# hold besides.
+# Rules (joint_limits of ros2_control jazzy, JointSoftLimiter): the velocity towards a soft limit is at most
+# `k_position` times the distance to the limit. Beyond the limit the joint returns at one degree per second (pi/180 m/s
+# for a prismatic joint). An effort is at most `k_velocity` times the difference between the permitted and the actual
+# velocity. The hard limits also apply.
 
 
 _RETURN: Final = math.pi / 180.0
@@ -335,7 +341,7 @@ _NO_RANGE: Final = 1e-10
 
 
 class SoftLimiter(JointLimiter):
-    """Limiter of one joint's commands with hard and soft limits."""
+    """Limiter of one joint's commands that applies soft limits in addition to the hard limits."""
 
     def __init__(self, limits: HardLimits, soft: SoftLimits) -> None:
         super().__init__(limits)
@@ -351,7 +357,7 @@ class SoftLimiter(JointLimiter):
         self._limit_speed(actual[POS])
 
     def _limit_speed(self, actual: float) -> None:
-        """Compute the velocities permitted by the distances to the soft limits."""
+        """Compute the velocities permitted at the joint's distances from its soft limits."""
         limits, soft, most = self.limits, self._soft, self.limits.max_velocity
         self._slowest, self._fastest = -most, most
         start = self._start(actual)
@@ -367,7 +373,7 @@ class SoftLimiter(JointLimiter):
             self._fastest = math.copysign(_RETURN, self._fastest)
 
     def _start(self, actual: float) -> float:
-        """Return the previous position command, else the joint's position."""
+        """Return the previous position command if there is one, else the joint's actual position."""
         before = self.before[POS]
         return before if math.isfinite(before) else actual
 
@@ -410,15 +416,15 @@ def _clamp(value: float, low: float, high: float) -> float:
 
 
 # Point limiter (joint_limits, JointTrajectoryPointSaturationLimiter): positions, then velocities, then accelerations
-# are clamped, and the others follow from what was clamped; a joint that could not stop any more before the end of its
-# range brakes, and all others with it, so that they stay on the direction of their path.
+# are clamped, and the other quantities are recomputed from the clamped one. If a joint could no longer stop before the
+# end of its range, all joints brake together, so that the direction of their path is kept.
 
 
-_ZERO: Final = 1e-10  # what is not larger is not given
+_ZERO: Final = 1e-10  # values up to this magnitude count as not given
 
 
 class PointLimiter(Limiter["Point"]):
-    """Limiter of points to the `limits` of their joints, in place; `joint` is the first limited one."""
+    """Limiter of trajectory points to the `limits` of their joints; `joint` is the index of the first limited joint."""
 
     def __init__(self, limits: Sequence[HardLimits]) -> None:
         self.limits = list(limits)
@@ -430,9 +436,10 @@ class PointLimiter(Limiter["Point"]):
         self._places = self._speeds = False  # whether the desired point has positions and velocities
 
     def enforce(self, actual: Point, desired: Point, period: float) -> bool:
-        """Clamp the desired state and return whether it was clamped; `period` in s.
+        """Clamp the desired point in place and return whether it was changed; `period` is in s.
 
-        Nothing is done without the positions where the joints are, or without positions or velocities to be.
+        Nothing is done without the actual positions of all joints, or without desired positions or velocities of all
+        joints.
         """
         count = len(self.limits)
         self._places, self._speeds = len(desired.positions) == count, len(desired.velocities) == count
@@ -459,7 +466,7 @@ class PointLimiter(Limiter["Point"]):
         return self._limited
 
     def reset(self) -> None:
-        """See `Limiter`: nothing is kept."""
+        """Do nothing: this limiter keeps no previous points."""
 
     def _note(self, joint: int) -> None:
         if not self._limited:
@@ -510,14 +517,14 @@ class PointLimiter(Limiter["Point"]):
         self._accelerate(joint, math.copysign(most, acceleration), here, speed, period)
 
     def _accelerate(self, joint: int, acceleration: float, here: float, speed: float, period: float) -> None:
-        """Integrate an acceleration into position and velocity."""
+        """Integrate an acceleration over the period into the velocity and position of a joint."""
         self._accelerations[joint] = acceleration
         self._velocities[joint] = speed + acceleration * period
         if self._places:
             self._positions[joint] = here + speed * period + 0.5 * acceleration * period * period
 
     def _look_ahead(self, joint: int, here: float, period: float) -> None:
-        """Return whether a joint has to brake for the end of its range."""
+        """Request braking of all joints if a joint could no longer stop before the end of its range."""
         limits = self.limits[joint]
         if self._speeds and not self._places:
             target = here + self._velocities[joint] * period

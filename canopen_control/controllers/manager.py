@@ -1,11 +1,13 @@
-"""Controller manager: loaded and active controllers, and owners of interfaces.
+"""Controller manager: loads, configures, switches and updates the controllers of a robot.
 
-Rules (ros2_control jazzy): a switch is checked as a whole before anything changes. STRICT refuses it if
-any name is impossible, best effort drops the impossible ones; a claimed or unavailable interface refuses it in both
-(`switcher`). A controller whose update fails is deactivated with those it is chained to, and its fallbacks take over.
-`update` never raises (`running`).
-Ours, and safer: a command to a controller one of whose drives is not enabled is refused, and what the controller has is
-forgotten when a drive is no longer enabled, so that the first motion after every enable has a command that is newer.
+Rules (ros2_control jazzy): a switch is checked as a whole before anything changes. A STRICT switch is refused if any
+controller cannot be switched, a best-effort switch ignores these controllers; a claimed or unavailable interface
+refuses both (`switcher`). A controller whose update fails is deactivated with the controllers chained to it, and its
+fallbacks take over. An error in a controller never leaves `update`.
+
+Safer than upstream: a command to a controller is refused while its drives are not enabled, and the command of the
+controller is cleared when a drive is no longer enabled, so that the first motion after every enabling follows a newer
+command.
 """
 
 from __future__ import annotations
@@ -62,7 +64,7 @@ _NO_TRAJECTORIES: Final = "follows no trajectories; it is not a joint trajectory
 def _command(
     controller: Controller, values: Sequence[float] | Mapping[str, float], now: int, stamp: int | None
 ) -> None:
-    """Pass values to a controller that accepts commands."""
+    """Pass a command to a controller; raise ControlError if the controller does not accept this kind of command."""
     if isinstance(values, Mapping):
         if not isinstance(controller, TakesNamedValues):
             raise controller.refusal(
@@ -76,7 +78,7 @@ def _command(
 
 
 def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
-    """Pass a goal to a controller that accepts goals."""
+    """Pass a goal to a controller; raise ControlError if the controller does not accept this kind of goal."""
     if isinstance(goal, GripperGoal):
         if not isinstance(controller, Grips):
             raise controller.refusal("moves no gripper; it is not a gripper action controller")
@@ -88,18 +90,19 @@ def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
 
 
 class CommandLimiter(Protocol):
-    """Limiter of all commands of a cycle: those of the description (`CommandLimits`), the speed cap of a pre-flight."""
+    """Limiter of all commands of a cycle, such as `CommandLimits` or the speed cap of a preflight check."""
 
     def enforce(self, period: float) -> str | None:
-        """Limit commands; `period` in s. Return the limited ones when limiting begins."""
+        """Limit all commands; `period` is in s. Return a text about commands whose limiting begins, else None."""
 
 
 class ControllerManager:
-    """Manager of one robot's controllers; `update_rate` in Hz, `cycle` in s if the cycle has another period.
+    """Controller manager of one robot; `update_rate` is in Hz.
 
-    `running` are those that are active. `joints` are the movable ones of the description, `geometry` its wheels and
-    `description` all its joints. `enable_status` is that of its drives; `limiter` may be set at any time. `happened` is
-    what `events` returns next.
+    - `cycle`: period of the cycle in s if it is not that of `update_rate`.
+    - `joints`, `geometry`, `description`: the movable joints of the description, its wheel dimensions, all its joints.
+    - `enable_status`: enable status of the drives; `limiter`: limiter of all commands, which may be set at any time.
+    - `running`: the active controllers; `happened`: the events that `events` returns next.
     """
 
     def __init__(
@@ -140,10 +143,10 @@ class ControllerManager:
         fallbacks: Sequence[str] = (),
         node_options: Sequence[str] = (),
     ) -> Controller:
-        """Create a controller of a known type, UNCONFIGURED; `params` are kept for `configure`. Raises ControlError.
+        """Create an unconfigured controller of a known type; raise ControlError for an unknown type or a used name.
 
-        `fallbacks` are activated when its update fails; they must be configured by then. `node_options` are the
-        arguments of its ROS node.
+        `params` are stored for `configure`. `fallbacks` are the controllers that are activated when the update of this
+        controller fails; they must be configured by then. `node_options` are the arguments of its ROS node.
         """
         if name in self._controllers:
             raise ControlError(f"controller {name} is loaded already; unload it first")
@@ -159,9 +162,10 @@ class ControllerManager:
         return controller
 
     def configure(self, name: str, params: Params | None = None) -> None:
-        """Configure a controller: UNCONFIGURED or INACTIVE to INACTIVE. Raises ConfigError, ControlError.
+        """Configure a controller that is not active, with new or stored parameters.
 
-        If it refuses them it is UNCONFIGURED.
+        Raises ControlError for an active controller, and ConfigError for invalid parameters, which leave it
+        UNCONFIGURED.
         """
         controller = self.get(name)
         if controller.state is ControllerState.ACTIVE:
@@ -181,7 +185,7 @@ class ControllerManager:
         controller.state = ControllerState.INACTIVE
 
     def unload(self, name: str) -> None:
-        """Remove a controller that is not active."""
+        """Remove a controller; raise ControlError if it is active."""
         controller = self.get(name)
         if controller.state is ControllerState.ACTIVE:
             raise ControlError(f"controller {name} is active; deactivate it before unloading it")
@@ -192,59 +196,59 @@ class ControllerManager:
         self._node_options.pop(name, None)
 
     def get(self, name: str) -> Controller:
-        """Return a loaded controller; UnknownName with the existing names."""
+        """Return a loaded controller; raise UnknownName, with the nearest name, if there is none."""
         controller = self._controllers.get(name)
         if controller is None:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
         return controller
 
     def follower(self, name: str) -> FollowsTrajectories:
-        """Return a trajectory controller; ControlError for another type."""
+        """Return a trajectory controller by name; raise ControlError for another type."""
         controller = self.get(name)
         if not isinstance(controller, FollowsTrajectories):
             raise ControlError(f"{name} {_NO_TRAJECTORIES}")
         return controller
 
     def base(self, name: str) -> HasOdometry:
-        """Return a controller with odometry; ControlError for another type."""
+        """Return a controller with odometry by name; raise ControlError for another type."""
         controller = self.get(name)
         if not isinstance(controller, HasOdometry):
             raise ControlError(f"{name} has no odometry; it is not a base controller")
         return controller
 
     def loops(self, name: str, action: str) -> ClosesLoops:
-        """Return a controller with control loops; ControlError, with `action` in its sentence, for another type."""
+        """Return a PID controller by name; raise ControlError, with `action` in its text, for another type."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
             raise ControlError(f"{name} {action}; it is not a PID controller")
         return controller
 
     def observe(self, observer: SwitchObserver) -> None:
-        """Register an observer of changes of the active controllers."""
+        """Set the observer of activations and deactivations."""
         self._switcher.observer = observer
 
     def list(self) -> list[ControllerReading]:
-        """Return all controllers in the order of loading."""
+        """Return descriptions of all loaded controllers, in the order of loading."""
         return [self._info(controller) for controller in self._controllers.values()]
 
     @property
     def states(self) -> dict[str, str]:
-        """States of all controllers by name, in the order of loading."""
+        """Lifecycle states of all controllers by name, in the order of loading."""
         return {name: controller.state.value for name, controller in self._controllers.items()}
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Names of the active controllers in update order."""
+        """Names of the active controllers, in the order of their updates."""
         return tuple(controller.name for controller in self.running.controllers)
 
     @property
     def bases(self) -> Bases:
-        """Joints of each active base controller, by its name."""
+        """Joints that each active base controller moves, by controller name."""
         running = self.running.controllers
         return {controller.name: tuple(joints_of(controller, running)) for controller in running if controller.is_base}
 
     def events(self) -> Events:
-        """Return the events since the last call, in order."""
+        """Return the events since the last call, in chronological order."""
         if not self.happened:
             return ()
         events = tuple(self.happened)
@@ -254,16 +258,16 @@ class ControllerManager:
     # -------------------------------------------------------------------------------------------------- parameters
 
     def parameters(self, name: str) -> Parameters:
-        """Return the parameters of a controller, those of the file before configuration; UnknownName."""
+        """Return the parameters of a controller; before its configuration, those of the file. Raises UnknownName."""
         controller, params = self.get(name), self._params[name]
         if params.source is None:
             return given_in(params)
         return declared_by(params.source, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
     def set_parameters(self, name: str, parameters: Sequence[ParameterValue]) -> None:
-        """Set parameters of a configured controller: all or none. Raises ControlError, ConfigError, UnknownName.
+        """Set parameters of a configured controller: all of them, or none and raise ControlError or ConfigError.
 
-        They are its own until it is unloaded, also when it is configured again.
+        The values apply until the controller is unloaded, also when it is configured again.
         """
         controller = self.get(name)
         values = checked(name, self.parameters(name), parameters)
@@ -283,22 +287,22 @@ class ControllerManager:
         strict: bool = True,
         now: int | None = None,
     ) -> Switched:
-        """Deactivate and activate in one step between two cycles; `now` in ns, default: the last cycle.
+        """Deactivate and activate controllers in one step between two cycles; `now` (ns) defaults to the last cycle.
 
-        Raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing if the request is
-        refused; if a controller fails to start, all of this request are deactivated and the ControlError has the
-        reason.
+        A refused request raises ControlError (InterfaceConflict, UnknownInterface) or DriveError and changes nothing.
+        If a controller fails to start, all controllers of the request are deactivated, and the ControlError contains
+        the reason.
         """
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
     def leave_out(self, names: Sequence[str]) -> None:
-        """Report unknown names that a best-effort switch ignores."""
+        """Report unknown controller names that a best-effort switch ignores."""
         self._report(
             "left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list"
         )
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
-        """Deactivate the controllers of a failed component, and those chained to them; return their names.
+        """Deactivate the controllers of a failed component, and the controllers chained to them; return their names.
 
         Broadcasters continue with the states of the other components.
         """
@@ -309,9 +313,9 @@ class ControllerManager:
     # ------------------------------------------------------------------------------------------------- every cycle
 
     def update(self, now: int, period: float) -> None:
-        """Run the controllers that are due, in the order of their chains; `now` in ns, `period` of the cycle in s.
+        """Update the controllers that are due, in the order of their chains, and limit their commands.
 
-        `broadcast` runs the broadcasters.
+        `now` is in ns, `period` is that of the cycle in s. The broadcasters are updated by `broadcast`.
         """
         elapsed = self.running.update(now, period)
         if self.running.failed:
@@ -320,7 +324,7 @@ class ControllerManager:
             self._report("limited", "", f"enforce_command_limits: {limited}")
 
     def broadcast(self, now: int, period: float) -> None:
-        """Run the due broadcasters after the commands of the cycle were sent."""
+        """Update the broadcasters that are due, after the commands of the cycle were sent."""
         self.running.broadcast(now, period)
         if self.running.failed:
             self._drop_failed(now)
@@ -335,11 +339,11 @@ class ControllerManager:
         source: str = "",
         holder: object = None,
     ) -> None:
-        """Pass a command to a controller; ControlError if it is refused, NotEnabled for its drives. Times in ns.
+        """Pass a command to a controller; raise ControlError if it is refused, NotEnabled without enabled drives.
 
-        `values` are all values, or some by the names of interfaces. `source` names the sender; the command ends with
-        `holder`, see `client_disconnected`, unless it is a standstill. A refusal is reported once, until a command is
-        taken.
+        `values` are all values, or some by interface names; times are in ns. `source` names the sender; the command
+        ends with the connection `holder`, unless it commands standstill. A refusal is reported once, until a command is
+        accepted.
         """
         controller = self.get(name)
         self._hand(controller, lambda: _command(controller, values, now, stamp), source)
@@ -347,16 +351,16 @@ class ControllerManager:
         controller.life.source, controller.life.holder = source, None if controller.is_standstill(numbers) else holder
 
     def send_goal(self, name: str, goal: AnyGoal, now: int, *, source: str = "", holder: object = None) -> None:
-        """Pass a trajectory or a gripper goal to a controller, see `command`.
+        """Pass a trajectory or a gripper goal to a controller, as `command` does.
 
-        With its end the holder's hold on it ends.
+        The goal is aborted when the connection `holder` ends.
         """
         controller = self.get(name)
         self._hand(controller, lambda: _send_goal(controller, goal, now), source)
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:
-        """Pass a command to a controller with enabled drives; a refusal is reported once."""
+        """Call `take` to pass a command to a controller with enabled drives; report the first refusal."""
         name = controller.name
         try:
             self._require_enabled(controller)
@@ -367,13 +371,13 @@ class ControllerManager:
         self._told_refusal.discard(name)
 
     def report_refusal(self, name: str, error: ControlError, source: str) -> None:
-        """Report a refusal of a controller once, until it accepts a command."""
+        """Report the first refusal of a command since the controller last accepted a command."""
         if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
             self._told_refusal.add(name)
             self._report("refused", name, f"{error} (from {source or 'not named'}; reported once)")
 
     def _require_enabled(self, controller: Controller) -> None:
-        """Raise NotEnabled, and count it, if no interface group is fully enabled."""
+        """Raise NotEnabled, and count a refusal, if no interface group of the controller is fully enabled."""
         slot = self.running.slot_of(controller)
         if slot is not None and not slot.follows:
             controller.rejected += 1
@@ -391,7 +395,7 @@ class ControllerManager:
                 self._fall_back(list(fallbacks), controller.name, now)
 
     def _fall_back(self, names: Sequence[str], failed: str, now: int) -> None:
-        """Activate the fallback controllers of a failed controller."""
+        """Activate the fallback controllers of a failed controller, and report the outcome."""
         fallbacks = [name for name in names if name not in self.active]
         try:
             self.switch(fallbacks, now=now)

@@ -1,11 +1,12 @@
-"""Base class of vehicle controllers: converts a twist to wheel commands, and wheel motion to odometry.
+"""Base class of vehicle controllers, which convert twists to wheel commands, and wheel motion to odometry.
 
-Each update takes the newest twist, or zero when it is older than the timeout, limits it against
-the last two limited ones (so a timeout brakes along the ramp), follows the wheels, and writes the commands. When
-another controller claims the references, they are the twist (chaining). A twist that is not finite is refused and does
-not refresh the timeout; the first sample of the wheels is the baseline of odometry; feedback that is lost with a drive,
-which is off then, is waited for at standstill, so that enabling the drives is enough to go on. What is a position, such
-as that of a steering joint, is held where it is when the twist ends by itself or is taken back.
+Each update uses the newest twist, or zero if the newest twist is older than the timeout, limits it against the last two
+limited twists (so that a timeout brakes along the ramp), updates the odometry, and writes the commands. When another
+controller claims the reference interfaces, these are the twist (chaining). A twist that is not finite is refused and
+does not restart the timeout. The first sample of the wheels is the baseline of the odometry. When feedback is lost
+because a drive is disabled, the base stands and waits for the feedback, so that motion can continue once the drives are
+enabled. Position commands, such as that of a steering joint, hold the actual position when the twist ends or is
+cleared.
 
 A new base is a class that defines `on_configure`, `compute_commands`, `velocities` and `advance` (or `follow`).
 """
@@ -36,32 +37,32 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import Sample
 
 
-# A twist and its limits: the desired value of each axis, and its limited value, which depends on the last two steps.
+# A twist and its limits: the desired value of each axis, and the limited value, which depends on the last two steps.
 
 
-_STEPS: Final = 2  # that the limits of acceleration and jerk look back
+_STEPS: Final = 2  # previous steps that the limits of acceleration and jerk depend on
 
 
 class LimitedTwist:
-    """Requested and limited twist by axis, nan without a twist; in m/s and rad/s."""
+    """Requested and limited twist, by axis in m/s and rad/s; the requested twist is nan if there is none."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = tuple(axes)
         count = len(self._axes)
         self.desired, self.limited = [math.nan] * count, [0.0] * count
-        self._actual = [0.0] * count  # where a history without commands begins: at standstill
+        self._actual = [0.0] * count  # initial history: standstill
         self._limiter = RateLimiter(self._actual)
         self._quiet = 0  # consecutive steps with a desired and a limited value of zero
 
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
-        """Set the limits of each axis; RobotConfigError, and no change, for a minimum above its maximum."""
+        """Set the limits of each axis; raise RobotConfigError and change nothing if a minimum is above its maximum."""
         axes = zip(self._axes, limits, strict=True)
         self._limiter.laws = [_law(controller, axis, params.limits()) for axis, params in axes]
         self._quiet = 0
 
     @property
     def known(self) -> bool:
-        """Whether there is a twist."""
+        """Whether a twist is requested, possibly a zero twist."""
         return not math.isnan(sum(self.desired))
 
     @property
@@ -71,21 +72,21 @@ class LimitedTwist:
 
     @property
     def is_standstill(self) -> bool:
-        """Whether standstill is requested, and has lasted for the last two steps."""
+        """Whether zero is requested, and requested and limited twist have been zero for more than two steps."""
         return self._quiet > _STEPS and not any(self.desired)
 
     def limit(self, period: float) -> None:
-        """Limit the requested twist against the last two steps; `period` in s."""
+        """Compute the limited twist from the requested twist and the last two limited twists; `period` is in s."""
         self.limited[:] = self.desired
         self._limiter.enforce(self._actual, self.limited, period)
 
     def step(self) -> None:
-        """Shift the limited twist into the history."""
+        """Record the limited twist as the last step of the history."""
         self._limiter.step(self._actual, self.limited)
         self._quiet = 0 if any(self.desired) or any(self.limited) else self._quiet + 1
 
     def forget(self) -> None:
-        """Reset to no twist and standstill."""
+        """Discard the requested twist, and reset the history to standstill."""
         self._quiet = 0
         fill(self.desired, math.nan)
         self._limiter.reset()
@@ -99,12 +100,12 @@ def _law(controller: str, axis: str, limits: VelocityLimits) -> RateLaw:
 
 
 def fill(values: list[float], value: float) -> None:
-    """Set all axes to this value."""
+    """Set all elements of a list to one value, without allocating memory."""
     for index in range(len(values)):
         values[index] = value
 
 
-# Published odometry of a base, and its schedule: a copy that is valid until the next one.
+# Published odometry of a base, which is valid until the next publication, and the schedule of publications.
 
 
 NS: Final = 1_000_000_000
@@ -112,7 +113,7 @@ _AT_ONCE: Final = -1  # before any cycle
 
 
 class OdometryPublication:
-    """Pose, velocity and limited twist of the last publication; `count` is the number of publications."""
+    """Copy of pose, velocities and limited twist for publication; `count` is the number of publications."""
 
     def __init__(self, axes: int) -> None:
         self.count = 0
@@ -123,12 +124,15 @@ class OdometryPublication:
         self._next = _AT_ONCE
 
     def set_rate(self, rate: float) -> None:
-        """Set the publish rate in Hz, 0 for every update."""
+        """Set the publication rate in Hz; 0 publishes at every update."""
         self._period = round(NS / rate) if rate else 0
         self._next = _AT_ONCE
 
     def is_due(self, now: int) -> bool:
-        """Count a due publication and schedule the next on a fixed grid, without a burst."""
+        """Return whether a publication is due at `now` (ns); if so, count the publication and schedule the next.
+
+        The schedule is a fixed grid; missed publications are not made up for.
+        """
         next_time, period = self._next, self._period
         if now <= next_time:
             return False
@@ -137,14 +141,17 @@ class OdometryPublication:
         return True
 
     def take(self, pose: PlanarPose, velocities: tuple[float, float, float], limited: list[float]) -> None:
-        """Copy the present values; `velocities` are forward, to the left and turning."""
+        """Copy the current values; `velocities` are forward and to the left in m/s, and the yaw rate in rad/s."""
         self._x, self._y, self._heading = pose.x, pose.y, pose.heading
         self._linear, self._lateral, self._angular = velocities
         for index in range(len(limited)):
             self._limited[index] = limited[index]
 
     def sample(self, time: float, params: BaseParams, limited: bool) -> OdometrySample | None:
-        """Return the last publication with `time` in Unix seconds and the configured frames; None before the first."""
+        """Return the last publication with the configured frames; None before the first publication.
+
+        `time` is in Unix seconds; with `limited`, the limited twist is included.
+        """
         if not self.count:
             return None
         frame, child = params.frame_ids()
@@ -166,22 +173,23 @@ class OdometryPublication:
 
 
 BASELINE: Final = -1.0
-"""What `elapsed` returns for the first step."""
+"""Return value of `elapsed` for the first step."""
 TOO_SHORT: Final = 0.0
-"""What it returns for a step that is put off to the next one."""
+"""Return value of `elapsed` for a time step that is added to the next step."""
 ONE_UPDATE: Final = "one_update"
-"""The kind of the event that tells of twists which count for a single update."""
+"""Kind of the event that reports a timeout of 0, with which a twist applies for a single update."""
 _NEVER: Final = -1
 _REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"))  # one method of each group
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class MobileBase(Controller):
-    """Controller of a vehicle by twists; `pose` is integrated from its wheels.
+    """Base class of controllers that move a vehicle by twists; `pose` is integrated from the wheel motion.
 
-    `publications` counts its publications, the last at `stamp` (ns). `desired` is the desired twist of this cycle, nan
-    before the first, `limited` the limited one, both in the order of `twist_axes`, in m/s and rad/s;
-    `targets` are for its commands.
+    - `desired`: requested twist of this cycle, nan before the first twist; `limited`: the limited twist. Both are in
+      the order of `twist_axes`, in m/s and rad/s.
+    - `targets`: values for the command interfaces.
+    - `publications`: number of publications, the last of which was at `stamp` (ns).
     """
 
     topic: ClassVar[str | None] = "cmd_vel"
@@ -191,11 +199,11 @@ class MobileBase(Controller):
     references: ClassVar[tuple[str, ...]] = ("linear", "angular")
     timeout_key: ClassVar[str] = "cmd_vel_timeout"
     zero_is_never: ClassVar[bool] = False
-    """Whether a timeout of 0 lets a twist last; else it is one for a single update, as upstream has it."""
+    """Whether a timeout of 0 is unlimited; otherwise a twist then applies for a single update, as upstream."""
     by_twist_alone: ClassVar[bool] = False
-    """Whether its commands are velocities that depend on nothing but the twist."""
+    """Whether the commands are velocities that depend only on the twist."""
     waits_for_a_twist: ClassVar[bool] = False
-    """Whether it neither follows its wheels nor publishes before the first twist."""
+    """Whether the base neither updates the odometry nor publishes before the first twist."""
 
     def __init__(self, name: str, type_name: str, pose: PlanarPose) -> None:
         super().__init__(name, type_name)
@@ -214,7 +222,7 @@ class MobileBase(Controller):
         self._reset(0)
 
     def _require_methods(self) -> None:
-        """Raise TypeError for a base without a method that moves it; a compiled class is not checked by `abc`."""
+        """Raise TypeError if a subclass lacks a required method, because `abc` does not check compiled classes."""
         kind = type(self)
         for names in _REQUIRED:
             if all(getattr(kind, name) is getattr(MobileBase, name) for name in names):
@@ -231,7 +239,7 @@ class MobileBase(Controller):
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
-        """Apply the common parameters: number of `commands`, limits, odometry."""
+        """Apply the parameters that are common to all bases, at configuration; `commands` is the number of commands."""
         self._open_loop = open_loop
         self.take(params, timeout, limits)
         self.update_rate, self.publish_rate = params.update_rate, publish_rate
@@ -239,7 +247,7 @@ class MobileBase(Controller):
         self.targets = [0.0] * commands
 
     def take(self, params: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
-        """Apply parameters that may change at run time: `timeout` in s, limits of each axis, odometry."""
+        """Apply the parameters that may change at run time: timeout in s, limits of the axes, and odometry options."""
         if limits:
             self._twist.set_limits(self.name, limits)
         self._odometry_params = params
@@ -254,26 +262,29 @@ class MobileBase(Controller):
 
     @abstractmethod
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute `targets`, one per command, from a twist."""
+        """Compute `targets`, one value per command interface, from a twist."""
 
     def begin(self) -> None:
-        """Set the present wheel positions as the baseline of odometry."""
+        """Set the current wheel positions as the baseline of the odometry; the base class does nothing."""
 
     def advance(self, dt: float) -> None:
-        """Integrate the wheels' motion of the last `dt` s into the pose, unless the base has its own `follow`."""
+        """Integrate the wheel motion of the last `dt` s into the pose.
+
+        The method must be overridden by a base that does not override `follow`.
+        """
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the commanded twist `limited` into the pose, in open loop."""
+        """Integrate the limited twist over `dt` s into the pose, for odometry in open loop."""
         limited = self.limited
         left = limited[1] if len(limited) > 2 else 0.0
         self.pose.shift(limited[0] * dt, left * dt, limited[-1] * dt)
 
     @abstractmethod
     def velocities(self) -> tuple[float, float, float]:
-        """Return the velocities: forward and to the left in m/s, turning in rad/s."""
+        """Return the current velocities: forward and to the left in m/s, yaw rate in rad/s."""
 
     def follow(self, now: int) -> bool:
-        """Update the pose; False if the wheels' states are unknown."""
+        """Update the odometry; return False if wheel states are needed and unknown. `now` is in ns."""
         if not (self._open_loop or self.states_known()):
             return False
         dt = self.elapsed(now)
@@ -289,15 +300,15 @@ class MobileBase(Controller):
 
     @property
     def begun(self) -> bool:
-        """Whether odometry has its baseline."""
+        """Whether the odometry has its baseline."""
         return self._followed != _NEVER
 
     def stop_following(self) -> None:
-        """Ignore motion until the next sample, which becomes the baseline."""
+        """Ignore motion until the next sample, which becomes the new baseline of the odometry."""
         self._followed = _NEVER
 
     def elapsed(self, now: int) -> float:
-        """Return the time step of odometry in s, or BASELINE, or TOO_SHORT; `now` in ns."""
+        """Return the time step of the odometry in s, or BASELINE or TOO_SHORT; `now` is in ns."""
         before = self._followed
         dt = BASELINE if before == _NEVER else (now - before) / NS
         if before != _NEVER and dt < MIN_DT:
@@ -306,14 +317,14 @@ class MobileBase(Controller):
         return dt
 
     def states_known(self) -> bool:
-        """Whether all feedback is known."""
+        """Return whether the values of all state interfaces are finite."""
         total = 0.0
         for state in self.states:
             total += state.value
         return math.isfinite(total)
 
     def wheel_states(self, position_feedback: bool) -> list[str]:
-        """Return the names of position or velocity of every joint; nothing in open loop."""
+        """Return the position or velocity interface of every wheel joint; an empty list in open loop."""
         feedback = POSITION if position_feedback else VELOCITY
         return [] if self._open_loop else [f"{joint}/{feedback}" for joint in self.joints]
 
@@ -321,20 +332,20 @@ class MobileBase(Controller):
 
     @property
     def publications(self) -> int:
-        """Number of odometry publications."""
+        """Number of odometry publications so far."""
         return self._publication.count
 
     @property
     def chained(self) -> bool:
-        """Whether another controller commands it."""
+        """Whether another controller has claimed the reference interfaces."""
         return any(reference.owner is not None for reference in self._references)
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
-        """Return the names of the odometry and the base frame, with their prefix."""
+        """Return the names of the odometry frame and the base frame, with prefix."""
         return self._odometry_params.frame_ids(namespace)
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Set the pose, in m and rad, from the next update on; ControlError if it is not active."""
+        """Set the pose of the odometry, in m and rad; raise ControlError while inactive or for nan or infinity."""
         if self.state is not ControllerState.ACTIVE:
             raise ControlError(f"{self.name} is {self.state.value}; its odometry is set while it is active")
         if not all(map(math.isfinite, (x, y, heading))):
@@ -342,7 +353,10 @@ class MobileBase(Controller):
         self.pose.set_pose(x, y, heading)
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:
-        """Return its pose in `ahead` s (negative: past) at the present velocities; None before odometry has begun."""
+        """Return the pose in `ahead` s at the current velocities; None before the odometry has begun.
+
+        A negative `ahead` is in the past.
+        """
         if not self.begun:
             return None
         forward, left, angular = self.velocities()
@@ -352,42 +366,42 @@ class MobileBase(Controller):
         return x, y, self.pose.heading + angular * ahead
 
     def odometry_sample(self, wall_offset_ns: int, limited: bool = False) -> OdometrySample | None:
-        """Return the last published odometry, with the `limited` twist if that is published."""
+        """Return the last published odometry, including the limited twist if `limited` is True."""
         return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
 
     def snapshot(self) -> None:
-        """Copy pose and twist into the publication; an override calls this first."""
+        """Copy pose, velocities and limited twist for the publication; an override calls this method first."""
         self._publication.take(self.pose, self.velocities(), self.limited)
 
     # ----------------------------------------------------------------------------------------------------- lifecycle
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return the twist that another controller may command."""
+        """Return the reference interfaces of the twist, which another controller may claim."""
         return self._references
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start without a command; the pose is kept."""
+        """Start without a twist; the pose is kept."""
         super().on_activate(commands, states, now)
         self.stop_following()
         self._reset(now)
 
     def on_deactivate(self, now: int) -> None:
-        """Stop the wheels at once, without a ramp: the drive's own deceleration applies; positions are held."""
+        """Stop the wheels at once: the drives use their own deceleration; position commands stay."""
         super().on_deactivate(now)
         self._reset(now)
 
     def forget(self, now: int) -> None:
-        """Stop the wheels at once; the next twist starts at standstill."""
+        """Stop the wheels at once, and hold positions; the limits of the next twist start from standstill."""
         zero_targets(self.commands)
         for command in self.commands:
             if command.interface == POSITION:
-                command.value = math.nan  # the hardware holds where it is, and does not go on to the old target
+                command.value = math.nan  # the hardware holds the actual position instead of the old target
         self._reset(now)
         self._brake()
         self._writing = True
 
     def _reset(self, now: int) -> None:
-        """Reset command and history."""
+        """Discard the twist and its history; a timeout is counted from `now`, in ns."""
         self._twist.forget()
         self.life.end()
         self.life.given = now
@@ -399,9 +413,10 @@ class MobileBase(Controller):
     # ------------------------------------------------------------------------------------------------------- command
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store a twist (m/s, rad/s); one older than the timeout by its `stamp` (ns; 0 or None: now) is refused.
+        """Store a twist in m/s and rad/s; a twist that is older than the timeout is refused.
 
-        A stamp from the future, of a clock that is ahead, is now: it must not put the timeout off.
+        `stamp` is the creation time in ns; 0 or None stands for `now`. A stamp in the future, from a clock that is
+        ahead, also counts as `now`, because it must not extend the timeout.
         """
         self.checked(values, self.twist_axes)
         owner = next((reference.owner for reference in self._references if reference.owner is not None), None)
@@ -424,7 +439,7 @@ class MobileBase(Controller):
     # --------------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one step; `period` in s scales the limits."""
+        """Execute one control step; `period` is the time in s for the limits."""
         if not self.begun:
             fill(self.limited, 0.0)
             self.follow(now)
@@ -444,7 +459,7 @@ class MobileBase(Controller):
         return OK
 
     def _take_reference(self, now: int) -> None:
-        """Return the present twist: that of the chain, the last command, or zero after its end."""
+        """Update the requested twist: that of a chained controller, the last command, or zero after a timeout."""
         life = self.life
         if self._take_chain():
             self._was_chained = True
@@ -465,7 +480,7 @@ class MobileBase(Controller):
             self._brake()
 
     def _take_chain(self) -> bool:
-        """Apply the references; return whether another controller owns one."""
+        """Use the reference interfaces as requested twist; return False if no other controller has claimed them."""
         for reference in self._references:
             if reference.owner is not None:
                 break
@@ -475,16 +490,16 @@ class MobileBase(Controller):
         for index, reference in enumerate(self._references):
             self.desired[index] = reference.value
         if self._writing and not self._twist.known:
-            self._brake()  # a base driven by a topic does not continue by itself
+            self._brake()  # a base that moved by a topic's twist must not continue without a reference
         return True
 
     def _brake(self) -> None:
-        """Request standstill."""
+        """Request a zero twist."""
         fill(self.desired, 0.0)
         self.braking = True
 
     def _rest(self, now: int) -> ReturnType:
-        """Update odometry without a command so far; feedback may be missing."""
+        """Update the odometry while there has been no twist; missing feedback is no error."""
         fill(self.limited, 0.0)
         zero_targets(self.commands)
         if self.follow(now):
@@ -494,7 +509,7 @@ class MobileBase(Controller):
         return OK
 
     def _without_feedback(self) -> ReturnType:
-        """Stop, and wait for feedback, while a drive is disabled; enabled drives without feedback are an ERROR."""
+        """Stop and wait if a drive is disabled, else report the missing feedback and return ERROR."""
         if all(command.enabled for command in self.commands):
             unknown = [state.name for state in self.states if not math.isfinite(state.value)]
             self.report("feedback", f"{', '.join(unknown)} is not a number")
@@ -509,9 +524,10 @@ class MobileBase(Controller):
             self.snapshot()
 
     def _write(self, *, is_standstill: bool) -> None:
-        """Write all commands of the limited twist, or none if one does not fit its drive.
+        """Write the commands of the limited twist; stop all wheels if a value is outside the range of its drive.
 
-        `is_standstill`: standstill, whose limits need not be computed.
+        `is_standstill` means that the limited twist is zero, so that no command needs to be computed if the commands
+        are velocities.
         """
         self._writing = True
         if (is_standstill and self.by_twist_alone) or (self.braking and self._twist.stands):
@@ -528,7 +544,7 @@ class MobileBase(Controller):
         self._too_fast = False
 
     def _stop_wheels(self, target: float) -> None:
-        """Stop all wheels because the command of one does not fit its drive."""
+        """Stop all wheels, because `target` is outside the range of one drive, and report this once."""
         zero_targets(self.commands)
         if not self._too_fast:
             self._too_fast = True

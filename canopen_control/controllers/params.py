@@ -1,7 +1,7 @@
-"""Parameters of a controller: dotted names with their places in files, and the common parameters.
+"""Parameters of a controller: dotted names with their positions in files, and the common parameters.
 
-As rcl reads it, `a.b: 1` and `a: {b: 1}` are one parameter and the last of two wins; unlike rcl
-nothing is silent: a repeated or unknown key is a warning with its line and the nearest valid name, an error if strict.
+As rcl reads them, `a.b: 1` and `a: {b: 1}` are the same parameter, and the last of two values is used. Unlike rcl, a
+repeated or unknown key is a warning with its line and the nearest valid name, or an error with `strict`.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ T = TypeVar("T")
 
 
 class Params:
-    """Parameters of one controller: dotted names with their places.
+    """Parameters of one controller, by dotted name, with their positions in files.
 
-    `Params.of({...})` makes them from Python values, nested or dotted. `source` is the dataclass that they were read as
-    last, None before. `shared` are those of a block for all nodes (`/**`), some of which are for other controllers;
-    `known` are the names that the controller could have been given.
+    `Params.of({...})` makes them from nested or dotted Python values. `source` is the dataclass instance of the last
+    `read`, None before. `shared` are the keys of a block for all nodes (`/**`), some of which are for other
+    controllers; `known` are the names that the controller accepts.
     """
 
     def __init__(self, flat: Node, name: str = "", shared: Collection[str] = ()) -> None:
@@ -44,7 +44,7 @@ class Params:
 
     @classmethod
     def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
-        """Return the parameters of a nested or dotted mapping of Python values."""
+        """Return parameters made from a nested or dotted mapping of Python values."""
         problems = Problems(name, strict=False)
         return cls(flattened(_plain_node(values, "", problems)), name)
 
@@ -54,12 +54,13 @@ class Params:
         renames: Mapping[str, str] | None = None,
         judge: Callable[[T], Iterable[tuple[str, str]]] = lambda _: (),
     ) -> T:
-        """Return the parameters as a dataclass with dotted names as keys; RobotConfigError with every error.
+        """Convert the parameters to the dataclass `cls`; raise RobotConfigError with all errors.
 
         `renames` maps the keys of other distributions to those of this package ("" for one without effect), with one
         warning each. Keys that the class does not declare are warnings (errors if the file was read strictly), except
-        those of `shared`. Its `INEFFECTIVE` keys are accepted without effect, with the reason: another value than the
-        default is a warning. `judge` returns contradictions, by parameter; a name before its sentence is left out.
+        those of `shared`. `INEFFECTIVE` keys of the class are accepted without effect; a value other than the default
+        is a warning with the reason. `judge` returns contradictions as pairs of parameter and text; the name of the
+        parameter is removed from the beginning of the text.
         """
         with contextlib.ExitStack() as stack:
             for file in self.files:
@@ -72,23 +73,23 @@ class Params:
         return typing.cast("T", value)
 
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
-        """Return a copy with other values by dotted name; the file is unchanged."""
+        """Return a copy in which some parameters have other values, by dotted name; the file is unchanged."""
         changes = Params.of(values, self.name)
         return Params(changes.flat.over(self.flat), self.name, self.shared)
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings about the files so far."""
+        """Texts of all warnings about the files so far."""
         return [str(warning) for problems in self.files for warning in problems.warnings]
 
     def line(self, name: str) -> int:
-        """Return the line of a parameter by its dotted name, 0 if it is absent."""
+        """Return the line of a parameter by its dotted name, or 0 if it is absent."""
         key = self.flat.keys().get(name)
         return 0 if key is None else key.line
 
     @property
     def files(self) -> list[Problems]:
-        """Return the files with the parameters: that of the block, and every `params_file`."""
+        """Problem lists of the files with these parameters: the file of the block, and every `params_file`."""
         files = {id(self.flat.problems): self.flat.problems}
         files.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
         return list(files.values())
@@ -107,7 +108,7 @@ class Params:
 
 
 def warn_ineffective(params: Node, value: object) -> None:
-    """Warn of known parameters without effect, see `INEFFECTIVE`."""
+    """Add a warning for each parameter in the file that has no effect, if its value is not the default."""
     keys, cls = params.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():
         if name in keys and getattr(value, name) != getattr(cls, name):
@@ -115,7 +116,7 @@ def warn_ineffective(params: Node, value: object) -> None:
 
 
 def _gathered(flat: Node, cls: type[Any]) -> Node:
-    """Return the parameters with each section's keys below its name."""
+    """Return the parameters with the keys of each section of `cls` nested below the name of the section."""
     names = [str(field.metadata["key"]) for field in dataclasses.fields(cls) if field.metadata.get("section")]
     pairs = {key.text: (key, value) for key, value in flat.pairs()}
     for name in names:
@@ -128,17 +129,17 @@ def _gathered(flat: Node, cls: type[Any]) -> Node:
 
 
 def like(node: Node) -> Node:
-    """Return an empty mapping at the place of another node."""
+    """Return an empty mapping node at the position of another node."""
     return Node("mapping", node.line, node.column, node.where, node.problems)
 
 
 def scalar_node(text: str, place: Node) -> Node:
-    """Return a name at the place of another node."""
+    """Return a scalar node with a name, at the position of another node."""
     return Node.scalar(Node("scalar", place.line, place.column, place.where, place.problems), text, text, quoted=False)
 
 
 def _plain_node(value: Any, where: str, problems: Problems) -> Node:  # noqa: ANN401 - plain Python values
-    """Return a node with a plain value and without a place in a file."""
+    """Convert a Python value to a node without a position in a file."""
     if isinstance(value, dict):
         below = f"{where}." if where else ""
         keys = {str(key): (key, element) for key, element in value.items()}
@@ -155,14 +156,14 @@ def _plain_node(value: Any, where: str, problems: Problems) -> Node:  # noqa: AN
 
 
 def flattened(node: Node) -> Node:
-    """Return a mapping from dotted names to values; of duplicates the last, with a warning."""
+    """Return a mapping from dotted names to values; of duplicates, the last is used, with a warning."""
     pairs: dict[str, tuple[Node, Node]] = {}
 
     def add(prefix: str, mapping: Node) -> None:
         for key, value in mapping.pairs():
             name = f"{prefix}{key.text}"
             elements = list(value.elements()) if value.kind == "sequence" else []
-            if len(elements) == 1 and elements[0].kind == "mapping":  # as rcl_yaml_param_parser takes it
+            if len(elements) == 1 and elements[0].kind == "mapping":  # as rcl_yaml_param_parser reads it
                 value = elements[0]
             if value.kind == "mapping":
                 add(f"{name}.", value)
@@ -179,7 +180,7 @@ def flattened(node: Node) -> Node:
 
 @dataclass(frozen=True)
 class CommonParams:
-    """Parameters of every controller; `update_rate` in Hz, 0 uses the manager's rate."""
+    """Parameters of every controller; `update_rate` is in Hz, and 0 selects the manager's rate."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
         "is_async": "all controllers run in the cycle, in one thread",
@@ -197,7 +198,7 @@ class CommonParams:
     thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the cycle")
 
 
-# The parameters of the forward command controllers, the joint state broadcaster, and of a loop of any controller.
+# Parameters of the forward command controllers and the joint state broadcaster, and gains of PID loops.
 #
 # Keys, defaults and meaning are those of ros2_controllers.
 
@@ -210,7 +211,7 @@ COMMAND_TIMEOUT_HELP: Final = (
 
 @dataclass(frozen=True)
 class GroupParams(CommonParams):
-    """Parameters of the group controllers: `command_timeout` in s, see `command_timeout` for its default and 0."""
+    """Parameters of the group controllers; `command_timeout` is in s, see the module of this name for default and 0."""
 
     joints: tuple[str, ...] = setting((), help="the joints, in the order of a command's values")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -225,7 +226,7 @@ class ForwardParams(GroupParams):
 
 @dataclass(frozen=True)
 class SingleParams(CommonParams):
-    """Parameters of ROS 1's controllers of one joint; `pid` is ignored, because the drive has its own loops."""
+    """Parameters of the ROS 1 controllers of one joint; their `pid` is ignored, because drives have their own loops."""
 
     joint: str = setting("", help="the joint")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -260,10 +261,10 @@ class BroadcasterParams(CommonParams):
 
 @dataclass(frozen=True)
 class LoopGains:
-    """Gains of a PID loop, by the names of control_toolbox; ValueError for contradictory ones.
+    """Gains of a PID loop, by the names of control_toolbox; contradictory gains raise ValueError.
 
-    Such are limits that exclude each other, and a back calculation whose time constant neither is given nor follows
-    from the gains: upstream then computes what is not a number.
+    Contradictory are limits that exclude each other, and a back calculation whose time constant is neither given nor
+    follows from the gains: upstream then computes nan.
     """
 
     p: float = setting(0.0, help="proportional gain")
@@ -294,16 +295,16 @@ class LoopGains:
 
     @property
     def integral_limits(self) -> tuple[float, float]:
-        """The most and the least of the integral."""
+        """Upper and lower limit of the integral."""
         return self.i_clamp_max, self.i_clamp_min
 
     @property
     def clamps_integral(self) -> bool:
-        """Whether the integral itself is limited, as in ROS 1."""
+        """Whether the integral itself is limited, as in ROS 1; here False."""
         return False
 
     def pid(self) -> Gains:
-        """Return the parameters of the loop."""
+        """Convert the parameters to the gains of a `Pid`."""
         return Gains(
             self.p,
             self.i,
@@ -319,4 +320,4 @@ class LoopGains:
 
 
 RENAMES: Final = {"publish_rate": "update_rate"}
-"""ROS 1's joint_state_controller published at a rate of its own."""
+"""Renamed parameter of ROS 1's joint_state_controller, which had its own publication rate."""

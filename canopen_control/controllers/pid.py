@@ -1,7 +1,7 @@
 """PID controller with anti-windup, as in control_toolbox of ros2_control (jazzy).
 
-The integral is kept multiplied by its gain, so that another gain does not move it. Every
-anti-windup but `legacy` acts with the integral of the step before.
+The stored integral includes the integral gain, so that a change of the gain does not change the output at once. All
+anti-windup methods except `legacy` use the integral of the previous step.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _EPSILON: Final = sys.float_info.epsilon
 
 
 class AntiWindup(enum.Enum):
-    """Anti-windup methods: limits of the integral while the output is limited."""
+    """Anti-windup methods, which limit the integral while the output is saturated."""
 
     BACK_CALCULATION = "back_calculation"
     CONDITIONAL_INTEGRATION = "conditional_integration"
@@ -26,11 +26,12 @@ class AntiWindup(enum.Enum):
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains, limits of the integral (`i_min`, `i_max`) and of the output (`u_min`, `u_max`), and the anti-windup.
+    """Gains of a PID loop, with limits of integral and output, and the anti-windup method.
 
-    `tracking_time` in s is that of the back calculation, 0 derives it from the gains; an error within `deadband` is
-    not integrated. `clamp_integral` is the ROS 1 way of `legacy`: the integral itself is kept within its limits at
-    once. Raises ValueError for limits that exclude each other and for a tracking time that is none.
+    `i_min` and `i_max` limit the integral, `u_min` and `u_max` the output. `tracking_time` is the time constant of the
+    back calculation in s; 0 derives it from the gains. An error within `deadband` is not integrated. `clamp_integral`
+    selects the ROS 1 behaviour of `legacy`: the integral is clamped before it is used. Raises ValueError for limits
+    that exclude each other, and for an invalid tracking time.
     """
 
     p: float = 0.0
@@ -56,7 +57,7 @@ class Gains:
 
     @property
     def tracking_time_used(self) -> float:
-        """Time constant of the back calculation in s; derived from the gains by default."""
+        """Time constant of the back calculation in s, derived from the gains if `tracking_time` is 0."""
         if self.anti_windup is not AntiWindup.BACK_CALCULATION or abs(self.tracking_time) > _EPSILON:
             return self.tracking_time
         if self.i and self.d:
@@ -65,7 +66,7 @@ class Gains:
 
 
 class Pid:
-    """PID loop: `compute` executes one step; `integral` includes its gain."""
+    """PID loop of which `compute` executes one step; `integral` includes the integral gain."""
 
     def __init__(self, gains: Gains) -> None:
         self.command = self.error = self.error_rate = self.integral = 0.0
@@ -73,7 +74,7 @@ class Pid:
         self.set_gains(gains)
 
     def set_gains(self, gains: Gains) -> None:
-        """Set other gains; the integral is kept."""
+        """Use other gains from the next step on; the integral is unchanged."""
         self.gains = gains
         self._p, self._i, self._d = gains.p, gains.i, gains.d
         self._i_min, self._i_max, self._u_min, self._u_max = gains.i_min, gains.i_max, gains.u_min, gains.u_max
@@ -82,15 +83,15 @@ class Pid:
         self._anti_windup, self._clamp_integral = gains.anti_windup, gains.clamp_integral
 
     def reset(self, keep_integral: bool = False) -> None:
-        """Reset the loop, except the integral if it is to be saved."""
+        """Reset the state of the loop, including the integral unless `keep_integral` is True."""
         self.command = self.error = self.error_rate = self._last_error = 0.0
         if not keep_integral:
             self.integral = 0.0
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the command for an error, `dt` s after the last one; the error rate is computed.
+        """Return the command for an error, `dt` s after the previous step; the rate is derived from the last error.
 
-        No time leaves all as it is; ValueError for a time that runs backwards; nan for an error that is not finite.
+        If `dt` is 0, nothing changes; a negative `dt` raises ValueError; an error that is not finite results in nan.
         """
         if self._is_zero_step(dt):
             return self.command
@@ -102,7 +103,7 @@ class Pid:
         return self._step(error, rate, dt)
 
     def compute_with_rate(self, error: float, rate: float, dt: float) -> float:
-        """Return the command for an error and its rate of change, see `compute`."""
+        """Return the command for an error and its rate of change; for `dt` and invalid values see `compute`."""
         if self._is_zero_step(dt):
             return self.command
         return self._step(error, rate, dt)
@@ -133,7 +134,7 @@ class Pid:
         return command
 
     def _integrate(self, error: float, dt: float, unlimited: float, command: float) -> None:
-        """Integrate the error within the anti-windup."""
+        """Add the error to the integral, limited by the anti-windup method."""
         if self._anti_windup is AntiWindup.BACK_CALCULATION:
             if self._i:
                 self.integral += dt * (self._i * error + _quotient(command - unlimited, self._tracking))
@@ -148,7 +149,7 @@ class Pid:
 
 
 def _quotient(a: float, b: float) -> float:
-    """Return a / b by IEEE 754, because a time constant of 0 must not raise in the cycle."""
+    """Return a / b as in IEEE 754, because a time constant of 0 must not raise an exception in the cycle."""
     if b:
         return a / b
     return math.copysign(math.inf, a) * math.copysign(1.0, b) if a else math.nan

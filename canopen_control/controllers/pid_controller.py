@@ -1,10 +1,10 @@
-"""pid_controller/PidController: PID control of positions or velocities with velocity or effort commands.
+"""PID controller of positions or velocities, which commands velocities, accelerations or efforts.
 
-Rules (ros2_controllers jazzy): the reference is the last message, or that of the controller that claims
-`NAME/DOF/INTERFACE` (chaining); with a second interface, the derivative, the loop takes the error's rate from there.
-Ours, and safer: without a reference, or without a state, the target is 0, where upstream leaves what stands; a drive
-that is not enabled, or whose measured state stays away (`use_external_measured_states`), loses its reference and its
-integral, and is held where it is once it follows again; a reference that moves ends by itself (`command_timeout`, see
+Rules (ros2_controllers jazzy, pid_controller/PidController): the reference is the last message, or that of the
+controller that claims `NAME/DOF/INTERFACE` (chaining); a second interface, the derivative, gives the loop the rate of
+the error. Safer than upstream: without a reference or a state the target is 0, where upstream leaves the last target.
+When a drive is disabled or external measured states stop (`use_external_measured_states`), the degree of freedom loses
+reference and integral, and holds its actual state once it is enabled again. A reference that causes motion expires (see
 `command_timeout`).
 """
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class _Dof:
-    """Degree of freedom: its loop, its interfaces, and its values in the last cycle."""
+    """Degree of freedom of the controller: PID loop, interfaces, and errors of the last cycle."""
 
     def __init__(self, name: str, gains: DofGains, references: Sequence[CommandInterface]) -> None:
         self.name, self.pid, self.keep = name, Pid(gains.pid()), gains.save_i_term
@@ -43,25 +43,25 @@ class _Dof:
         self.error = self.error_rate = math.nan
 
     def take(self, gains: DofGains) -> None:
-        """Set other gains."""
+        """Use other gains and options from the next cycle on."""
         self.pid.set_gains(gains.pid())
         self.keep, self.forward, self.wraps = gains.save_i_term, gains.feedforward_gain, gains.angle_wraparound
 
     def clear(self) -> None:
-        """Clear reference and history."""
+        """Discard the reference and the errors."""
         self.reference.value = self.error = self.error_rate = math.nan
         if self.reference_rate is not None:
             self.reference_rate.value = math.nan
 
     def stay(self) -> None:
-        """Set the reference to the measured state, zero for velocities."""
+        """Set the reference to the measured state, or to 0.0 if the reference is a velocity or effort."""
         measured = math.nan if self.state is None else self.state.value
         self.reference.value = 0.0 if self.reference.interface in MOVING else measured
         if self.reference_rate is not None:
             self.reference_rate.value = 0.0
 
     def step(self, period: float, feed_forward: bool) -> float:
-        """Return the command of one cycle, nan without a reference or a state; `period` in s."""
+        """Compute the command of one cycle; nan without a reference or a state. `period` is in s."""
         reference = self.reference.value
         measured = math.nan if self.state is None else self.state.value
         self.error = shortest_angular_distance(measured, reference) if self.wraps else reference - measured
@@ -79,7 +79,7 @@ class _Dof:
 
 
 class PidController(Controller):
-    """Controller of several degrees of freedom; `feed_forward` is whether the reference is added."""
+    """Controller with a PID loop for each degree of freedom; `feed_forward` adds scaled references to outputs."""
 
     title: ClassVar[str] = "PID"
     reads: ClassVar[type[PidParams]] = PidParams
@@ -99,18 +99,18 @@ class PidController(Controller):
         self._dofs: list[_Dof] = []
         self._follows: list[bool] = []
         self._period = 0.0
-        self._measured: list[StateInterface] = []  # by messages; empty where the interfaces measure
+        self._measured: list[StateInterface] = []  # states from messages; empty if state interfaces are read
         self._measured_at = 0
 
     @property
     def chained(self) -> bool:
-        """Whether another controller commands it."""
+        """Whether another controller has claimed the reference interfaces."""
         return any(reference.owner is not None for reference in self._references)
 
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters."""
+        """Read the parameters; raise RobotConfigError if they are invalid."""
         self.params = settings = read_params(params, self.name)
         if settings.command_interface not in MOVING:
             raise RobotConfigError(
@@ -145,25 +145,25 @@ class PidController(Controller):
         ]
 
     def on_set(self, params: Params) -> None:
-        """Set other gains; the integrals are kept."""
+        """Use other gains from the next cycle on; the integrals are kept."""
         self.params = settings = read_params(params, self.name)
         for dof, gains in zip(self._dofs, settings.gains, strict=False):
             dof.take(gains)
 
     def _reference(self, dof: str, interface: str) -> CommandInterface:
-        """Return a reference interface with the limits of the joint."""
+        """Return a new reference interface whose range is that of the joint."""
         joint = self.description.get(dof)
         low, high = (-math.inf, math.inf) if joint is None else joint.range_of(interface)
         return CommandInterface(f"{self.name}/{dof}", interface, minimum=low, maximum=high)
 
     def command_interface_names(self) -> list[str]:
-        """Return one interface of each degree of freedom."""
+        """Return the command interface of each degree of freedom."""
         return [f"{dof}/{self.params.command_interface}" for dof in self.params.dof_names]
 
     def state_interface_names(self) -> list[str]:
-        """Return the controlled states of the degrees of freedom, then their derivatives.
+        """Return the controlled state interfaces of all degrees of freedom, then their derivatives.
 
-        None if measured by messages.
+        The list is empty if the states are received as messages.
         """
         if self.params.use_external_measured_states:
             return []
@@ -174,15 +174,15 @@ class PidController(Controller):
         ]
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return the interfaces for another controller: references, then their derivatives."""
+        """Return the reference interfaces of all degrees of freedom, then those of the derivatives."""
         return self._references
 
     def exported_states(self) -> Sequence[StateInterface]:
-        """Return the measured states, under the names of the references."""
+        """Return the measured states, which have the names of the references."""
         return self._exported
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces; the first reference is the actual state, unless the parameters disable that."""
+        """Store the interfaces, and reset the loops; the integral is kept if the parameters say so."""
         states = self._measured or states
         super().on_activate(commands, states, now)
         self._lose_states()
@@ -196,7 +196,7 @@ class PidController(Controller):
         self._clear()
 
     def on_deactivate(self, now: int) -> None:
-        """Stop: every target becomes 0."""
+        """Set all targets to 0.0, and discard references and exported states."""
         super().on_deactivate(now)
         self.life.end()
         self._clear()
@@ -204,7 +204,7 @@ class PidController(Controller):
             state.value = math.nan
 
     def forget(self, now: int) -> None:
-        """Clear the references; joints with enabled drives are held."""
+        """Discard the references, and set the targets to 0.0; enabled joints then hold their actual state."""
         del now
         zero_targets(self.commands)
         self.life.end()
@@ -213,7 +213,7 @@ class PidController(Controller):
             dof.pid.reset()
 
     def _clear(self) -> None:
-        """Reset to the state at activation."""
+        """Reset all degrees of freedom to their state at activation."""
         for index, dof in enumerate(self._dofs):
             dof.pid.reset(dof.keep)
             dof.clear()
@@ -222,7 +222,10 @@ class PidController(Controller):
     # -------------------------------------------------------------------------------------------------- commands
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Store the measured state of each degree of freedom, optionally with derivatives (~/measured_state)."""
+        """Store the measured state of each degree of freedom, optionally with derivatives; `now` is in ns.
+
+        The values are received on ~/measured_state.
+        """
         if not self._measured:
             raise self.refusal("measures by its state interfaces; set use_external_measured_states for messages")
         names = [state.name for state in self._measured]
@@ -237,7 +240,7 @@ class PidController(Controller):
             state.value = math.nan
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store a reference for each degree of freedom, optionally with derivatives; `now` in ns."""
+        """Store a reference for each degree of freedom, optionally with derivatives; `now` is in ns."""
         del stamp  # MultiDOFCommand has none
         names = [
             f"{interface.joint.removeprefix(f'{self.name}/')}/{interface.interface}" for interface in self._references
@@ -258,15 +261,15 @@ class PidController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Whether these are velocities or efforts of 0; a position of 0 is a target."""
+        """Return whether the values are velocities or efforts of 0; a position of 0 is a target."""
         return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
-        """Switch feed-forward of the references on or off from the next cycle (~/set_feedforward_control)."""
+        """Enable or disable the feed-forward of the references (~/set_feedforward_control)."""
         self.feed_forward = enabled
 
     def sample(self, wall_offset_ns: int) -> PidSample | None:
-        """Return the state of each degree of freedom in the last cycle."""
+        """Return the state of each degree of freedom in the last cycle; None before the first cycle."""
         if not self.stamp:
             return None
         return PidSample(
@@ -289,7 +292,7 @@ class PidController(Controller):
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the target of each degree of freedom; `period` in s."""
+        """Execute one step of all loops, and write their targets; `period` is in s."""
         self.stamp, self._period = now, period
         if self._measured_at and now - self._measured_at > self.params.measured_state_timeout * 1e9:
             self._lose_states()
@@ -312,12 +315,12 @@ class PidController(Controller):
         return OK
 
     def _export(self) -> None:
-        """Publish the measured state to other controllers."""
+        """Copy the measured states to the exported state interfaces."""
         for index in range(len(self._exported)):
             self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
-        """Reset when a drive is enabled or disabled; a commanding controller is reset too."""
+        """Reset a degree of freedom whose drive was enabled or disabled, and pass this on to the references."""
         dof = self._dofs[index]
         self._follows[index] = dof.reference.enabled = enabled
         if dof.reference_rate is not None:

@@ -1,4 +1,4 @@
-"""The parameters of pid_controller/PidController, of jazzy."""
+"""Parameters of pid_controller/PidController, by the names of jazzy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DofGains(LoopGains):
-    """Gains of one degree of freedom; `antiwindup` is ROS 1's deprecated name of the strategy `legacy`."""
+    """Gains of one degree of freedom; `antiwindup` is ROS 1's deprecated name for the strategy `legacy`."""
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains all of it"}
 
@@ -29,17 +29,16 @@ class DofGains(LoopGains):
 
     @property
     def clamps_integral(self) -> bool:
-        """Value of the key."""
+        """Whether the integral itself is limited, which is the value of `antiwindup`."""
         return self.antiwindup
 
 
 @dataclass(frozen=True)
 class PidParams(CommonParams):
-    """Parameters of the controller; `command_timeout` in s ends velocities and efforts without a new command.
+    """Parameters of pid_controller/PidController; `gains` are in the order of `dof_names`.
 
-    With `use_external_measured_states` states come by messages, and count for `measured_state_timeout` in s.
-
-    `gains` are in the order of `dof_names`.
+    `command_timeout` in s ends velocity and effort references that are not renewed. With `use_external_measured_states`
+    the states are received as messages, and are valid for `measured_state_timeout` in s.
     """
 
     dof_names: tuple[str, ...] = setting((), help="the joints that are commanded")
@@ -70,11 +69,11 @@ class PidParams(CommonParams):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of references and states of the degrees of freedom."""
+        """Names of the degrees of freedom in references and states."""
         return self.reference_and_state_dof_names or self.dof_names
 
     def mistake(self) -> str | None:
-        """Return the error in the parameters, None without one."""
+        """Return an error text if the parameters are invalid, else None."""
         for key, names in (
             ("dof_names", self.dof_names),
             ("reference_and_state_dof_names", self.reference_and_state_dof_names),
@@ -97,7 +96,7 @@ class PidParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> PidParams:
-    """Return the parameters of controller `name`; RobotConfigError with every error."""
+    """Return the parameters of PID controller `name`; raise RobotConfigError with all errors in them."""
     node = params.flat.get("dof_names")
     dofs = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
     settings = params.read(_with_gains(dofs))
@@ -110,7 +109,7 @@ def read_params(params: Params, name: str) -> PidParams:
 
 
 def _with_gains(dofs: tuple[str, ...]) -> type[PidParams]:
-    """Return the parameter class with the gains of each degree of freedom, whose name is in their keys."""
+    """Return a parameter class that has a section of gains for each degree of freedom."""
     fields: list[tuple[str, Any, Any]] = [
         (f"gains_{index}", DofGains, setting(DofGains(), key=f"gains.{dof}", section=True))
         for index, dof in enumerate(dofs)

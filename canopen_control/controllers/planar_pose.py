@@ -1,7 +1,7 @@
-"""Dead reckoning: a pose in the plane moved by velocities, and the rolling mean of the velocities.
+"""Planar pose that is integrated from velocities (dead reckoning), and rolling mean of velocities.
 
-Rules (ros2_controllers jazzy): the way of a step is the exact arc; below `STRAIGHT` of turn it is a
-straight line. Headings are never wrapped. Units: m, rad, s.
+Rules (ros2_controllers jazzy): the path of a step is an exact arc, or a straight line if the turn is below `STRAIGHT`.
+Headings are never wrapped. Units are m, rad and s.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MIN_DT: Final = 1e-4
-"""Steps shorter than this, in s, tell no velocity: it would be noise."""
+"""Minimum time step in s for computing a velocity, which would be noise in shorter steps."""
 STRAIGHT: Final = 1e-6
-"""Below this turn, in rad, the arc's radius is numerically infinite."""
+"""Minimum turn in rad from which a step is an arc; below, the radius is numerically infinite."""
 
 
 def quotient(dividend: float, divisor: float) -> float:
-    """Divide as IEEE 754 does: by zero gives an infinity with its sign, 0 / 0 is nan."""
+    """Divide as IEEE 754 does: a division by zero results in an infinity with the correct sign, 0 / 0 in nan."""
     if divisor != 0.0:
         return dividend / divisor
     if dividend == 0.0 or math.isnan(dividend):
@@ -30,7 +30,7 @@ def quotient(dividend: float, divisor: float) -> float:
 
 
 class RollingMean:
-    """Mean of the last values; every step adds one, the mean is computed on request."""
+    """Mean of the last `size` values, computed on access."""
 
     __slots__ = ("_at", "_count", "_size", "_values")
 
@@ -39,11 +39,11 @@ class RollingMean:
         self._at = self._count = 0
 
     def clear(self) -> None:
-        """Clear the window."""
+        """Discard all values."""
         self._at = self._count = 0
 
     def add(self, value: float) -> None:
-        """Add a value; it replaces the oldest once the window is full."""
+        """Add a value, which replaces the oldest value once there are `size` values."""
         at = self._at
         self._values[at] = value
         at += 1
@@ -53,7 +53,7 @@ class RollingMean:
 
     @property
     def mean(self) -> float:
-        """The mean of the values, 0 without any."""
+        """Mean of the values, 0.0 without values."""
         return sum(self._values[: self._count]) / self._count if self._count else 0.0
 
 
@@ -69,7 +69,7 @@ class PlanarPose:
         self.x, self.y, self.heading = x, y, heading
 
     def drive(self, way: float, turn: float) -> None:
-        """Move forward by `way` while turning by `turn`, on an arc; if nearly straight, at the mean heading."""
+        """Move forward by `way` while turning by `turn`, on an arc or, if nearly straight, along the mean heading."""
         if abs(turn) < STRAIGHT:
             direction = self.heading + turn * 0.5
             self.x += way * math.cos(direction)
@@ -82,7 +82,7 @@ class PlanarPose:
         self.y -= radius * (math.cos(self.heading) - math.cos(before))
 
     def shift(self, forward: float, left: float, turn: float) -> None:
-        """Move forward and to the left while turning; if nearly straight, at the old heading."""
+        """Move forward and to the left while turning; if nearly straight, along the heading before the step."""
         before = self.heading
         self.heading += turn
         if abs(turn) < STRAIGHT:
@@ -96,16 +96,16 @@ class PlanarPose:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicKinematics(PlanarPose):
-    """Kinematics of an omnidirectional base: a matrix J, and its pseudo-inverse for odometry.
+    """Kinematics of a base that can also move sideways: a matrix J from twists to wheel rims, and its pseudo-inverse.
 
-    A row of J is what the rim of one wheel does at 1 m/s forward, at 1 m/s to the left, and at 1 rad/s; `radius` of the
-    wheels in m. `wheels` are the commands of a twist in rad/s, `forward` and `left` (m/s) and `angular` (rad/s) the fit
-    to the wheels' speeds.
+    A row of J is the rim speed of one wheel at 1 m/s forward, at 1 m/s to the left, and at 1 rad/s; the `radius` of the
+    wheels is in m. `wheels` are the commands for a twist in rad/s; `forward` and `left` (m/s) and `angular` (rad/s) are
+    the least-squares fit to the measured wheel speeds.
     """
 
     def __init__(self, rows: Sequence[tuple[float, float, float]], radius: float) -> None:
         super().__init__()
-        from numpy import array, linalg  # of a base that drives sideways alone
+        from numpy import array, linalg  # needed only by bases that can move sideways
 
         self.forward = self.left = self.angular = 0.0
         self.wheels = [0.0] * len(rows)
@@ -113,18 +113,18 @@ class HolonomicKinematics(PlanarPose):
         self._rows = list(rows)
         reach = max(abs(around) for _, _, around in rows)
         matrix = array([(along, across, around / reach) for along, across, around in rows])
-        # by the normal equations, which are exact where columns are orthogonal, as those of upstream's bases
+        # by the normal equations, which are exact if columns are orthogonal, as those of upstream's bases
         inverse: list[list[float]] = linalg.solve(matrix.T @ matrix, matrix.T).tolist()
         self._fit_forward, self._fit_left, around_fit = inverse
         self._fit_angular = [weight / reach for weight in around_fit]
 
     def command(self, forward: float, left: float, angular: float) -> None:
-        """Compute the commands of `wheels` from a twist."""
+        """Compute the wheel speeds `wheels` for a twist in m/s and rad/s."""
         for index, (along, across, around) in enumerate(self._rows):
             self.wheels[index] = (along * forward + across * left + around * angular) / self.radius
 
     def fit(self, speeds: Sequence[float]) -> None:
-        """Fit the velocities to the wheels' speeds in rad/s by least squares."""
+        """Compute `forward`, `left` and `angular` as the least-squares fit to wheel speeds in rad/s."""
         forward = left = angular = 0.0
         for index in range(len(self.wheels)):
             rim = speeds[index] * self.radius

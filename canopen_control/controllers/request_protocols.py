@@ -1,6 +1,6 @@
-"""Protocols of a controller's requests in addition to its lifecycle.
+"""Protocols of requests that only some controllers accept.
 
-The manager refuses what a controller does not take, each request with one sentence (`ControllerManager.command`,
+The manager refuses a request that a controller does not accept, with an explanation (`ControllerManager.command`,
 `send_goal`, `base`, `loops`, `follower`).
 """
 
@@ -20,18 +20,21 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TakesCommands(Protocol):
-    """Controller of a value for each of its command interfaces, or of a twist."""
+    """Controller that accepts a value for each of its command interfaces, or a twist."""
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store a command; `stamp` is its creation, `now` its reception, both in ns. ControlError if refused."""
+        """Store a command; raise ControlError if the command is refused.
+
+        `stamp` is the time of its creation, `now` that of its reception, both in ns.
+        """
         ...
 
 
-_COMMANDED: dict[type[Controller], bool] = {}  # a check of a protocol costs 12 us, a command comes in every cycle
+_COMMANDED: dict[type[Controller], bool] = {}  # cache: checking a protocol takes 12 us, and commands come every cycle
 
 
 def takes_commands(controller: Controller) -> TypeGuard[TakesCommands]:
-    """Whether a controller takes commands."""
+    """Return whether a controller accepts commands; the result is cached by type."""
     kind = type(controller)
     if kind not in _COMMANDED:
         _COMMANDED[kind] = issubclass(kind, TakesCommands)
@@ -40,53 +43,53 @@ def takes_commands(controller: Controller) -> TypeGuard[TakesCommands]:
 
 @runtime_checkable
 class TakesNamedValues(Protocol):
-    """Controller of values for some of its command interfaces, by name."""
+    """Controller that accepts values for some of its command interfaces, by name."""
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Store values, see `set_command`; interfaces without a value are unchanged."""
+        """Store values by interface name, as `set_command` does; interfaces without a value are unchanged."""
         ...
 
 
 @runtime_checkable
 class FollowsTrajectories(Protocol):
-    """Controller of trajectories, from goals or a topic."""
+    """Controller that executes trajectories, from action goals or a topic."""
 
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
-        """Execute a trajectory, `now` in ns; ControlError if it is refused."""
+        """Start a goal or a trajectory; raise ControlError if it is refused. `now` is in ns."""
         ...
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """Cancel the active trajectory, or `only` the goal; `why` is in the event.
+        """Cancel the active trajectory, or the goal `only` if it is active; `why` is reported.
 
-        ControlError if there is none.
+        Raises ControlError if there is nothing to cancel.
         """
         ...
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the state of the active trajectory at `t`, in ns; ControlError without one."""
+        """Return the state of the active trajectory at `t`, in ns; `known` is False if there is none."""
         ...
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Set the speed scaling of trajectories; ControlError if it cannot be scaled."""
+        """Set the speed scaling factor of trajectories; raise ControlError if scaling is not possible."""
         ...
 
 
 @runtime_checkable
 class Grips(Protocol):
-    """Controller of a gripper."""
+    """Controller that executes gripper goals."""
 
     def grip(self, goal: GripperGoal, now: int) -> None:
-        """Move to a position, `now` in ns; ControlError if it is refused."""
+        """Start a gripper goal; raise ControlError if it is refused. `now` is in ns."""
         ...
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """Cancel the goal, or `only` this one; `why` is in the event."""
+        """Cancel the active goal, or the goal `only` if it is active; `why` is reported."""
         ...
 
 
 @runtime_checkable
 class HasOdometry(Protocol):
-    """Controller with odometry."""
+    """Controller whose odometry can be set."""
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
         """Set the pose of the odometry, in m and rad."""
@@ -95,12 +98,12 @@ class HasOdometry(Protocol):
 
 @runtime_checkable
 class ClosesLoops(Protocol):
-    """Controller with loops between references and measured states."""
+    """Controller with control loops between references and measured states."""
 
     def set_feed_forward(self, enabled: bool) -> None:
-        """Add the references to the outputs, or stop adding them."""
+        """Enable or disable the feed-forward of the references."""
         ...
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Store measured states, `now` in ns; ControlError if the controller reads state interfaces instead."""
+        """Store measured states; raise ControlError if the controller reads state interfaces. `now` is in ns."""
         ...

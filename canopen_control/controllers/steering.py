@@ -1,11 +1,11 @@
-"""Steering controllers: convert a twist to speeds of traction wheels and angles of steered wheels.
+"""Steering controllers, which convert twists to speeds of traction wheels and angles of steered wheels.
 
-Rules (ros2_controllers jazzy): odometry is followed and published in every update, commanded or not.
-Without a twist traction is 0 and the steered wheels stay as they are; a commanded twist of zeros steers them
-straight. In closed loop the wheels of a curve turn according to the measured curve. Different from upstream: with a
-`reference_timeout` of 0 a twist is valid for one update, no wheel turns faster than the desired curve needs, at any
-steering angle, the speed of two wheels is the fit to both (`SteeringKinematics.fits`), and the controller waits for
-feedback, see `mobile_base`.
+Rules (ros2_controllers jazzy): odometry is updated and published in every update, with or without a twist. Without a
+twist traction is 0 and the steered wheels keep their angle; a commanded zero twist steers them straight. In closed loop
+the traction wheels turn at the speeds of the measured curve. Different from upstream: with a `reference_timeout` of 0 a
+twist is valid for one update; no wheel turns faster than the desired curve needs, at any steering angle; the speed of a
+base with two traction wheels is the fit to both (`SteeringKinematics.fits`); and missing feedback does not end the
+controller, see `mobile_base`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringController(MobileBase):
-    """Controller of a base with traction and steered wheels; `kinematics` has its pose."""
+    """Base class of controllers of bases with traction and steered wheels; `kinematics` contains the pose."""
 
     topic: ClassVar[str | None] = "reference"
     tells: ClassVar[type[Sample] | None] = SteeringSample
@@ -57,7 +57,7 @@ class SteeringController(MobileBase):
         self._driven: list[float] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the drive geometry of the parameters; the right wheel is first."""
+        """Return the wheel geometry and frames of the parameters; the first traction joint is the right one."""
         params, (odom, base) = self.params, self.frame_ids()
         right, left = params.traction_joints_names[:1], params.traction_joints_names[1:]
         keys = (params.radius_key, "traction_track_width")
@@ -65,7 +65,7 @@ class SteeringController(MobileBase):
         return DriveGeometry(left, right, separation, params.radius, odom, base, params.enable_odom_tf, (), *keys)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; the pose becomes 0."""
+        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = self.read(params)
         self.kinematics = settings.fitted_kinematics()
         self.pose = self.kinematics
@@ -76,30 +76,30 @@ class SteeringController(MobileBase):
         self.set_up(settings, settings.reference_timeout, count, settings.limits, open_loop=settings.open_loop)
 
     def read(self, params: Params) -> SteeringParams:
-        """Return checked parameters; RobotConfigError with every mistake."""
+        """Return the checked parameters; raise RobotConfigError with all errors in them."""
         return read_params(params, self.reads)
 
     def on_set(self, params: Params) -> None:
-        """Apply another timeout from the next update on."""
+        """Apply a changed timeout and changed odometry options from the next update on."""
         settings = self.read(params)
         self.take(settings, settings.reference_timeout, settings.limits)
         self.params = settings
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocities of traction, then the positions of steering."""
+        """Return the velocity interfaces of traction, then the position interfaces of steering."""
         params = self.params
         traction = [f"{joint}/{VELOCITY}" for joint in params.traction_joints_names]
         return traction + [f"{joint}/{POSITION}" for joint in params.steering_joints_names]
 
     def state_interface_names(self) -> list[str]:
-        """Return position or velocity of traction, then the positions of steering."""
+        """Return the position or velocity interfaces of traction, then the position interfaces of steering."""
         params = self.params
         feedback = POSITION if params.position_feedback else VELOCITY
         traction = [f"{joint}/{feedback}" for joint in params.traction_states]
         return traction + [f"{joint}/{POSITION}" for joint in params.steering_states]
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the mean velocities of its odometry."""
+        """Return the mean velocities of the odometry: forward in m/s, 0.0 sideways, yaw rate in rad/s."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
@@ -114,13 +114,13 @@ class SteeringController(MobileBase):
             self.targets[count + index] = wheels.steering[index]
 
     def begin(self) -> None:
-        """Set the start positions of the wheels."""
+        """Set the actual wheel positions and steering angle as the baseline of the odometry."""
         self._read()
         self.kinematics.begin(self._traction)
         self.kinematics.angle = self.kinematics.measured_angle(self._steering)
 
     def advance(self, dt: float) -> None:
-        """Integrate the wheels' motion into the pose."""
+        """Integrate the measured wheel motion of the last `dt` s into the pose."""
         self._read()
         if self.params.position_feedback:
             self.kinematics.update_position(self._traction, self._steering, dt)
@@ -128,7 +128,7 @@ class SteeringController(MobileBase):
             self.kinematics.update_velocity(self._traction, self._steering, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the twist into the pose."""
+        """Integrate the limited twist over `dt` s into the pose."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], dt)
 
     def _read(self) -> None:
@@ -139,14 +139,14 @@ class SteeringController(MobileBase):
             self._steering[index] = self.states[count + index].value
 
     def snapshot(self) -> None:
-        """Also copy feedback and commands."""
+        """Copy the odometry, the feedback and the commands for the publication."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
             self._driven[index] = self.commands[index].value
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry, feedback and commands."""
+        """Return the last published odometry, feedback and commands; None before the first publication."""
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None
@@ -164,27 +164,30 @@ class SteeringController(MobileBase):
 
 
 class BicycleSteeringController(SteeringController):
-    """Base with one traction wheel and one steered wheel."""
+    """Controller of a base with one traction wheel and one steered wheel."""
 
     title: ClassVar[str] = "Bicycle steering"
     reads: ClassVar[type[SteeringParams]] = BicycleParams
 
 
 class TricycleSteeringController(SteeringController):
-    """Two traction wheels and one steered wheel."""
+    """Controller of a base with two traction wheels and one steered wheel."""
 
     title: ClassVar[str] = "Tricycle steering"
     reads: ClassVar[type[SteeringParams]] = TricycleParams
 
 
 class AckermannSteeringController(SteeringController):
-    """Two traction wheels and two steered wheels; with the keys of ROS 1 one of each."""
+    """Controller of a base with two traction wheels and two steered wheels.
+
+    With the parameters of ROS 1's controller it is a base with one wheel of each kind.
+    """
 
     title: ClassVar[str] = "Ackermann steering"
     reads: ClassVar[type[SteeringParams]] = AckermannParams
 
     def read(self, params: Params) -> SteeringParams:
-        """Return checked parameters of ROS 2's controller, or of ROS 1's."""
+        """Return the checked parameters, which may be those of ROS 1's controller."""
         if not is_ros1(params):
             return super().read(params)
         settings = read_ros1(params, self.geometry, self._report_size)
@@ -192,6 +195,6 @@ class AckermannSteeringController(SteeringController):
         return settings
 
     def _report_size(self, text: str) -> None:
-        """Report once at configuration which sizes are those of the description."""
+        """Report, only at configuration, a dimension that is taken from the description."""
         if self.state is ControllerState.UNCONFIGURED:
             self.report("parameter", text)

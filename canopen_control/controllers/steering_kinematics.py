@@ -1,8 +1,8 @@
-"""Kinematics of bases with steered wheels: bicycle, tricycle and Ackermann steering, and their odometry.
+"""Kinematics and odometry of bases with bicycle, tricycle and Ackermann steering.
 
-Rules (ros2_controllers jazzy): of two wheels the right one is first. Commands are in the wheels' rad/s
-and rad; in closed loop the wheels of a curve have the speeds of the measured curve, not of the desired one.
-Two traction wheels never turn the base on the spot: at speed zero they stand still. Units: m, rad, s.
+Rules (ros2_controllers jazzy): of two wheels the right wheel is first. Commands are wheel speeds in rad/s and angles in
+rad; in closed loop the traction wheels have the speeds of the measured curve, not of the desired curve. Two traction
+wheels never turn the base on the spot: at speed zero they stand still. Units are m, rad and s.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-_STRAIGHT: Final = 1e-6  # rad: below it a steering angle is none
-_ON_TARGET: Final = math.pi / 6  # rad: as near as this to its angle a wheel may have its whole speed
-_MOST_OFF: Final = 1.5608  # rad: what is further off is as slow as this
+_STRAIGHT: Final = 1e-6  # steering angle in rad below which the wheels are straight
+_ON_TARGET: Final = math.pi / 6  # deviation of the steering in rad up to which the speed is not reduced
+_MOST_OFF: Final = 1.5608  # deviation of the steering in rad from which the speed is not reduced further
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringKinematics(PlanarPose):
-    """Kinematics of a bicycle, with one traction and one steered wheel; derived classes override the differences.
+    """Kinematics of a base with one traction and one steered wheel; derived classes override what differs.
 
     `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
-    `traction` and `steering` are the wheels' commands after `command`. `fits` selects how the speed of a base with two
-    wheels is computed: as the mean of both, as upstream, which has a pole where one of them is the centre of the curve,
-    or as the fit to both, which is the same where the wheels agree.
+    `traction` and `steering` are the wheel commands that `command` computes. `fits` selects how the speed of a base
+    with two traction wheels is computed: False is the mean of both, as upstream, which has a pole if one wheel is at
+    the centre of the curve; True is the least-squares fit to both, which has the same result if the wheels agree.
     """
 
     traction_count: ClassVar[int] = 1
@@ -56,15 +56,15 @@ class SteeringKinematics(PlanarPose):
         self._linears, self._angulars = RollingMean(window), RollingMean(window)
 
     def set_window(self, window: int) -> None:
-        """Set the window of the means."""
+        """Set the number of steps for the means, and discard earlier steps."""
         self._linears, self._angulars = RollingMean(window), RollingMean(window)
 
     def reset(self) -> None:
-        """Reset pose and means."""
+        """Set the pose to the origin, and discard the steps of the means."""
         self.set_pose(0.0, 0.0, 0.0)
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Set the pose and reset the means."""
+        """Set the pose, in m and rad, and discard the steps of the means."""
         super().set_pose(x, y, heading)
         self._linears.clear()
         self._angulars.clear()
@@ -72,35 +72,35 @@ class SteeringKinematics(PlanarPose):
     # ------------------------------------------------------------------------------------------------- what differs
 
     def measured_angle(self, steering: Sequence[float]) -> float:
-        """Return the angle of a virtual middle wheel from the angles of the steered wheels."""
+        """Return the steering angle at the centre line, from the angles of the steered wheels."""
         return steering[0]
 
     def measured_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the speed of the base in m/s from the wheels' speeds in rad/s."""
+        """Return the forward speed of the base in m/s, from the speeds of the traction wheels in rad/s."""
         del angle
         return self.radius * traction[0]
 
     def set_traction(self, speed: float, angle: float) -> None:
-        """Distribute a speed in rad/s over the traction wheels in a curve."""
+        """Distribute a speed in rad/s over the traction wheels, for a curve with steering angle `angle`."""
         del angle
         self.traction[0] = speed
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Distribute an angle over the steered wheels; `curve` is the angle of the present curve."""
+        """Distribute a steering angle over the steered wheels; `curve` is the angle of the current curve."""
         del curve
         self.steering[0] = angle
 
     # ----------------------------------------------------------------------------------------------------- odometry
 
     def begin(self, positions: Sequence[float]) -> None:
-        """Set the start positions of the wheels, in rad."""
+        """Set the initial positions of the traction wheels, in rad."""
         for index in range(self.traction_count):
             self._positions[index] = positions[index]
 
     def update_position(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
-        """Update from the positions of traction and steering, in rad; `dt` in s.
+        """Integrate the positions of traction and steered wheels in rad; `dt` is in s.
 
-        Return whether velocities are valid.
+        Returns whether the time step was long enough for new mean velocities.
         """
         for index in range(self.traction_count):
             self._speeds[index] = quotient(traction[index] - self._positions[index], dt)
@@ -108,7 +108,10 @@ class SteeringKinematics(PlanarPose):
         return self.update_velocity(self._speeds, steering, dt)
 
     def update_velocity(self, traction: Sequence[float], steering: Sequence[float], dt: float) -> bool:
-        """Update from the speeds of traction, in rad/s, and the positions of steering."""
+        """Integrate the speeds of the traction wheels in rad/s and the positions of the steered wheels in rad.
+
+        Returns whether the time step was long enough for new mean velocities; `dt` is in s.
+        """
         self.angle = self.measured_angle(steering)
         linear = self.measured_speed(traction, self.angle)
         angular = math.tan(self.angle) * linear / self.wheelbase
@@ -121,7 +124,7 @@ class SteeringKinematics(PlanarPose):
         return True
 
     def update_open_loop(self, linear: float, angular: float, dt: float) -> None:
-        """Integrate a command, in m/s and rad/s."""
+        """Integrate a commanded twist, in m/s and rad/s, over `dt` s."""
         self.linear, self.angular = linear, angular
         self.drive(linear * dt, angular * dt)
 
@@ -130,7 +133,7 @@ class SteeringKinematics(PlanarPose):
     def command(self, linear: float, angular: float, open_loop: bool, reduce: bool = False) -> None:
         """Compute `traction` and `steering` commands from a twist in m/s and rad/s.
 
-        `reduce` slows the wheels down, in closed loop, until the steering has reached its command.
+        In closed loop, `reduce` slows down the wheels until the steering has reached the commanded angle.
         """
         angle = math.atan(quotient(angular * self.wheelbase, linear))
         if not math.isfinite(angle):  # neither speed nor turn
@@ -145,9 +148,10 @@ class SteeringKinematics(PlanarPose):
         self.set_steering(angle, curve)
 
     def bound(self, linear: float, angular: float) -> None:
-        """Limit every traction wheel by the fastest one of the requested curve, in m/s and rad/s; after `command`.
+        """Scale the traction commands down to the fastest wheel speed that a twist in m/s and rad/s needs.
 
-        With the steering across, wheels of the curve that is measured would turn without bounds.
+        To be called after `command`: with the wheels steered across, the speeds for the measured curve would be
+        unlimited.
         """
         most = (abs(linear) + self.traction_track / 2.0 * abs(angular)) / self.radius
         fastest = 0.0
@@ -159,7 +163,7 @@ class SteeringKinematics(PlanarPose):
             self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
 
     def share(self, speed: float, angle: float) -> None:
-        """Compute the speeds of the inner and the outer traction wheel."""
+        """Distribute a speed in rad/s over the right and the left traction wheel, for steering angle `angle`."""
         if abs(angle) < _STRAIGHT:
             self.traction[0] = self.traction[1] = speed
             return
@@ -168,7 +172,7 @@ class SteeringKinematics(PlanarPose):
         self.traction[1] = speed * quotient(curve - half, curve)
 
     def mean_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the speed between two traction wheels in a curve, in m/s."""
+        """Return the speed midway between two traction wheels in m/s, from their speeds in rad/s."""
         right, left = traction[0], traction[1]
         if self.fits:
             lean = self.traction_track / 2.0 * math.tan(angle) / self.wheelbase
@@ -181,37 +185,37 @@ class SteeringKinematics(PlanarPose):
 
 
 class BicycleKinematics(SteeringKinematics):
-    """Kinematics of one traction wheel and one steered wheel on the centre line."""
+    """Kinematics of a base with one traction wheel and one steered wheel, both on the centre line."""
 
 
 class TricycleKinematics(SteeringKinematics):
-    """Two traction wheels on an axle and one steered wheel."""
+    """Kinematics of a base with two traction wheels on one axle and one steered wheel."""
 
     traction_count: ClassVar[int] = 2
 
     def measured_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the mean speed of both wheels at the centre."""
+        """Return the speed midway between the traction wheels, in m/s."""
         return self.mean_speed(traction, angle)
 
     def set_traction(self, speed: float, angle: float) -> None:
-        """Distribute the speed over both wheels."""
+        """Distribute a speed in rad/s over both traction wheels, for steering angle `angle`."""
         self.share(speed, angle)
 
 
 class AckermannKinematics(TricycleKinematics):
-    """Kinematics of two traction wheels on an axle and two steered wheels (Ackermann)."""
+    """Kinematics of a base with two traction wheels on one axle and two steered wheels."""
 
     steering_count: ClassVar[int] = 2
 
     def measured_angle(self, steering: Sequence[float]) -> float:
-        """Return the mean steering angle by both wheels."""
+        """Return the mean of the centre line angles that follow from the two steered wheels."""
         length, half = self.wheelbase, self.steering_track / 2.0
         right, left = math.tan(steering[0]), math.tan(steering[1])
         by_right = math.atan(quotient(length * right, length - half * right))
         return (by_right + math.atan(quotient(length * left, length + half * left))) * 0.5
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Turn the inner wheel further than the outer one."""
+        """Distribute a steering angle over both wheels: the inner wheel turns further than the outer wheel."""
         if abs(curve) < _STRAIGHT:
             self.steering[0] = self.steering[1] = angle
             return

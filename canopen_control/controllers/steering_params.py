@@ -1,7 +1,7 @@
-"""The parameters of the steering controllers: bicycle, tricycle, Ackermann.
+"""Parameters of the bicycle, tricycle and Ackermann steering controllers.
 
-Jazzy's names are ours; those of humble, by front and rear wheels, are translated by
-`front_steering` and each is named once, as is every key without an effect.
+The names are those of Jazzy. Names of humble, for front and rear wheels, are translated according to `front_steering`,
+with one warning each, as are keys without an effect.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 
 _MOST_JOINTS: Final = 4
-#: what upstream has: the places of a diagonal, where its values were meant
+#: upstream's default: the indices of the diagonal, by mistake, instead of its values
 _COVARIANCE: Final[Six] = (0.0, 7.0, 14.0, 21.0, 28.0, 35.0)
 
 
 @dataclass(frozen=True)
 class SteeringParams(BaseParams):
-    """Common parameters of steering controllers: m, s, joints from right to left."""
+    """Common parameters of steering controllers, in units of m and s; joints are listed from right to left."""
 
     kinematics: ClassVar[type[SteeringKinematics]] = SteeringKinematics
     radius_key: ClassVar[str] = "traction_wheels_radius"
@@ -70,38 +70,38 @@ class SteeringParams(BaseParams):
 
     @property
     def radius(self) -> float:
-        """The radius of the traction wheels."""
+        """Radius of the traction wheels in m."""
         radius: float = getattr(self, self.radius_key)
         return radius
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """Distances between the traction wheels and between the steered wheels, 0 for one wheel."""
+        """Distances in m between the traction wheels and between the steered wheels; 0.0 for a single wheel."""
         return 0.0, 0.0
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """Limits of each axis of the twist; the controllers of ros2_controllers have none."""
+        """Limits of the twist axes, none here: the steering controllers of ros2_controllers do not limit twists."""
         return ()
 
     @property
     def traction_states(self) -> tuple[str, ...]:
-        """Joints with measured traction."""
+        """Joints whose states are the traction feedback; by default the traction joints."""
         return self.traction_joints_state_names or self.traction_joints_names
 
     @property
     def steering_states(self) -> tuple[str, ...]:
-        """Joints with measured steering."""
+        """Joints whose states are the steering feedback; by default the steering joints."""
         return self.steering_joints_state_names or self.steering_joints_names
 
     def fitted_kinematics(self) -> SteeringKinematics:
-        """Return the kinematics of these sizes, at the origin; speeds are fitted."""
+        """Return new kinematics with these dimensions, at the origin and with `fits` enabled."""
         kinematics = self.kinematics(self.radius, self.wheelbase, *self.tracks, self.velocity_rolling_window_size)
         kinematics.fits = True
         return kinematics
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results."""
+        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         counts = {"traction": self.kinematics.traction_count, "steering": self.kinematics.steering_count}
         for part, count in counts.items():
             for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
@@ -135,11 +135,11 @@ class TricycleParams(SteeringParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """Distance between the traction wheels; the only steered wheel has 0."""
+        """Distance in m between the traction wheels, and 0.0 for the single steered wheel."""
         return self.traction_track_width, 0.0
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results, including the wheel distance."""
+        """Yield the checks of the base class and a check of the distance between the traction wheels, as pairs."""
         yield from super().mistakes()
         missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
         yield self.traction_track_width <= 0.0, missing
@@ -155,11 +155,11 @@ class AckermannParams(TricycleParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """Distances between the traction wheels and between the steered wheels, equal by default."""
+        """Distances in m between the traction wheels and between the steered wheels, which are equal by default."""
         return self.traction_track_width, self.steering_track_width or self.traction_track_width
 
 
-#: what a key of humble names of its wheels, and what that is called by what the wheels do
+#: humble's names after "front_" or "rear_", and the names after "traction_" or "steering_"
 _RENAMED: Final = {
     "wheels_names": "joints_names",
     "wheels_state_names": "joints_state_names",
@@ -174,12 +174,12 @@ _ALWAYS: Final = {
 
 
 def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
-    """Return checked parameters; RobotConfigError with every mistake."""
+    """Return the checked parameters of class `cls`; raise RobotConfigError with all errors in them."""
     return read_checked(params, cls, _renames(params, cls))
 
 
 def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
-    """Return the new names of keys for front and rear wheels by `front_steering`; "" for keys without effect."""
+    """Return the new names of humble's parameters for front and rear wheels; "" marks parameters without effect."""
     node = params.flat.get("front_steering")
     by_front = node is None or node.text.lower() != "false"
     fields = cls.__dataclass_fields__
@@ -193,12 +193,13 @@ def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
     return renames | {key: name if name in fields else "" for key, name in _ALWAYS.items()}
 
 
-# The parameters of ROS 1's Ackermann steering controller: those of a bicycle, one rear wheel and one front steer.
+# The parameters of ROS 1's Ackermann steering controller: those of a bicycle with one rear wheel and one front steer.
 #
-# Rules (ros_controllers, noetic): that controller moves two joints under the type name that ROS 2 uses for four, so its
-# keys decide which one is meant. Its names become those of the bicycle, with one warning each; odometry is by the
-# wheel's position. Differences are reported: a twist's `angular.z` is rad/s here and was the steering angle there, so
-# its limits have no effect. Missing sizes are taken from the description, as in noetic.
+# Rules (ros_controllers, noetic): this controller moves two joints under the type name that ROS 2 uses for four joints,
+# so its keys decide which controller is meant. Its names are translated to those of the bicycle, with one warning each;
+# odometry uses the position of the wheel. Differences are reported: `angular.z` of a twist is in rad/s here, and was
+# the steering angle in ROS 1, so its limits have no effect. Missing dimensions are taken from the description, as in
+# noetic.
 
 
 _OWN: Final = ("rear_wheel", "front_steer", "wheel_separation_h")
@@ -209,7 +210,7 @@ _ANGLE: Final = (
 
 @dataclass(frozen=True)
 class Ros1AckermannParams(BicycleParams):
-    """Additional parameters of that controller: two joints by name, multipliers, limits of `linear.x`."""
+    """Parameters of ROS 1's Ackermann steering controller: two joints, multipliers, and limits of `linear.x`."""
 
     reference_timeout: float = setting(0.5, low=0.0, high=1e9)
     position_feedback: bool = True
@@ -222,11 +223,11 @@ class Ros1AckermannParams(BicycleParams):
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """Limits of `linear.x`; none of `angular.z`."""
+        """Limits of the twist axes; `angular.z` is unlimited."""
         return self.linear, TwistAxisLimits()
 
     def as_bicycle(self) -> Ros1AckermannParams:
-        """Return the parameters as those of the bicycle."""
+        """Return a copy in which joint names and multiplied dimensions are those of a bicycle."""
         return replace(
             self,
             traction_joints_names=(self.rear_wheel,),
@@ -236,7 +237,7 @@ class Ros1AckermannParams(BicycleParams):
         )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results, including the multiplier of the measured angle."""
+        """Yield the checks of the base class and a check of `steer_pos_multiplier`, as pairs."""
         yield from super().mistakes()
         scale = "it scales what is measured alone; put the factor into scale_pos_from_dev and scale_pos_to_dev"
         yield self.steer_pos_multiplier != 1.0, f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"
@@ -261,16 +262,16 @@ _RENAMES: Final = {
 
 
 def is_ros1(params: Params) -> bool:
-    """Whether the parameters are those of ROS 1's controller."""
+    """Return whether the parameters are those of ROS 1's Ackermann steering controller."""
     return any(params.flat.get(key) is not None for key in _OWN)
 
 
 def read_ros1(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
-    """Return the parameters of a bicycle, not yet checked for contradictions.
+    """Return the parameters of ROS 1's controller as those of a bicycle, not yet checked for contradictions.
 
-    Missing sizes are taken from the description's `geometry`; `report` gets each of them.
+    Missing dimensions are taken from the `geometry` of the description; `report` is called for each.
     """
     key = params.flat.keys().get("front_steer") or params.flat.keys()[next(key for key in _OWN if params.flat.get(key))]
     key.warning(_ANGLE)

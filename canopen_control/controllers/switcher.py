@@ -1,8 +1,9 @@
-"""Switches of controllers: checks, order, mode switch of the hardware, reversal of a failed switch; update loop.
+"""Switches of controllers, chains of controllers, and the update loop of the active controllers.
 
-Rules (ros2_control jazzy): the leaving controllers stop and release, the hardware changes its modes, the
-entering ones claim and start; if one of those fails, all of that request are stopped again. A request is checked as a
-whole before (`plan_switch`). A controller that fails stops together with those chained to it.
+Rules (ros2_control jazzy): in a switch, the leaving controllers stop and release their interfaces, the hardware changes
+its modes, the entering controllers claim theirs and start; if one of these fails, all controllers of the request are
+stopped again. A request is checked as a whole before anything changes (`plan_switch`). A controller that fails is
+stopped together with the controllers chained to it.
 """
 
 from __future__ import annotations
@@ -35,10 +36,10 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import ControllerSample
 
 
-# An active controller in the cycle: its rate, and the interfaces that it moves.
+# An active controller in the cycle: its rate, and the interfaces that it commands.
 #
-# Rules (ros2_control jazzy): a controller slower than the cycle runs in the cycle nearest to its period. Ours,
-# and safer: a command is cleared in the cycle in which an interface of it is no longer enabled.
+# Rules (ros2_control jazzy): a controller slower than the cycle runs in the cycle nearest to its period. Safer than
+# upstream: a command is cleared in the cycle in which one of its interfaces is no longer enabled.
 
 
 NS: Final = 1_000_000_000
@@ -49,7 +50,7 @@ Ends = tuple["CommandInterface", ...]
 
 
 class Rate:
-    """Divider of cycles: `hz` steps in a second, 0 for one in every cycle."""
+    """Divider of cycles to a rate of `hz` steps per second; 0 is a step in every cycle."""
 
     __slots__ = ("hz", "last")
 
@@ -59,7 +60,7 @@ class Rate:
     def step(self, now: int, period: float) -> float:
         """Return the time since the last step in s; NOT_DUE if the next cycle is closer to the due time.
 
-        `now` in ns, `period` of the cycles in s.
+        `now` is in ns, `period` is that of the cycle in s.
         """
         if not self.hz:
             return period
@@ -73,7 +74,7 @@ class Rate:
 
 
 class InterfaceGroup:
-    """Interfaces that follow commands only together; `enabled` is as of the last cycle."""
+    """Command interfaces that follow commands only together; `enabled` is the state as of the last cycle."""
 
     __slots__ = ("enabled", "ends")
 
@@ -82,7 +83,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Whether all follow commands now, except those that a user has excluded."""
+        """Return whether all interfaces follow commands now, not counting those that a user has excluded."""
         following = not self.ends
         for interface in self.ends:
             if interface.enabled:
@@ -93,7 +94,7 @@ class InterfaceGroup:
 
 
 class ActiveController:
-    """Active controller, its rate, and the interface groups that it moves, also through a chain."""
+    """Active controller with its rate and the interface groups that it commands, directly or through a chain."""
 
     __slots__ = ("controller", "parts", "rate")
 
@@ -103,27 +104,27 @@ class ActiveController:
 
     @property
     def is_broadcaster(self) -> bool:
-        """Whether it runs after the RPDOs of the cycle were sent, because it commands nothing."""
+        """Whether the controller is a broadcaster without commands, which runs after the RPDOs of the cycle."""
         return self.controller.is_broadcaster and not self.controller.commands
 
     @property
     def follows(self) -> bool:
-        """Whether at least one interface group is fully enabled (or none is claimed)."""
+        """Whether at least one interface group follows commands, or no interface is claimed."""
         return not self.parts or any(part.follows() for part in self.parts)
 
     @property
     def disabled(self) -> list[CommandInterface]:
-        """Claimed interfaces whose drive is not enabled."""
+        """Command interfaces whose drive is not enabled."""
         return [interface for part in self.parts for interface in part.ends if not interface.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
-        """Keep rate and enabled groups of the last cycle during a switch of other controllers."""
+        """Copy the time of the last step and the enabled groups from before a switch of other controllers."""
         self.rate.last = before.rate.last
         for part in self.parts:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
 
     def forget(self, now: int, interfaces: Ends | None = None, why: str = "") -> None:
-        """Clear its command, or that of `interfaces`; `why` is a clause."""
+        """Clear the controller's command, or only that of `interfaces`; `why` is a clause with the reason."""
         if interfaces is not None:
             self.controller.forget_some(interfaces, now)
             return
@@ -133,8 +134,9 @@ class ActiveController:
 
 # Chains of controllers, and the order in which they run.
 #
-# A controller that claims another's reference interface runs before it, so that a command passes
-# the whole chain within one cycle; a reader of exported states starts after their exporter; a chain stops as a whole.
+# A controller that claims a reference interface of another controller runs before that controller, so that a command
+# passes the whole chain within one cycle. A reader of exported states starts after their exporter. A chain stops as a
+# whole.
 
 
 def _followers(controller: Controller, among: Sequence[Controller]) -> list[Controller]:
@@ -153,7 +155,7 @@ def _below(controller: Controller, among: Sequence[Controller]) -> list[Controll
 def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
     """Return the joints that a controller commands, directly or through controllers in `among`."""
     chain = [controller]
-    for member in chain:  # grows
+    for member in chain:  # the list grows in the loop
         chain += [further for further in _followers(member, among) if further not in chain]
     references = {reference.name for member in chain for reference in member.reference_interfaces()}
     names = [name for member in chain for name in member.command_interface_names() if name not in references]
@@ -161,7 +163,7 @@ def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
 
 
 def in_order(controllers: Sequence[Controller]) -> list[Controller]:
-    """Return the controllers with each before those it commands, otherwise in their previous order."""
+    """Sort controllers so that a controller precedes all that it commands or reads; otherwise their order is kept."""
     done: list[Controller] = []
 
     def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
@@ -177,7 +179,7 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
 
 
 def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
-    """Return the command interfaces of the hardware that an active controller moves, directly or through a chain."""
+    """Return the hardware command interfaces that an active controller commands, directly or through a chain."""
     below = {reference.name: lower for lower in among for reference in lower.reference_interfaces()}
     interfaces: dict[str, CommandInterface] = {}
     visited: list[Controller] = []
@@ -194,7 +196,7 @@ def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[Comman
 
 
 def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
-    """Return the failed controllers and all active ones chained to them, above or below, in update order."""
+    """Return the failed controllers and all active controllers chained to them, above or below, in update order."""
     group = [controller for controller in failed if controller in active]
     grew = True
     while grew:
@@ -211,16 +213,20 @@ def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list
 
 # The plan of a switch request, checked as a whole before anything changes.
 #
-# Rules (ros2_control jazzy, switch_controller): an unknown name, an activation of what is active or not
-# configured, a deactivation of what is not active refuses a strict request and is dropped from a best-effort one; a
-# command interface that is missing, owned by a controller that stays, claimed twice, or whose component is not ACTIVE
-# refuses both. A swap is one request: interfaces that leaving controllers release are free for the entering ones. A
-# controller that commands a leaving one must leave too.
+# Rules (ros2_control jazzy, switch_controller): a strict request is refused for an unknown name, an activation of a
+# controller that is active or not configured, or a deactivation of a controller that is not active; a best-effort
+# request ignores these. Both are refused for a command interface that is missing, owned by a controller that stays
+# active, claimed twice, or of a component that is not ACTIVE. A swap is one request: interfaces that leaving
+# controllers release are free for the entering controllers. A controller that commands a leaving controller must leave
+# too.
 
 
 @dataclass(frozen=True)
 class SwitchPlan:
-    """Controllers to stop and to start, in order, and the mode switch of each component: (component, start, stop)."""
+    """Plan of a switch request: controllers to activate and deactivate, in order.
+
+    `switches` are the mode switches of the hardware: component, interfaces to start, interfaces to stop.
+    """
 
     activate: tuple[Controller, ...]
     deactivate: tuple[Controller, ...]
@@ -235,7 +241,10 @@ def plan_switch(
     *,
     strict: bool,
 ) -> SwitchPlan:
-    """Return the plan of a request; ControlError, InterfaceConflict or UnknownInterface with nothing changed."""
+    """Check a switch request, and return its plan; nothing is changed.
+
+    Raises ControlError, InterfaceConflict or UnknownInterface if the request is refused.
+    """
     leaving = _possible(controllers, deactivate, (ControllerState.ACTIVE,), "deactivate", strict=strict)
     allowed = (ControllerState.INACTIVE,)
     again = [name for name in activate if name in controllers and controllers[name] in leaving]
@@ -245,7 +254,7 @@ def plan_switch(
     entering += [controllers[name] for name in again]
     _check_chains(controllers, registry, entering, leaving)
     _check_claims(registry, entering, leaving)
-    # a commanded controller starts first and stops last, so that a reference is always served
+    # a commanded controller starts first and stops last, so that its references never lack a reader
     start, stop = tuple(reversed(in_order(entering[::-1]))), tuple(in_order(leaving))
     return SwitchPlan(start, stop, _switches(registry, start, stop))
 
@@ -341,20 +350,21 @@ def _switches(
 
 # The active controllers: their updates in the cycle, their commands and samples.
 #
-# `update` and `broadcast` run over lists made at the last switch and never raise; a controller that fails is
-# in `failed`, for the manager to stop. A controller that another one commands runs after it.
+# `update` and `broadcast` iterate over lists made at the last switch and never raise; a controller that fails is added
+# to `failed`, for the manager to stop it. A controller runs after the controllers that command it.
 
 
-_EVERY_CYCLE: Final = 0.99  # a manager whose rate differs by less runs in every cycle
+_EVERY_CYCLE: Final = 0.99  # from this fraction of the cycle rate on, the manager runs in every cycle
 
 Failures = list[tuple["Controller", str]]
 Samples = dict[str, "ControllerSample"]
 
 
 class UpdateLoop:
-    """Active controllers in update order; `update_rate` in Hz is their highest rate, `cycle` the cycle's period in s.
+    """Updates of the active controllers, in the order of their chains.
 
-    Events are added to `events`; `enable_status` gives the stop groups of the interfaces of an independent controller.
+    `update_rate` is the highest rate of a controller in Hz, `cycle` the period of the cycle in s. Events are added to
+    `events`; `enable_status` determines the stop groups of an independent controller's interfaces.
     """
 
     def __init__(
@@ -373,7 +383,7 @@ class UpdateLoop:
         self._broadcasting: list[ActiveController] = []
 
     def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
-        """Rebuild the update order after a switch; the state of controllers that stay active is kept."""
+        """Rebuild the update order after a switch; controllers that stay active keep their timing."""
         before = {slot.controller.name: slot for slot in self._order}
         were_enabled = {
             interface for slot in self._order for part in slot.parts if part.enabled for interface in part.ends
@@ -392,11 +402,11 @@ class UpdateLoop:
 
     @property
     def controllers(self) -> tuple[Controller, ...]:
-        """Active controllers in update order."""
+        """Active controllers, in update order."""
         return tuple(slot.controller for slot in self._order)
 
     def samples(self, wall_offset_ns: int) -> Samples:
-        """Return the last samples by name; a controller whose `sample` fails is added to `failed`."""
+        """Return the last samples by controller name; a controller whose `sample` fails is added to `failed`."""
         samples: Samples = {}
         for controller in self.controllers:
             try:
@@ -415,9 +425,10 @@ class UpdateLoop:
     # --------------------------------------------------------------------------------------------------- the cycle
 
     def update(self, now: int, period: float) -> float:
-        """Update the commanding controllers, if the manager is due; `now` in ns, `period` of the cycle in s.
+        """Update all active controllers except broadcasters, if the manager's period has passed.
 
-        Returns the time since their last update in s, negative if it is not due.
+        `now` is in ns, `period` is that of the cycle in s. Returns the time since the previous update in s, negative if
+        no update was due.
         """
         self.now = now
         for slot in self._commanding:
@@ -431,7 +442,7 @@ class UpdateLoop:
         return elapsed
 
     def broadcast(self, now: int, period: float) -> None:
-        """Update the broadcasters after the RPDOs of the cycle were sent."""
+        """Update the broadcasters, after the RPDOs of the cycle were sent."""
         rate = self._telling_rate
         elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
@@ -451,7 +462,7 @@ class UpdateLoop:
                 self.failed.append((slot.controller, "update reported an error"))
 
     def _power_changed(self, slot: ActiveController, part: InterfaceGroup, now: int) -> None:
-        """Clear a command in the cycle in which one of its drives is no longer enabled."""
+        """Update the state of an interface group; if a drive was disabled, clear the group's command."""
         if part.enabled:
             off = [interface for interface in part.ends if not interface.enabled]
             self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))
@@ -461,15 +472,15 @@ class UpdateLoop:
 
     @property
     def clients_with_commands(self) -> set[object]:
-        """Clients whose disconnection ends their active command."""
+        """Clients whose disconnection ends an active command."""
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
     def slot_of(self, controller: Controller) -> ActiveController | None:
-        """Return the entry of a controller, None if it is not active."""
+        """Return the entry of a controller, or None if the controller is not active."""
         return next((slot for slot in self._order if slot.controller is controller), None)
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client, unless another client has commanded since; `why` is a clause."""
+        """End the commands of a disconnected client that no other client has replaced; `why` is a clause."""
         for slot in self._commanding:
             controller = slot.controller
             if controller.life.holder is holder:
@@ -482,7 +493,7 @@ class UpdateLoop:
     def exclude(self, joints: Iterable[str], now: int) -> None:
         """Clear the commands of joints that a user disabled or halted individually.
 
-        The rest of a controller continues.
+        The other joints of an independent controller continue; other controllers are not affected.
         """
         names = frozenset(joints)
         for slot in self._commanding:
@@ -493,7 +504,7 @@ class UpdateLoop:
                 self._forget(slot, now, ends)
 
     def forget(self, now: int, why: str) -> None:
-        """Clear all commands; `why` is a clause with the cause."""
+        """Clear the commands of all controllers; `why` is a clause with the reason."""
         for slot in self._commanding:
             self._forget(slot, now, why=why)
 
@@ -510,21 +521,21 @@ class UpdateLoop:
 
 @dataclass(frozen=True, slots=True)
 class Switched:
-    """Result of a switch: activated and deactivated controllers."""
+    """Result of a switch: names of the activated and deactivated controllers."""
 
     activated: tuple[str, ...] = ()
     deactivated: tuple[str, ...] = ()
 
 
 class SwitchObserver(Protocol):
-    """Observer that depends on the set of active controllers."""
+    """Observer of changes of the set of active controllers."""
 
     def controllers_switched(self) -> None:
-        """Process a switch."""
+        """Process a change of the active controllers."""
 
 
 class Switcher:
-    """Starts and stops the `controllers` of one manager; `observer` is notified of each switch."""
+    """Executor of switches of the `controllers` of one manager; `observer` is notified of each change."""
 
     def __init__(
         self,
@@ -537,7 +548,7 @@ class Switcher:
         self._registry, self._controllers, self._running, self._events = registry, controllers, running, events
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], now: int, *, strict: bool) -> Switched:
-        """Deactivate and activate in one step, see `ControllerManager.switch`."""
+        """Deactivate and activate controllers in one step, see `ControllerManager.switch`."""
         plan = plan_switch(self._controllers, self._registry, activate, deactivate, strict=strict)
         for component, start, stop in plan.switches:
             component.prepare_command_mode_switch(start, stop)
@@ -553,7 +564,7 @@ class Switcher:
         )
 
     def drop(self, controllers: Sequence[Controller], reason: str, now: int) -> list[str]:
-        """Deactivate these and all chained to them, unchecked; return their names."""
+        """Deactivate controllers and all controllers chained to them, without checks; return their names."""
         group = users_of(controllers, self._running.controllers)
         for controller in group:
             self._stop(controller, now, "error", reason)
@@ -590,7 +601,7 @@ class Switcher:
         self._report("activated", controller.name, f"{controller.name} is active")
 
     def _stop(self, controller: Controller, now: int, kind: str, reason: str = "") -> None:
-        """Deactivate a controller; its targets are 0 even if its own hook fails."""
+        """Deactivate a controller; motion targets become 0.0 even if the controller's own hook fails."""
         commands = list(controller.commands)
         try:
             controller.life.end()

@@ -1,10 +1,10 @@
-"""Tricycle controller: converts a twist to the speed and the angle of one driven and steered wheel.
+"""Tricycle controller, which converts twists to the speed and angle of one wheel that is driven and steered.
 
-Names, defaults and limits are those of ros2_controllers' tricycle_controller, with its timeout in ms. While the wheel
-is far from its angle it turns slowly, and both joints have limits of their own. Ours: the least speeds, accelerations
-and jerks (`min_...` but `steering.min_position`) have no effect, since they keep a robot moving that is to stand;
-without a twist the wheel brakes along `traction.max_deceleration` and stays at its angle, see `mobile_base`; a timeout
-of 0 lets a twist move it for one update, where upstream's never moves.
+Names, defaults and limits are those of ros2_controllers' tricycle_controller, whose timeout is in ms. While the wheel
+is far from its commanded angle it turns slowly, and both joints have their own limits. Different from upstream: minimum
+speeds, accelerations and jerks (`min_...` except `steering.min_position`) have no effect, because they keep a robot in
+motion that should stand; without a twist the wheel brakes along `traction.max_deceleration` and keeps its angle, see
+`mobile_base`; with a timeout of 0 a twist applies for one update, where upstream never moves.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 
-_ON_TARGET: Final = math.pi / 6  # rad: as near as this to its angle the wheel has its whole speed
-_SLOWEST: Final = 0.01  # of the speed, from a quarter turn off on
+_ON_TARGET: Final = math.pi / 6  # deviation of the steering in rad up to which the speed is not reduced
+_SLOWEST: Final = 0.01  # fraction of the speed at a deviation of a quarter turn or more
 _PER_MS: Final = 1000.0
 _RENAMES: Final = {
     "use_stamped_vel": "",
@@ -43,7 +43,7 @@ _RENAMES: Final = {
 
 @dataclass(frozen=True)
 class TractionLimits:
-    """Limits of the drive wheel in both directions; nan means no limit."""
+    """Limits of the wheel speed, for both directions; nan means unlimited."""
 
     max_velocity: float = setting(NAN, low=0.0, nan=True, help="rad/s")
     max_acceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while gaining speed")
@@ -51,7 +51,7 @@ class TractionLimits:
     max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^3")
 
     def law(self) -> RateLaw:
-        """Return the limiter of the speed; upstream's jerk counts twice."""
+        """Convert to the limits of a `RateLimiter`, with twice the jerk, as upstream applies the limit."""
         gain, loss = self.max_acceleration, self.max_deceleration
         if math.isnan(gain) and not math.isnan(loss):
             gain = math.inf
@@ -61,7 +61,7 @@ class TractionLimits:
 
 @dataclass(frozen=True)
 class SteeringLimits:
-    """Limits of the steering angle; nan means no limit."""
+    """Limits of the steering angle, its velocity and acceleration; nan means unlimited."""
 
     max_position: float = setting(NAN, nan=True, help="rad; absent: minus `min_position`")
     min_position: float = setting(NAN, nan=True, help="rad; absent: minus `max_position`")
@@ -69,12 +69,12 @@ class SteeringLimits:
     max_acceleration: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^2")
 
     def bounds(self) -> tuple[float, float]:
-        """Return the least and the greatest angle."""
+        """Return the minimum and maximum steering angle in rad; nan if unlimited."""
         low = -self.max_position if math.isnan(self.min_position) else self.min_position
         return low, -low if math.isnan(self.max_position) else self.max_position
 
     def law(self) -> RateLaw:
-        """Return the limiter of the angle, whose derivative is a velocity; ROS's acceleration counts twice."""
+        """Convert to the limits of a `RateLimiter` for the angle, with twice the acceleration, as upstream."""
         low, high = self.bounds()
         speed, gain = self.max_velocity, 2.0 * self.max_acceleration
         return RateLaw(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
@@ -82,7 +82,7 @@ class SteeringLimits:
 
 @dataclass(frozen=True)
 class DrivenWheelParams(BaseParams):
-    """Parameters of tricycle_controller/TricycleController: m, rad."""
+    """Parameters of tricycle_controller/TricycleController, in units of m, rad and ms."""
 
     traction_joint_name: str = setting("", help="joint that drives the wheel")
     steering_joint_name: str = setting("", help="joint that steers it")
@@ -102,7 +102,7 @@ class DrivenWheelParams(BaseParams):
     steering: SteeringLimits = setting(SteeringLimits(), key="steering", section=True)
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Return the checks with their results."""
+        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         for key in ("traction_joint_name", "steering_joint_name"):
             yield not getattr(self, key), f"no {key}; give the joint"
         both = bool(self.traction_joint_name) and self.traction_joint_name == self.steering_joint_name
@@ -114,7 +114,7 @@ class DrivenWheelParams(BaseParams):
 
 
 class DrivenWheelPose(PlanarPose):
-    """Pose of a base with one driven and steered wheel, and its mean velocities in m/s and rad/s."""
+    """Odometry of a base with one driven and steered wheel; the mean velocities are in m/s and rad/s."""
 
     def __init__(self, radius: float, wheelbase: float, window: int = 1) -> None:
         super().__init__()
@@ -123,7 +123,7 @@ class DrivenWheelPose(PlanarPose):
         self._means = RollingMean(window), RollingMean(window)
 
     def follow(self, speed: float, angle: float, dt: float) -> None:
-        """Integrate the motion of the wheel at `speed` in rad/s and `angle` in rad for `dt` s."""
+        """Integrate the wheel motion over `dt` s, at `speed` in rad/s and steering angle `angle` in rad."""
         rim = speed * self._radius
         linear, angular = rim * math.cos(angle), rim * math.sin(angle) / self._wheelbase
         self.drive(linear * dt, angular * dt)
@@ -132,12 +132,12 @@ class DrivenWheelPose(PlanarPose):
         self.linear, self.angular = (mean.mean for mean in self._means)
 
     def integrate_command(self, linear: float, angular: float, dt: float) -> None:
-        """Integrate a twist into the pose."""
+        """Integrate a commanded twist, in m/s and rad/s, over `dt` s."""
         self.linear, self.angular = linear, angular
         self.drive(linear * dt, angular * dt)
 
     def command(self, linear: float, angular: float) -> tuple[float, float]:
-        """Return speed and angle of the wheel for a twist; 90 degrees for a turn on the spot."""
+        """Return wheel speed in rad/s and steering angle in rad for a twist; a turn on the spot needs 90 degrees."""
         across = angular * self._wheelbase
         speed = math.hypot(linear, across) / self._radius
         if linear == 0.0:
@@ -146,7 +146,7 @@ class DrivenWheelPose(PlanarPose):
 
 
 class TricycleController(MobileBase):
-    """Controller of a base with one driven and steered wheel; `kinematics` has its pose."""
+    """Controller of a base with one wheel that is driven and steered; `kinematics` contains the pose."""
 
     title: ClassVar[str] = "Tricycle: one wheel drives and steers"
     reads: ClassVar[type[DrivenWheelParams]] = DrivenWheelParams
@@ -164,19 +164,19 @@ class TricycleController(MobileBase):
         self.kinematics = DrivenWheelPose(1.0, 1.0)
         super().__init__(name, type_name, self.kinematics)
         self.params = DrivenWheelParams()
-        self._limiter = RateLimiter((0.0, NAN))  # the angle begins where the wheel stands
+        self._limiter = RateLimiter((0.0, NAN))  # the angle starts from the actual steering angle
         self._take_limits()
         self._commanded, self._actual = [0.0, NAN], [0.0, NAN]
         self._published: tuple[float, float] | None = None
-        """Speed in rad/s and angle in rad that were commanded with the odometry published last."""
+        """Commanded speed in rad/s and angle in rad, as of the last publication of the odometry."""
 
     def wheel_base(self) -> DriveGeometry:
-        """Return frames and wheel radius of the base."""
+        """Return the wheel radius and the frames of the parameters; sides and separation are unknown."""
         params = self.params
         return DriveGeometry((), (), 0.0, params.wheel_radius, *params.frame_ids(), params.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; the pose becomes 0."""
+        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = read_checked(params, DrivenWheelParams, _RENAMES)
         self.kinematics = DrivenWheelPose(
             settings.wheel_radius, settings.wheelbase, settings.velocity_rolling_window_size
@@ -187,7 +187,7 @@ class TricycleController(MobileBase):
         self.set_up(settings, settings.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Apply other limits and another timeout from the next update on."""
+        """Apply changed limits, a changed timeout and publication options from the next update on."""
         settings = read_checked(params, DrivenWheelParams, _RENAMES)
         self.take(settings, settings.cmd_vel_timeout / _PER_MS)
         self.params = settings
@@ -197,25 +197,25 @@ class TricycleController(MobileBase):
         self._limiter.laws = [self.params.traction.law(), self.params.steering.law()]
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity of traction and the position of steering."""
+        """Return the velocity interface of the traction joint and the position interface of the steering joint."""
         return [f"{self.params.traction_joint_name}/{VELOCITY}", f"{self.params.steering_joint_name}/{POSITION}"]
 
     def state_interface_names(self) -> list[str]:
-        """Return the measured state interfaces."""
+        """Return the same interfaces as `command_interface_names`, also in open loop."""
         return self.command_interface_names()
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start at standstill."""
+        """Start without a twist; the limits start from standstill and the actual steering angle."""
         super().on_activate(commands, states, now)
         self._limiter.reset()
 
     def forget(self, now: int) -> None:
-        """Stop at once."""
+        """Stop the wheel at once; the limits start again from standstill and the actual steering angle."""
         super().forget(now)
         self._limiter.reset()
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry and wheel command."""
+        """Return the last published odometry, with the wheel command if enabled; None before the first publication."""
         odometry, params = self.odometry_sample(wall_offset_ns), self.params
         if odometry is None:
             return None
@@ -223,19 +223,22 @@ class TricycleController(MobileBase):
         return grown(OdometrySample, odometry, only_twist=params.odom_only_twist, ackermann=ackermann)
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the mean velocities of its odometry."""
+        """Return the mean velocities of the odometry: forward in m/s, 0.0 sideways, yaw rate in rad/s."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
     def advance(self, dt: float) -> None:
-        """Integrate the wheel's motion into the pose."""
+        """Integrate the measured wheel motion of the last `dt` s into the pose."""
         self.kinematics.follow(self.states[0].value, self.states[1].value, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the twist into the pose."""
+        """Integrate the limited twist over `dt` s into the pose."""
         self.kinematics.integrate_command(self.limited[0], self.limited[1], dt)
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute speed and angle of a twist within their limits; slower while the wheel is far from that angle."""
+        """Compute wheel speed and steering angle from a twist, within the limits of the values themselves.
+
+        The speed is reduced while the steering is far from the commanded angle.
+        """
         speed, angle = self.kinematics.command(twist[0], twist[1])
         off = abs(angle - self.states[1].value) if self.states else NAN
         if off >= _ON_TARGET:  # not where it is unknown
@@ -244,7 +247,10 @@ class TricycleController(MobileBase):
         self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one step; limit both commands by their last two values; `period` in s."""
+        """Execute one control step; `period` is in s.
+
+        Both wheel commands are also limited by their previous two values.
+        """
         result = super().update(now, period)
         if result is OK and all(command.enabled for command in self.commands):
             actual, commanded, limiter = self._actual, self._commanded, self._limiter

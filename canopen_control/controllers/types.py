@@ -1,7 +1,7 @@
-"""Controller types by their names in ros2_controllers.yaml.
+"""Controller types, by their names in ros2_controllers.yaml.
 
-A type is imported when the first controller of it is loaded; what is not in the table comes from
-the entry point group `canopen_control.controllers` of any installed package.
+The class of a type is imported when the first controller of this type is loaded. Types that are not in the table come
+from the entry point group `canopen_control.controllers` of any installed package.
 """
 
 from __future__ import annotations
@@ -54,27 +54,27 @@ TYPES: Final = {
     "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
 }
-"""Type name to `module:class`; those of single joints and joint_state_controller are ROS 1's."""
+"""Classes of the controller types, as `module:class`; single joint types and joint_state_controller are of ROS 1."""
 
 
 def is_broadcaster(type_name: str) -> bool:
-    """Whether controllers of this type only read states; False for unknown types."""
+    """Return whether controllers of this type are broadcasters; False for unknown types."""
     return bool(getattr(class_of(type_name), "is_broadcaster", False))
 
 
 def moves_joints(type_name: str) -> bool:
-    """Whether controllers of this type move joints; True for unknown types."""
+    """Return whether controllers of this type move joints; True for unknown types."""
     controller_class = class_of(type_name)
     return not is_broadcaster(type_name) and bool(getattr(controller_class, "moves_joints", True))
 
 
 def roller_wheels(type_name: str) -> tuple[str, ...]:
-    """Return the parameters of a type that name the joints of mecanum wheels; empty for unknown types."""
+    """Return the parameters of a type that name joints of mecanum wheels; empty for unknown types."""
     return tuple(getattr(class_of(type_name), "roller_wheels", ()))
 
 
 def make_controller(name: str, type_name: str) -> Controller:
-    """Create a controller; ControlError for an unknown type, with the nearest one."""
+    """Create a controller; raise ControlError if the type is unknown or cannot be loaded."""
     target = TYPES.get(type_name) or _entry_point(type_name)
     if target is None:
         raise ControlError(f"controller {name}: no type {type_name!r} is known{nearest(type_name, TYPES)}")
@@ -89,7 +89,7 @@ def make_controller(name: str, type_name: str) -> Controller:
 
 
 def class_of(type_name: str) -> type[Controller] | None:
-    """Return the class of a type, None for a type that is unknown or cannot be imported."""
+    """Return the class of a type; None if the type is unknown or its module cannot be imported."""
     target = TYPES.get(type_name) or _entry_point(type_name)
     if target is None:
         return None

@@ -1,4 +1,4 @@
-"""Joint trajectories as in joint_trajectory_controller of ros2_controllers: sampling, rules, goals.
+"""Joint trajectories, as executed by joint_trajectory_controller of ros2_controllers.
 
-Pure state: no clock is read and nothing is sent. Times are integer nanoseconds, angles rad, lengths m.
+The code only computes: no clock is read and nothing is sent. Times are integer nanoseconds, angles rad, lengths m.
 """

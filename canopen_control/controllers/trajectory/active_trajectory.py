@@ -1,13 +1,14 @@
-"""Active trajectory: states of its joints over time, and its progress.
+"""Trajectory in execution: states of the joints over time, and the progress of the motion.
 
-Rules (ros2_controllers jazzy, Trajectory): it starts at its stamp, or, for a stamp of 0, at its first sample. Until the
-arrival at the first point it leads there from the point before it. Missing quantities of a point are deduced from its
-derivatives and then kept; after the end the last point is held. Safer than upstream: sampling a future time
-never changes the progress, and earlier times can still be sampled.
-Upstream wraps only the point before the first one, so that the drive of a continuous joint is commanded to
-another turn at once. Here the samples are shifted by whole turns instead: the motion begins at the joint's position.
-Packed points are unpacked one by one, when the motion reaches them. A sample of a future time is kept for that time,
-usually the next cycle, and not computed again.
+Rules (ros2_controllers jazzy, Trajectory): a trajectory starts at its stamp or, for a stamp of 0, at its first sample.
+Until the time of the first point it leads there from the state before. Missing quantities of a point are deduced from
+its derivatives and then stored; after the end the last point is held. Safer than upstream: sampling a future time never
+changes the progress, and earlier times can still be sampled.
+
+Upstream wraps only the state before the first point, so that the drive of a continuous joint is suddenly commanded to
+another turn. Here the samples are shifted by whole turns instead: the motion begins at the joint's position. Packed
+points are unpacked one by one, when the motion reaches them. A sample of a future time is stored for that time, usually
+the next cycle, and not computed again.
 """
 
 from __future__ import annotations
@@ -27,12 +28,15 @@ if TYPE_CHECKING:
 
 # The polynomials between two points of a trajectory: linear, cubic through velocities, quintic through accelerations.
 #
-# Rules (ros2_controllers jazzy): what stands in both points decides the degree. Ours, and safer: points
+# Rules (ros2_controllers jazzy): the quantities that both points have determine the degree. Safer than upstream: points
 # with accelerations and without velocities are joined by a line, where upstream commands zeros.
 
 
 class Segment:
-    """Segment between two points for all joints; `fit` computes the coefficients, `evaluate` allocates nothing."""
+    """Polynomial between two points, for all joints.
+
+    `fit` computes the coefficients; `evaluate` does not allocate memory.
+    """
 
     def __init__(self) -> None:
         self._begin, self._duration = 0, 0.0
@@ -50,7 +54,7 @@ class Segment:
         self._c5: list[float] = []
 
     def fit(self, begin: int, a: Point, end: int, b: Point) -> None:
-        """Compute the segment from point `a` at `begin` to point `b` at `end`, in ns."""
+        """Compute the polynomial from point `a` at time `begin` to point `b` at time `end`; times are in ns."""
         self._begin, self._duration = begin, (end - begin) / 1e9
         joints, time = len(a.positions), self._duration
         self._joints = joints
@@ -71,7 +75,10 @@ class Segment:
             self._fit_cubic(a, b, time)
 
     def evaluate(self, t: int, out: Point) -> None:
-        """Write the point at `t`, in ns, into `out`; beyond the ends the end position, with the slope of the line."""
+        """Write the state at `t`, in ns, into `out`.
+
+        Before the begin and after the end, the position is that of the nearer point, and the velocity is the mean one.
+        """
         joints = self._joints
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             _resize(out, joints)
@@ -106,7 +113,7 @@ class Segment:
 
     def _quintic(self, s: float, out: Point) -> None:
         positions, velocities, accelerations = out.positions, out.velocities, out.accelerations
-        s2 = s * s  # powers summed as upstream sums them: in a segment of hours their rounding shows
+        s2 = s * s  # the same order of operations as upstream: in a segment of hours the rounding matters
         s3 = s2 * s
         s4 = s3 * s
         s5 = s4 * s
@@ -153,17 +160,17 @@ def _resize(out: Point, joints: int) -> None:
 
 
 _BEFORE: Final = -1
-"""The segment that leads to the first point."""
+"""Index of the segment that leads to the first point."""
 _NONE: Final = -2
 _FEW: Final = 8
-"""So many segments are looked through one by one, as each cycle does with the next ones."""
+"""Number of segments that are searched linearly before a binary search."""
 
 
 class JointSetpoint(metaclass=ABCMeta):
-    """Source of set-points: `start` and `before_time` in ns, `size` points.
+    """Source of set-points over time, with `size` points; `start` is in ns.
 
-    `first` and `following` are the points that the last sample was between; both `size` where it had none, and
-    `following` alone once it is over.
+    `first` and `following` are the points on both sides of the last sample. Both are `size` if there was no sample, and
+    `following` alone is `size` once the trajectory is over.
     """
 
     def __init__(self, stamp: int, size: int) -> None:
@@ -173,32 +180,32 @@ class JointSetpoint(metaclass=ABCMeta):
 
     @abstractmethod
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Set the joint positions before the first point, at a time in ns; `wrap` marks continuous joints."""
+        """Set the state of the joints before the first point, at a time in ns; `wrap` marks continuous joints."""
 
     @abstractmethod
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the state at `t`, in ns, to `out`; False without one.
+        """Write the state at `t`, in ns, to `out`; return False without a state.
 
-        `ahead` looks into the future: the place that has been reached stays.
+        With `ahead` the sample is in the future and does not change the progress.
         """
 
     @abstractmethod
     def time_of(self, index: int) -> int:
-        """Return the time of a point from start, in ns."""
+        """Return the time of point `index` from the start, in ns."""
 
     def end_point(self) -> Point | None:
-        """Return the final point, None without one."""
+        """Return the last point, or None if there is no point."""
         return None
 
     def begin(self, t: int) -> None:
-        """Begin at `t` with the first sample, unless a stamp gives the start."""
+        """Mark the first sample, which is the start of the trajectory if it has no stamp; `t` is in ns."""
         if not self.sampled:
             if self.start == 0:
                 self.start = t
             self.sampled = True
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time to `out`, without changing the position in the trajectory."""
+        """Write the state at any time `t`, in ns, to `out` without changing the progress; False means no state."""
         return self.sampled and self.sample(t, out, ahead=True)
 
     @property
@@ -208,10 +215,10 @@ class JointSetpoint(metaclass=ABCMeta):
 
 
 class ActiveTrajectory(JointSetpoint):
-    """Active points, interpolated by `splines`, or without interpolation each commanded until its time.
+    """Trajectory in execution, interpolated by `splines`; without splines a point is commanded until its time.
 
-    With an `arrangement` it is applied to each point that is made. `shift` is what is added to the positions of each
-    joint, in whole turns: what is sampled has it, the points have not.
+    An `arrangement` is applied to each point when it is created. `shift` is added to the positions of each joint, in
+    whole turns: samples include the shift, the points do not.
     """
 
     def __init__(self, message: JointTrajectory, splines: bool = True, arrangement: Arrangement | None = None) -> None:
@@ -223,22 +230,22 @@ class ActiveTrajectory(JointSetpoint):
         self._points, self._packed = points, isinstance(points, Points)
         self._times: Sequence[int] = points.times if isinstance(points, Points) else [point.time for point in points]
         self._arrangement = arrangement if arrangement is not None and arrangement.changes else None
-        self._arranged = bytearray(self.size if self._arrangement is not None else 0)  # of points that are made already
+        self._arranged = bytearray(self.size if self._arrangement is not None else 0)  # flags of the arranged points
         self._segment = Segment()
         self._fitted = _NONE
         self._from, self._to = Point(), Point()
         self._end: Point | None = None
-        self._ahead: Point | None = None  # by a look ahead, at that time
+        self._ahead: Point | None = None  # sample of the future time `_seen_at`
         self._seen_at = 0
         self.shift: list[float] = []
         self._shifted = False
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Set the state of the joints before the first point, and compute their whole turns."""
+        """Set the state of the joints before the first point, and compute the shifts by whole turns."""
         self.before_time, self._fitted, self._ahead = time, _NONE, None
         before = self.before
         before.take(point)
-        if not all(map(math.isfinite, before.effort)):  # what is commanded before the first cycle
+        if not all(map(math.isfinite, before.effort)):  # efforts commanded before the first cycle may be nan
             before.effort[:] = [effort if math.isfinite(effort) else 0.0 for effort in before.effort]
         self.shift, self._shifted = [], False
         if not self.size:
@@ -254,7 +261,8 @@ class ActiveTrajectory(JointSetpoint):
     def _wrap(self, wrap: Sequence[bool]) -> None:
         """Shift continuous joints by whole turns, to within half a turn of the first point.
 
-        Until the first point that has positions they follow their velocities; that point counts then.
+        If the first points have no positions, the joints follow their velocities up to the first point that has some,
+        which then counts.
         """
         before = self.before.positions
         start, first = self._first_place()
@@ -266,7 +274,7 @@ class ActiveTrajectory(JointSetpoint):
         self._shifted = any(self.shift)
 
     def _first_place(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Return the positions of the first point that has any, and those before it."""
+        """Return the positions before the first point that has positions, and the positions of this point."""
         point, first = self.before, self.at(0)
         if first.positions:
             return point.positions, first.positions
@@ -280,9 +288,9 @@ class ActiveTrajectory(JointSetpoint):
         return point.positions, ()
 
     def at(self, index: int) -> Point:
-        """Return one point, for all joints in their order."""
+        """Return point `index`, with the values in the controller's order of joints."""
         if self._packed and self._fitted == index - 1 >= 0:
-            return self._to  # what was deduced of it stays
+            return self._to  # with the quantities that were deduced for it
         point = self._points[index]
         if self._arrangement is not None and (self._packed or not self._arranged[index]):
             self._arrangement.apply(point)
@@ -290,11 +298,11 @@ class ActiveTrajectory(JointSetpoint):
         return point
 
     def time_of(self, index: int) -> int:
-        """Return the time of a point from start, in ns."""
+        """Return the time of point `index` from the start, in ns."""
         return self._times[index]
 
     def end_point(self) -> Point | None:
-        """Return the last point, None without one."""
+        """Return the last point, shifted by whole turns, or None if there is no point."""
         end = self._last_point()
         if end is None or not self._shifted:
             return end
@@ -303,19 +311,19 @@ class ActiveTrajectory(JointSetpoint):
         return shifted
 
     def _last_point(self) -> Point | None:
-        """Return the last point as received."""
+        """Return the last point without shifts, or None if there is no point."""
         if self._end is None and self.size:
             self._end = self.at(self.size - 1)
         return self._end
 
     def _shift(self, point: Point) -> None:
-        """Shift a point to the present turns of the joints."""
+        """Add the whole turns of the joints to the positions of a point."""
         positions, shift = point.positions, self.shift
         for index in range(min(len(positions), len(shift))):
             positions[index] += shift[index]
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` into `out`, see `JointSetpoint`."""
+        """Write the state at `t` into `out`, see `JointSetpoint`."""
         times, size = self._times, self.size
         self.first = self.following = size
         if not size:
@@ -340,13 +348,13 @@ class ActiveTrajectory(JointSetpoint):
         return self._last(out)
 
     def _segment_of(self, elapsed: int) -> int:
-        """Return the segment that contains a time, searched from the present one."""
+        """Return the segment that contains a time from the start, searched from the current segment on."""
         times, index, last = self._times, self.reached, self.size - 1
         steps = 0
         while index < last and not times[index] <= elapsed < times[index + 1]:
             index += 1
             steps += 1
-            if steps == _FEW and self._packed:  # what comes packed is taken with increasing times alone
+            if steps == _FEW and self._packed:  # packed points are accepted only with increasing times
                 return min(max(bisect_right(times, elapsed) - 1, index), last)
         return index
 
@@ -354,11 +362,11 @@ class ActiveTrajectory(JointSetpoint):
         """Write the state at any time to `out`, see `JointSetpoint`."""
         reached, self.reached = self.reached, 0
         result = self.sampled and self.sample(t, out, ahead=True)
-        self.reached, self._ahead = reached, None  # `out` is not the follower's
+        self.reached, self._ahead = reached, None  # `out` belongs to the caller
         return result
 
     def _between(self, index: int, t: int, out: Point, *, ahead: bool) -> None:
-        """Write the interpolated state between a point and the next one."""
+        """Write the state at `t`, interpolated between point `index` and the next point."""
         sampled, self._ahead = self._ahead, None
         if sampled is not None and not ahead and t == self._seen_at and index == self._fitted:
             out.take(sampled)
@@ -378,7 +386,7 @@ class ActiveTrajectory(JointSetpoint):
             self._ahead, self._seen_at = out, t
 
     def _fit(self, index: int) -> None:
-        """Compute the segment from a point to the next one."""
+        """Compute the segment from point `index` to the next point."""
         a = self.before if index == _BEFORE else self.at(index)
         b = self.at(index + 1)
         self._from, self._to, self._fitted = a, b, index
@@ -406,7 +414,7 @@ class ActiveTrajectory(JointSetpoint):
 
 
 def _fill(point: Point) -> None:
-    """Set missing values of a point to zero."""
+    """Set missing velocities, accelerations and efforts of a point to zeros."""
     zeros = [0.0] * len(point.positions)
     point.velocities[:] = point.velocities or zeros
     point.accelerations[:] = point.accelerations or zeros
@@ -414,7 +422,7 @@ def _fill(point: Point) -> None:
 
 
 def _deduce(a: Point, b: Point, time: float) -> None:
-    """Compute velocities and positions of the second point from the accelerations, over a time in s."""
+    """Compute missing velocities and positions of point `b` from its derivatives, over `time` s since point `a`."""
     joints = len(a.positions)
     zeros = [0.0] * joints
     a.effort[:] = a.effort or zeros

@@ -1,9 +1,10 @@
-"""joint_trajectory_controller/JointTrajectoryController: arms that move as MoveIt expects.
+"""Joint trajectory controller, which executes trajectories as MoveIt expects.
 
-Rules (ros2_controllers jazzy): a trajectory is taken between two cycles and begins in the next one; the
-command is its sample one period ahead; during the motion and at the end the joints are checked against the tolerances
-of the goal. Safer than upstream: while a joint does not follow commands nothing is commanded to any, and its goal ends
-with a sentence that names the joint; once all follow again they are held at their positions.
+Rules (ros2_controllers jazzy, joint_trajectory_controller/JointTrajectoryController): a trajectory is accepted between
+two cycles and begins in the next one; the command is its sample one period ahead; during the motion and at the end the
+joints are checked against the tolerances of the goal. Safer than upstream: while a joint does not follow commands, no
+joint is commanded, and the goal ends with a text that names the joint; once all joints follow again, they are held at
+their positions.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ if TYPE_CHECKING:
 
 # Check of the tolerances of a trajectory, during the motion and at its end, and the reports of violations.
 #
-# Rules (ros2_controllers jazzy): during the motion, and in the first cycle, the path tolerances apply, at the end those
-# of the goal. A missed goal is aborted `goal_time` after the end; with a `goal_time` of 0 it waits without limit.
+# Rules (ros2_controllers jazzy): during the motion, and in the first cycle, the path tolerances apply, at the end the
+# goal tolerances. A missed goal is aborted `goal_time` after the end; with a `goal_time` of 0 there is no time limit.
 
 
 _NOBODY = -1
@@ -64,7 +65,7 @@ _NOBODY = -1
 
 @dataclass(frozen=True)
 class ToleranceResult:
-    """Result of a goal, with the reason as a sentence."""
+    """Result of a goal by its tolerances, with an explanation."""
 
     state: GoalState
     code: ResultCode
@@ -72,7 +73,10 @@ class ToleranceResult:
 
 
 class _Tolerated:
-    """Tolerances of all joints, prepared for a check in every cycle: positions first, often the only ones."""
+    """Tolerances of all joints, prepared for a fast check in every cycle.
+
+    Positions are checked first, because often they are the only ones with a tolerance.
+    """
 
     __slots__ = ("_all", "_more", "_positions")
 
@@ -82,7 +86,7 @@ class _Tolerated:
         self._more = any(tolerance.velocity > 0.0 or tolerance.acceleration > 0.0 for tolerance in tolerances)
 
     def exceeded(self, error: Point) -> int:
-        """Return the last joint whose error exceeds its tolerance, or None."""
+        """Return the index of the last joint whose error exceeds its tolerance, or `_NOBODY` if there is none."""
         last, off, most = _NOBODY, error.positions, self._positions
         for joint in range(len(most)):
             if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
@@ -91,7 +95,12 @@ class _Tolerated:
 
 
 class ToleranceMonitor:
-    """Check of one cycle: `left` is the joint off its path, `outside` the joint off its goal."""
+    """Tolerance check of the current cycle.
+
+    `left` is the index of a joint outside its path tolerance, `outside` that of a joint outside its goal tolerance,
+    both -1 if there is none. `over` is True at the end of the trajectory, `late` when `goal_time` has passed since
+    then.
+    """
 
     def __init__(self, group: JointGroup) -> None:
         self._group = group
@@ -102,13 +111,13 @@ class ToleranceMonitor:
 
     @property
     def stops(self) -> bool:
-        """Whether the trajectory must no longer be commanded."""
+        """Whether the trajectory has failed, so that it must no longer be commanded."""
         return self.left >= 0 or self.late
 
     def check(
         self, tolerances: SegmentTolerances, follower: TrajectoryExecutor, *, over: bool, time_since_end: float
     ) -> None:
-        """Compare the errors of this cycle with the tolerances; `time_since_end` in s."""
+        """Compare the errors of this cycle with the tolerances; `time_since_end` is in s."""
         self.left, self.outside, self.over, self.late = _NOBODY, _NOBODY, over, False
         if follower.holding:
             return
@@ -122,7 +131,7 @@ class ToleranceMonitor:
         self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < time_since_end
 
     def verdict(self, tolerances: SegmentTolerances) -> ToleranceResult | None:
-        """Return the result of the tolerance checks, None while the trajectory continues."""
+        """Return the result of the last check, None while the trajectory continues."""
         joints, errors = self._group.joints, self._group.error.positions
         if self.left >= 0:
             off, allowed = errors[self.left], tolerances.path[self.left].position
@@ -144,29 +153,31 @@ class ToleranceMonitor:
 _REACHED = ToleranceResult(GoalState.SUCCEEDED, ResultCode.SUCCESSFUL, "the goal was reached")
 
 
-# Velocities for trajectories of positions alone, as policies send them: a cubic spline through all points.
+# Velocities for trajectories that contain positions only, as policies send them: a cubic spline through all points.
 #
-# Rules (ros2_controllers rolling, positions_upsampling): the spline has continuous accelerations and
-# rests at both ends. Ours: the velocities of a few points are worked out when the joints come there, so that a long
-# trajectory costs neither its acceptance nor a cycle. What is farther away counts 0.27 times as much with each point
-# where they come evenly, and half as much at worst: `_REACH` points away 1e-14 of a velocity, at worst 1e-7.
+# Rules (ros2_controllers rolling, positions_upsampling): the spline has continuous accelerations and zero velocity at
+# both ends. Different from upstream: the velocities are computed in blocks of points when the motion reaches them, so
+# that a long trajectory delays neither its acceptance nor a cycle. The influence of a point on a velocity decreases
+# with every point in between, by a factor of 0.27 for equal time steps and 0.5 at worst: `_REACH` points away it is
+# 1e-14, at worst 1e-7.
 
 
 _REACH: Final = 24
-_BLOCK: Final = 16  # points whose velocities are worked out together
+_BLOCK: Final = 16  # points whose velocities are computed together
 
 Block = list[list[float]]
 
 
 def positions_alone(message: JointTrajectory) -> bool:
-    """Whether the points contain positions only."""
+    """Return whether no point of a trajectory has velocities, accelerations or efforts."""
     return not any(set(size) - {0} for size in survey_of(message).sizes[1:])
 
 
 def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | None:
-    """Return the points with the velocities of the spline through their positions, None if there is none.
+    """Return the points of a trajectory with the velocities of a spline through their positions.
 
-    Without any time they have those of a policy that runs at `frequency` in Hz; 0 leaves them.
+    The result is None if the positions are incomplete or the times do not increase. If all times are 0 and `frequency`
+    (Hz) is not, the points get the times of a policy that runs at this frequency.
     """
     survey, points = survey_of(message), message.points
     if len(survey.sizes[0]) != 1 or 0 in survey.sizes[0]:
@@ -179,7 +190,7 @@ def upsampled(message: JointTrajectory, frequency: float) -> UpsampledPoints | N
 
 
 class PolicyTimes(Sequence[int]):
-    """Times of a policy's points in ns: each one period after the previous, the first one period after the start."""
+    """Times of a policy's points in ns: point `index` is `index` + 1 periods after the start."""
 
     def __init__(self, count: int, frequency: float) -> None:
         self._count, self._frequency = count, frequency
@@ -192,7 +203,7 @@ class PolicyTimes(Sequence[int]):
     @overload
     def __getitem__(self, index: slice) -> list[int]: ...
     def __getitem__(self, index: int | slice) -> int | list[int]:
-        """Return one point, or a slice of the points."""
+        """Return the time of one point, or a list of times for a slice."""
         if isinstance(index, slice):
             return [self[place] for place in range(*index.indices(self._count))]
         if not -self._count <= index < self._count:
@@ -201,15 +212,15 @@ class PolicyTimes(Sequence[int]):
 
 
 class UpsampledPoints(SurveyedPoints):
-    """Points of positions with the velocities of the spline; `source` has the positions, `times` their times."""
+    """Points with positions and the velocities of a spline; `source` has the positions, `times` their times."""
 
     def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: TrajectorySummary) -> None:
         self.times, self.survey = times, survey
         self._source = source
-        self._blocks: dict[int, Block] = {}  # the last two results, by their first points
+        self._blocks: dict[int, Block] = {}  # velocities of the last two blocks, by the index of their first point
 
     def __getitem__(self, index: int) -> Point:
-        """Return a new point."""
+        """Return a new point with the position of point `index` and the velocity of the spline."""
         if index < 0:
             index += len(self)
         begin = index - index % _BLOCK
@@ -222,7 +233,7 @@ class UpsampledPoints(SurveyedPoints):
         return Point(self._source[index].positions, block[index - begin], time=self.times[index])
 
     def _worked_out(self, begin: int) -> Block:
-        """Return the velocities of a block, with standstill assumed outside its margin."""
+        """Compute the velocities of a block, assuming standstill `_REACH` points before and after the block."""
         last = len(self) - 1
         first, end = max(0, begin - _REACH), min(last, begin + _BLOCK - 1 + _REACH)
         if not last:
@@ -238,7 +249,7 @@ class UpsampledPoints(SurveyedPoints):
 
 
 def _spline(positions: Sequence[Sequence[float]], steps: Sequence[float]) -> Block:
-    """Solve the tridiagonal equations of the velocities at the inner points (Thomas); those of the ends are 0."""
+    """Return the velocities at all points, 0 at both ends, by the Thomas algorithm; `steps` are time steps in s."""
     still = [0.0] * len(positions[0])
     uppers, rows = [0.0], [still]
     for i, (h, k) in enumerate(itertools.pairwise(steps)):
@@ -265,10 +276,10 @@ NS = 1_000_000_000
 
 
 class JointTrajectoryController(Controller):
-    """Controller of trajectories of positions, velocities, accelerations or efforts of several joints.
+    """Controller that executes trajectories of several joints.
 
-    `holding` is True while it holds the position; `goal` is the executed goal, `tolerances` are the applied ones.
-    `desired`, `output`, `actual` and `error` are those of the last cycle.
+    Trajectories may command positions, velocities, accelerations or efforts. `goal` is the goal in execution,
+    `tolerances` are the applied tolerances. `desired`, `output`, `actual` and `error` are those of the last cycle.
     """
 
     title: ClassVar[str] = "Joint trajectories"
@@ -307,7 +318,7 @@ class JointTrajectoryController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read and check the parameters, see `params`."""
+        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = settings = read_params(params, self.name)
         self._changed = None
         self.update_rate = settings.update_rate
@@ -330,21 +341,21 @@ class JointTrajectoryController(Controller):
         self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
 
     def on_set(self, params: Params) -> None:
-        """Apply other gains, and tolerances of later trajectories, in the next cycle."""
+        """Apply changed gains and options in the next cycle; changed tolerances apply to later trajectories."""
         self.change(read_params(params, self.name))
 
     def command_interface_names(self) -> list[str]:
-        """Return the interfaces of each commanded joint, and of the speed scaling."""
+        """Return the command interfaces of the commanded joints, and of the speed scaling if configured."""
         return self._group.command_names + ([self.params.scaling_command] if self.params.scaling_command else [])
 
     def state_interface_names(self) -> list[str]:
-        """Return the interfaces of each joint, and of the speed scaling."""
+        """Return the state interfaces of the joints, and of the speed scaling if configured."""
         return self._group.state_names + ([self.params.scaling_state] if self.params.scaling_state else [])
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces and hold the joints."""
+        """Store the interfaces, and hold the joints."""
         super().on_activate(commands, states, now)
-        if self._changed is not None:  # while it was inactive
+        if self._changed is not None:  # changed while the controller was inactive
             self._take_changes(self._changed)
         group = self._group
         group.take(commands[: len(group.command_names)], states[: len(group.state_names)])
@@ -368,14 +379,14 @@ class JointTrajectoryController(Controller):
         self._follower.hold()
 
     def on_deactivate(self, now: int) -> None:
-        """Stop: the goal is aborted, positions are kept, other targets become 0."""
+        """Abort the goal; position targets stay, other targets become 0.0."""
         text = f"{self.name} was deactivated; activate it and send again"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         super().on_deactivate(now)
         self._follower.clear(holding=False)
 
     def forget(self, now: int) -> None:
-        """Clear the command: the goal ends if a joint does not follow, otherwise the joints brake."""
+        """Abort the goal; the joints brake, or are released if a joint does not follow commands."""
         del now
         self._waiting = self._group.waits_for()
         why = self.life.ended_by or "it was to stop"
@@ -389,15 +400,15 @@ class JointTrajectoryController(Controller):
         self._brake()
 
     def change(self, params: TrajectoryParams) -> None:
-        """Apply other parameters in the next cycle: gains, and tolerances of later trajectories."""
+        """Apply changed gains and options in the next cycle; changed tolerances apply to later trajectories."""
         self._changed = params
 
     # -------------------------------------------------------------------------------------------------- commands
 
     def set_trajectory(self, message: JointTrajectory, now: int) -> None:
-        """Follow a trajectory from the next cycle on; ControlError, and nothing changes, if it is refused.
+        """Follow a trajectory from the next cycle on; raise ControlError and change nothing if it is refused.
 
-        A goal that is being executed is judged by it from then on.
+        The tolerances of a goal in execution then apply to this trajectory.
         """
         params = self.params
         if params.upsampling and params.interpolation_method == "splines" and positions_alone(message):
@@ -406,9 +417,9 @@ class JointTrajectoryController(Controller):
         self._queue(message, now)
 
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
-        """Start a goal in the next cycle, replacing the previous one; ControlError if it is refused.
+        """Start a goal in the next cycle, aborting the previous goal; raise ControlError if it is refused.
 
-        A trajectory alone is set, see `set_trajectory`.
+        A trajectory without a goal is passed to `set_trajectory`.
         """
         if isinstance(goal, JointTrajectory):
             self.set_trajectory(goal, now)
@@ -423,19 +434,22 @@ class JointTrajectoryController(Controller):
         self._queue(goal.trajectory, now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Refuse numbers: a trajectory controller accepts only trajectories."""
+        """Raise ControlError, because a trajectory controller accepts only trajectories."""
         del values, now, stamp
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
-        """Cancel a goal; if it is active, the joints brake and hold; `why` is in the event."""
+        """Cancel a goal if it is in execution: the joints brake and are held. `why` is reported."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """Cancel the active trajectory, or `only` this goal; ControlError if there is none."""
+        """Cancel the active goal or trajectory, or only the goal `only` if it is in execution.
+
+        Raises ControlError if there is nothing to cancel.
+        """
         goal = only or self.goal
         if goal is not None:
             self.cancel(goal, why)
@@ -446,30 +460,33 @@ class JointTrajectoryController(Controller):
             self._brake()
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Set the speed scaling of trajectories; ControlError below 0 or if it cannot be scaled."""
+        """Set the speed scaling factor; raise ControlError if it is negative or scaling is not possible."""
         if (wrong := self.speed.mistake(factor)) is not None:
             raise self.refusal(wrong)
         self.speed.set(factor)
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the trajectory's state at `t` in ns to `out`; False, with the actual state, if it has none."""
+        """Write the trajectory's state at `t`, in ns, to `out`; return False if the trajectory is over by then.
+
+        Without a trajectory the actual state is written, and the result is also False.
+        """
         return self._follower.query(t, out)
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the trajectory's state at `t` in ns; the actual state if it has none."""
+        """Return the state at `t` in ns as an answer; `known` is False without a trajectory at `t`."""
         if self.state.value != "active":
             return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
         return self._follower.state_reading(t, self.name)
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
-        """Return desired and actual state of the last cycle with a command."""
+        """Return the desired and actual states of the last cycle; None before the first cycle with a motion."""
         if not self.stamp:
             return None
         return self._follower.sample_of(self.published(wall_offset_ns), self.goal is not None, self.speed.factor)
 
     @property
     def holding(self) -> bool:
-        """Whether the joints hold their position or brake."""
+        """Whether the joints are held or brake to standstill."""
         return self._follower.holding
 
     @property
@@ -479,7 +496,7 @@ class JointTrajectoryController(Controller):
 
     @property
     def output(self) -> Point:
-        """Commanded state of the last cycle."""
+        """Commanded state, for the next cycle."""
         return self._follower.output
 
     @property
@@ -489,7 +506,7 @@ class JointTrajectoryController(Controller):
 
     @property
     def error(self) -> Point:
-        """Error of the joints: desired minus actual."""
+        """Difference of desired and actual state in the last cycle."""
         return self._group.error
 
     def _check(self, message: JointTrajectory, now: int) -> None:
@@ -534,7 +551,7 @@ class JointTrajectoryController(Controller):
         return OK
 
     def _follow(self, motion: JointSetpoint, now: int, period: float) -> None:
-        """Command the computed state, unless a joint violates its tolerances."""
+        """Check the tolerances, and write the computed command unless the trajectory has failed."""
         group, follower, judgement = self._group, self._follower, self._judgement
         over, past = motion.is_over, follower.time_since_end
         if over and not follower.holding and 0.0 < self._timeout < past:
@@ -554,7 +571,7 @@ class JointTrajectoryController(Controller):
             self._take_verdict(judgement.verdict(self.tolerances))
 
     def _take_verdict(self, verdict: ToleranceResult | None) -> None:
-        """End the goal or the trajectory by the result of the checks."""
+        """End the goal or the trajectory according to the result of the tolerance check."""
         if verdict is None:
             return
         if verdict.state is GoalState.SUCCEEDED:
@@ -574,7 +591,7 @@ class JointTrajectoryController(Controller):
         self._follower.set_gains(params)
 
     def _give_up(self, joint: str) -> None:
-        """Command nothing while a joint does not follow; the goal ends with its name as the reason."""
+        """Abort the goal and release all joints, because `joint` does not follow commands."""
         self._waiting = joint
         if self.goal is not None:
             text = f"{self._why(joint)}, then send the goal again"
@@ -583,14 +600,14 @@ class JointTrajectoryController(Controller):
         self._group.release()
 
     def _why(self, joint: str) -> str:
-        """Return the reason why a joint does not follow, with the advice."""
+        """Return why a joint does not follow commands, and what to do."""
         waiting = [command for command in self.commands if not command.enabled]
         if waiting:
             return self.enable_status.reason(waiting)
         return f"{joint}: its position is unknown; wait for its feedback"
 
     def _brake(self) -> None:
-        """Brake at the deceleration of each joint if all have one, else at once; then hold."""
+        """Brake at the configured decelerations if all joints have a deceleration, else at once; then hold."""
         self.life.end()
         if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()
@@ -598,7 +615,7 @@ class JointTrajectoryController(Controller):
         self._follower.brake([constraint.max_deceleration_on_cancel for constraint in self.params.constraints])
 
     def _end(self, state: GoalState, code: ResultCode, text: str) -> None:
-        """End the active goal with its result."""
+        """End the active goal, if any, with a result, and report an end that is not a success."""
         goal, self.goal = self.goal, None
         if goal is None:
             if code in (ResultCode.PATH_TOLERANCE_VIOLATED, ResultCode.GOAL_TOLERANCE_VIOLATED):

@@ -1,7 +1,7 @@
-"""Command of the joints from cycle to cycle: a trajectory, a hold, or a ramp to standstill.
+"""Execution of trajectories from cycle to cycle, including stops, holds, blending and speed scaling.
 
-Rules (ros2_controllers jazzy): a queued trajectory begins in the next cycle; the command is its sample one
-period ahead. Safer than upstream: a stop is computed as it is sampled, and a hold is one point.
+Rules (ros2_controllers jazzy): a queued trajectory begins in the next cycle; the command is its sample one period
+ahead. Different from upstream: a stop is computed when it is sampled, and a hold is a single point.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
 
 
-# A new trajectory that takes over from the one that is followed: blended in at its start, for the joints it names.
+# A new trajectory that is blended in at its start, for the joints it names, while another trajectory is executed.
 #
 # Rules (ros2_controllers rolling, allow_trajectory_replacement): until the start of the new trajectory the joints
-# follow the old one; the new one then continues from the sample of the old one, with its velocity and acceleration;
-# joints that it does not name follow the old one to its end. Different from upstream: they follow its own points, where
-# upstream takes samples of it.
+# follow the old one; the new trajectory then continues from the sample of the old one, with its velocity and
+# acceleration. Joints that the new trajectory does not name follow the old one to its end. Different from upstream:
+# they follow the points of the old trajectory, where upstream uses samples of it.
 
 
 MOST_WAITING: Final = 8
-"""So many trajectories may wait for their start; one more takes the place of the last."""
+"""Maximum number of trajectories that wait for their start; a further trajectory replaces the last."""
 
 
 class _Track:
-    """Motion and its joints; `sample` is its last sample."""
+    """Trajectory with the indices of the joints that follow it; `sample` is its last sample."""
 
     __slots__ = ("joints", "motion", "sample")
 
@@ -48,7 +48,7 @@ class _Track:
 
 
 class _Waiting:
-    """Trajectory that takes over some joints at `handoff`, in ns of the follower's time."""
+    """Trajectory that takes over some joints at `handoff`, in ns of the executor's time."""
 
     __slots__ = ("handoff", "joints", "trajectory")
 
@@ -57,7 +57,7 @@ class _Waiting:
 
 
 class Blend(JointSetpoint):
-    """Joints that follow one or several trajectories, and the waiting ones that will take over joints."""
+    """Several trajectories that different joints follow, and queued trajectories that will take over joints later."""
 
     def __init__(self, old: JointSetpoint, wrap: Sequence[bool]) -> None:
         super().__init__(old.start, 1)
@@ -65,33 +65,36 @@ class Blend(JointSetpoint):
         self._tracks = [_Track(old, list(range(len(wrap))))]
         self._waiting: list[_Waiting] = []
         if isinstance(old, Blend):
-            self._tracks, self._waiting = old._tracks, old._waiting  # noqa: SLF001 - it goes on in its place
+            self._tracks, self._waiting = old._tracks, old._waiting  # noqa: SLF001 - this blend replaces it
         self._end = 0
 
     def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
-        """Queue a trajectory that takes over these joints at `handoff`; one queued for later is dropped."""
+        """Queue a trajectory that takes over the joints with these indices at `handoff`, in ns.
+
+        Queued trajectories with the same or a later handoff are dropped.
+        """
         remaining = [queued for queued in self._waiting if queued.handoff < handoff][: MOST_WAITING - 1]
         self._waiting = [*remaining, _Waiting(trajectory, handoff, list(joints))]
         self.start = trajectory.start or handoff
         trajectory.begin(handoff)
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Do nothing: the trajectory continues from its own state."""
+        """Do nothing, because a blend continues from the states of its trajectories."""
 
     def time_of(self, index: int) -> int:
-        """Return the time of the end of all trajectories, from the start in ns."""
+        """Return the end of the trajectory that ends last, in ns from the start."""
         del index
         motions = [part.motion for part in self._tracks] + [part.trajectory for part in self._waiting]
         return max(motion.start + motion.time_of(motion.size - 1) for motion in motions) - self.start
 
     def end_point(self) -> Point:
-        """Return the final point."""
+        """Return the state of all joints at the end of the trajectory that ends last."""
         point = Point()
         self._mix(self.start + self.time_of(0), point, ahead=True)
         return point
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` to `out`, see `JointSetpoint`; queued trajectories have taken over by then."""
+        """Write the state at `t` to `out`, see `JointSetpoint`; trajectories whose handoff has come take over first."""
         while self._waiting and self._waiting[0].handoff <= t:
             self._hand_over(self._waiting.pop(0))
         result = self._mix(t, out, ahead=ahead)
@@ -102,7 +105,10 @@ class Blend(JointSetpoint):
         return result
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time to `out`; before the first point of a queued trajectory that of the old one."""
+        """Write the state at any time to `out`.
+
+        Up to the first point of a queued trajectory, the state is that of the trajectories before it.
+        """
         later = [queued for queued in self._waiting if queued.trajectory.start + queued.trajectory.time_of(0) <= t]
         result = self._mix(t, out, ahead=True, query=True)
         for queued in later:
@@ -113,7 +119,7 @@ class Blend(JointSetpoint):
         return result
 
     def _hand_over(self, coming: _Waiting) -> None:
-        """Switch joints to another trajectory, from their present commanded state."""
+        """Let a queued trajectory take over its joints, from their commanded state at the handoff."""
         self._lead(coming)
         tracks = []
         for track in self._tracks:
@@ -123,13 +129,13 @@ class Blend(JointSetpoint):
         self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
 
     def _lead(self, coming: _Waiting) -> None:
-        """Start a trajectory from the state of the joints at its takeover."""
+        """Set the state from which a queued trajectory starts, which is the state of the joints at its handoff."""
         before = Point()
         self._mix(coming.handoff, before, ahead=True)
         coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
     def _mix(self, t: int, out: Point, *, ahead: bool, query: bool = False) -> bool:
-        """Write each joint's state at `t`; joints without a trajectory are unchanged."""
+        """Write the state of each joint at `t` to `out`, from its trajectory; return False if any state is missing."""
         joints = len(self._wrap)
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
@@ -147,7 +153,7 @@ class Blend(JointSetpoint):
 
 
 def _copy(point: Point, out: Point, joints: Sequence[int]) -> None:
-    """Copy the values of some joints."""
+    """Copy the values of the joints with these indices from one point to another."""
     for joint in joints:
         out.positions[joint] = point.positions[joint]
         out.velocities[joint] = point.velocities[joint]
@@ -155,22 +161,22 @@ def _copy(point: Point, out: Point, joints: Sequence[int]) -> None:
         out.effort[joint] = point.effort[joint]
 
 
-# Coming to rest: each joint with its own deceleration from the speed that it has, or at once where it is.
+# Stop motion: each joint brakes from its velocity with its own deceleration.
 #
-# Rules (ros2_controllers jazzy, decelerate_on_cancel): the way is that of a constant deceleration. Ours,
-# and safer: a new stop begins with itself, where upstream rewrites the one that runs and jumps to where its time is;
-# and it is computed when it is sampled, so that the cycle in which it begins makes no list of points.
+# Rules (ros2_controllers jazzy, decelerate_on_cancel): the deceleration is constant. Safer than upstream: a new stop
+# starts at its beginning, where upstream overwrites a running stop and jumps to the position of its current time; and a
+# stop is computed when it is sampled, so that no list of points is created in the cycle in which it begins.
 
 
 _AT_REST: Final = 2.0**-23
-"""Below this a joint is at rest, in rad/s."""
+"""Speed in rad/s (or m/s) up to which a joint is at standstill."""
 
 
 class StopMotion(JointSetpoint):
-    """Motion of all joints to standstill from the state in `set_before`; `decelerations` in rad/s2, above 0.
+    """Motion of all joints to standstill, from the state in `set_before`.
 
-    Its time is real, however slowly trajectories run; `pace` is by how much they did, where it begins from what was
-    commanded and not from what is measured.
+    `decelerations` are in rad/s2 (or m/s2), above 0. The motion runs in real time, also with speed scaling; `pace` is
+    the scaling factor of the initial velocities, which differs from 1 if they were commanded and not measured.
     """
 
     def __init__(self, decelerations: Sequence[float]) -> None:
@@ -181,7 +187,7 @@ class StopMotion(JointSetpoint):
         self._slopes, self._times, self._targets = [0.0] * joints, [0.0] * joints, [0.0] * joints
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Set the initial positions and velocities of the ramp to rest."""
+        """Set the initial positions and velocities, and compute the stop of each joint."""
         del time, wrap
         self._positions[:] = point.positions
         self._velocities[:] = point.velocities or [0.0] * len(self._decelerations)
@@ -195,12 +201,12 @@ class StopMotion(JointSetpoint):
         self.duration = int(max(self._times, default=0.0) * 1e9)
 
     def time_of(self, index: int) -> int:
-        """Return the time at which all joints stand, from the start in ns."""
+        """Return the time at which all joints are at standstill, in ns from the start."""
         del index
         return self.duration
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the point at `t` into `out`, see `JointSetpoint`."""
+        """Write the state at `t` into `out`, see `JointSetpoint`."""
         del ahead
         self.begin(t)
         elapsed = max((t - self.start) / 1e9, 0.0)
@@ -223,16 +229,17 @@ class StopMotion(JointSetpoint):
         return True
 
 
-# Speed scaling: rate of the time of trajectories, set by a user or by a state interface.
+# Speed scaling: factor of the time of trajectories, set by a user or by a state interface.
 #
-# Rules (ros2_controllers jazzy): a value of a user also goes to the command interface, the value of a state
-# interface is used. Safer than upstream: time stands while its speed is unknown.
+# Rules (ros2_controllers jazzy): a factor set by a user is also written to the command interface; the factor of a state
+# interface takes precedence. Safer than upstream: trajectories stop while the factor is unknown.
 
 
 def scaled(time: int, factor: float) -> int:
-    """Return a time in ns at a speed, truncated to ns: 10 ms at 0.3 are 2,999,999 ns, because 0.3 is slightly less.
+    """Return a time in ns multiplied by a factor, truncated to ns.
 
-    The product is exact, as upstream's is in extended precision: rounded to a double it would be 1 ns more.
+    10 ms at 0.3 are 2,999,999 ns, because the double 0.3 is slightly less than 0.3. The product is exact, as upstream's
+    is in extended precision; rounded to a double it would be 1 ns more.
     """
     if factor == 1.0:
         return time
@@ -241,10 +248,10 @@ def scaled(time: int, factor: float) -> int:
 
 
 class SpeedScaling:
-    """Factor of the time of trajectories: 1 is nominal, 0 stops it.
+    """Factor of the time of trajectories: 1 is nominal speed, 0 stops them.
 
-    `allowed` is True if users may set it: only with position commands, since the velocities of a slower trajectory
-    would have to be scaled too.
+    `allowed` is True if users may set the factor: only with position commands, because other commands of a slower
+    trajectory would have to be scaled too.
     """
 
     def __init__(self, factor: float = 1.0, *, allowed: bool = False) -> None:
@@ -254,21 +261,21 @@ class SpeedScaling:
         self._command: CommandInterface | None = None
 
     def take(self, state: StateInterface | None, command: CommandInterface | None) -> None:
-        """Store the interfaces if they exist."""
+        """Store the state and command interface of the factor, None if not configured."""
         self._state, self._command = state, command
 
     def mistake(self, factor: float) -> str | None:
-        """Return the reason why a factor is invalid, None if it is valid."""
+        """Return why a factor is invalid, or None if it is valid."""
         if not self.allowed:
             return "cannot scale its speed: it commands more than positions"
         return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
 
     def set(self, factor: float) -> None:
-        """Run at a factor from the next cycle on."""
+        """Use a factor from the next cycle on."""
         self._requested = self.factor = factor
 
     def update(self) -> None:
-        """Read and write the interfaces, in the cycle."""
+        """Read the factor from the state interface and write the user's factor to the command interface, if any."""
         if self._state is not None:
             factor = self._state.value
             self.factor = factor if 0.0 <= factor < math.inf else 0.0
@@ -280,11 +287,11 @@ NS: Final = 1_000_000_000
 
 
 class TrajectoryExecutor:
-    """Executor of a group of joints; `holding` while it holds or brakes.
+    """Executor of trajectories for a group of joints; `holding` is True while the joints are held or brake.
 
-    `desired` is what was to be in the last cycle, `output` what was commanded for the next one; `limiter` keeps that
-    within limits, None for none, and `limited` is the joint that it has held back first. `motion` is what is
-    followed, `fresh` whether it began in this cycle.
+    - `desired`: desired state of the last cycle; `output`: the state commanded for the next cycle.
+    - `limiter`: limiter of `output`, None without one; `limited`: the joint that it has limited first.
+    - `motion`: the executed trajectory, hold or stop; `fresh`: whether it began in this cycle.
     """
 
     def __init__(self, params: TrajectoryParams, group: JointGroup, period_ns: int) -> None:
@@ -309,7 +316,7 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------------------- what is followed
 
     def begin(self) -> None:
-        """Begin with the measured state; `hold` keeps the group there."""
+        """Reset to the measured state, without a motion."""
         group = self._group
         self.motion = self._queued = self._message = None
         self._last_time = 0
@@ -319,7 +326,7 @@ class TrajectoryExecutor:
             self._loops.reset()
 
     def resume_at_rest(self) -> None:
-        """Hold the joints once all of them follow commands."""
+        """Hold the joints at their actual positions, with reset loops."""
         self._group.read()
         self._last.take(self._group.actual)
         if self._loops is not None:
@@ -327,24 +334,24 @@ class TrajectoryExecutor:
         self.hold()
 
     def clear(self, *, holding: bool) -> None:
-        """Clear the trajectory."""
+        """Discard the motion and the queued motion; `holding` is the new value of the attribute."""
         self.motion = self._queued = self._message = None
         self.holding = holding
 
     def set_gains(self, params: TrajectoryParams) -> None:
-        """Set the gains of other parameters."""
+        """Use the gains and options of other parameters."""
         self._params = params
         if self._loops is not None:
             self._loops.set_gains(params.gains)
 
     def follow(self, message: JointTrajectory) -> None:
-        """Start a trajectory in the next cycle."""
+        """Queue a trajectory, which starts in the next cycle."""
         if isinstance(message.points, SurveyedPoints) and 0 in message.points.survey.sizes[0]:
-            message.points = list(message.points)  # what is deduced of a point has to stay with it
+            message.points = list(message.points)  # keeps the quantities that are deduced for a point
         self._queued, self.holding = message, False
 
     def hold(self) -> None:
-        """Hold the joints at one point, which is rewritten in place."""
+        """Queue a hold of the joints at their actual positions, by one point that is rewritten in place."""
         self._hold_at(self._group.actual)
         point, group = self._stay, self._group
         zeros = [0.0] * len(group.joints)
@@ -353,13 +360,13 @@ class TrajectoryExecutor:
         point.effort[:] = zeros if group.has_effort else ()
 
     def hold_at_end(self) -> None:
-        """Hold the last point, with all its values."""
+        """Queue a hold of the joints at the last point of the trajectory, with all its quantities."""
         end = None if self.motion is None else self.motion.end_point()
         if end is not None:
             self._hold_at(end)
 
     def brake(self, decelerations: Sequence[float]) -> None:
-        """Brake with these decelerations, in rad/s2 or m/s2."""
+        """Queue a stop of all joints with these decelerations, in rad/s2 or m/s2."""
         self._queued, self.holding = StopMotion(decelerations), True
 
     def _hold_at(self, point: Point) -> None:
@@ -370,7 +377,7 @@ class TrajectoryExecutor:
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def take_queued(self) -> None:
-        """Start the queued trajectory; joints outside it hold, or continue if it is blended in."""
+        """Start the queued motion; joints that a trajectory does not name hold, or continue if it is blended in."""
         message, group = self._queued, self._group
         if message is self._message:
             return
@@ -394,7 +401,7 @@ class TrajectoryExecutor:
 
     @property
     def follows(self) -> JointSetpoint | None:
-        """Trajectory into which a new one is blended, None if it replaces it at once."""
+        """Trajectory into which a new one would be blended; None if the new one replaces it at once."""
         message, motion = self._message, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
@@ -405,23 +412,26 @@ class TrajectoryExecutor:
         )
 
     def start_positions(self, stamp: int) -> Sequence[float]:
-        """Return the positions from which a trajectory with this stamp would continue."""
+        """Return the positions from which a trajectory with this stamp would start."""
         follows, out = self.follows, Point()
         if follows is not None and follows.query(max(self._start_of(stamp), self._commanded_until), out):
             return out.positions
         return self._group.actual.positions
 
     def _start_of(self, stamp: int) -> int:
-        """Return the start of a trajectory with this stamp, in scaled time."""
+        """Return the start of a trajectory with this stamp, in the scaled time of the executor."""
         return self._commanded_until if stamp == 0 else self._time + stamp - self._now
 
     @property
     def _commanded_until(self) -> int:
-        """Time until which drives have received positions; the next trajectory starts there."""
+        """Time up to which positions have been commanded, from which a new trajectory can start."""
         return self._time + self._period_ns
 
     def sample(self, now: int, period: float, scaling: float) -> bool:
-        """Compute desired state and command; False without a command. Period in s."""
+        """Compute the desired state of this cycle and the command for the next; return False without a command.
+
+        `now` is in ns, `period` in s; `scaling` is the speed scaling factor.
+        """
         motion = self.motion
         if motion is None:
             return False
@@ -438,9 +448,9 @@ class TrajectoryExecutor:
         return result
 
     def write(self, now: int, period: float) -> None:
-        """Write the command; `group.error` is that of this cycle.
+        """Write the command, limited and with the output of the loops; `group.error` is that of this cycle.
 
-        A limiter measures from what was commanded last, which the joints reach some cycles later.
+        The limiter compares with the last command, which the joints reach some cycles later.
         """
         group, output, loops = self._group, self.output, self._loops
         if self.limiter is not None and self.limiter.enforce(self._last, output, period) and self.limited is None:
@@ -451,7 +461,7 @@ class TrajectoryExecutor:
             commands = group.commands[VELOCITY if group.has_velocity else EFFORT]
             for index in range(len(commands)):
                 value = loops.compute(index, output, group.error, period)
-                commands[index].value = value if math.isfinite(value) else 0.0  # an unknown velocity
+                commands[index].value = value if math.isfinite(value) else 0.0  # not finite if a velocity is unknown
         else:
             if group.has_velocity:
                 group.write(VELOCITY, output.velocities)
@@ -464,12 +474,15 @@ class TrajectoryExecutor:
 
     @property
     def time_since_end(self) -> float:
-        """Time since the last point in s; after the trajectory's end, time since that end."""
+        """Time in s since the point before the last sample; after the end, since the last point."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at `t` in ns to `out`; False, with the actual state, if there is none."""
+        """Write the state at `t`, in ns, to `out`; return False if the motion is over by then.
+
+        Without a motion the actual state is written, and the result is also False.
+        """
         motion = self.motion
         if motion is None or not motion.query(t, out):
             out.take(self._group.actual)
@@ -477,14 +490,14 @@ class TrajectoryExecutor:
         return not motion.is_over
 
     def state_reading(self, t: int, name: str) -> TrajectoryAt:
-        """Return the state at `t` in ns; the actual state of controller `name` if there is none."""
+        """Return the state at `t`, in ns, as an answer to a client of controller `name`."""
         point = Point()
         is_known = self.query(t, point)
         text = "" if is_known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
         return TrajectoryAt(known=is_known, text=text, joints=list(self._group.joints), point=_plain_point(point))
 
     def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:
-        """Return the sample of the last cycle, `time` in Unix s."""
+        """Return a sample of the last cycle for publication; `time` is in Unix s."""
         return TrajectorySample(
             time=time,
             joints=self._group.joints,
@@ -498,12 +511,12 @@ class TrajectoryExecutor:
         )
 
     def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
-        """Set the state before the first point: the desired one, or after a hold the actual one."""
+        """Set the state before the first point: the last command if the parameters say so, else the actual state."""
         wrap = () if self._message is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now
             if isinstance(motion, StopMotion):
-                motion.pace = scaling  # what was commanded last ran so slowly; what is measured is real
+                motion.pace = scaling  # the last command is in scaled time, measured velocities are real
             motion.set_before(self._last_time, self._last, wrap)
         else:
             motion.set_before(now, self._group.actual, wrap)

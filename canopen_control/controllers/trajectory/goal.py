@@ -1,4 +1,4 @@
-"""Goal of control_msgs/FollowJointTrajectory: request, progress and result."""
+"""Goal of the action control_msgs/FollowJointTrajectory: request, progress and result."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class ResultCode(enum.IntEnum):
-    """The error codes of the result of FollowJointTrajectory."""
+    """Error codes in the result of control_msgs/FollowJointTrajectory."""
 
     SUCCESSFUL = 0
     INVALID_GOAL = -1
@@ -26,10 +26,10 @@ class ResultCode(enum.IntEnum):
 
 
 class TrajectoryGoal:
-    """Trajectory with its own tolerances; `code` and `text` are the result after its end.
+    """Action goal: a trajectory with its own tolerances; `code` and `text` are the result after the end.
 
-    `ended_now` is called then, in the cycle: an observer must defer longer work. `feedback_rate` in
-    Hz and `outlives_client` are the parameters of the controller that has accepted it.
+    `ended_now` is called at the end, within the cycle: an observer must defer longer work. `feedback_rate` in Hz and
+    `outlives_client` are parameters of the controller that has accepted the goal.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class TrajectoryGoal:
         return self.code is not None
 
     def end(self, state: GoalState, code: ResultCode, text: str) -> None:
-        """Store the result; only the first one counts."""
+        """Store the result and call `ended_now`, unless the goal has already ended."""
         if self.code is None:
             self.state, self.code, self.text = state, code, text
             self._ended_now()

@@ -1,6 +1,6 @@
-"""Interfaces of a trajectory's joints: states, and commands of the commanded ones.
+"""State and command interfaces of a trajectory controller's joints, and their PID loops.
 
-Where velocity or effort alone is commanded, it is that of a PID for each joint.
+If only velocities or only efforts are commanded, they are the output of a PID loop for each joint.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class JointGroup:
-    """Joints and their interfaces by quantity, in the order in which joint_trajectory_controller claims them.
+    """Joints with their interfaces by quantity, in the order in which joint_trajectory_controller claims them.
 
-    `actual` are the values read last, `error` is the last command minus these.
+    `actual` is the state that was read last, `error` the desired state minus `actual`.
     """
 
     def __init__(
@@ -49,12 +49,12 @@ class JointGroup:
         self.take([], [])
 
     def blank(self) -> Point:
-        """Return a point with all quantities that are read."""
+        """Return a point of zeros, with all quantities that have state interfaces."""
         zeros = [0.0] * len(self.joints)
         return Point(zeros, zeros if self.knows_velocity else (), zeros if self.knows_acceleration else ())
 
     def take(self, commands: Sequence[CommandInterface], states: Sequence[StateInterface]) -> None:
-        """Store the interfaces, in the order of the names."""
+        """Store the interfaces, in the order of `command_names` and `state_names`."""
         self.commands = {kind: [one for one in commands if one.interface == kind] for kind in self._kinds}
         self._states = {kind: [one for one in states if one.interface == kind] for kind in self._read}
         self._positions = self._states.get(POSITION, [])
@@ -65,7 +65,7 @@ class JointGroup:
         self._targets = self.commands.get(POSITION, [])
 
     def read(self) -> None:
-        """Read the states into `actual`; the commanded effort is used as the measured one."""
+        """Read the states into `actual`; the actual effort is the commanded effort."""
         actual = self.actual
         _copy(self._positions, actual.positions)
         _copy(self._velocities, actual.velocities)
@@ -77,7 +77,7 @@ class JointGroup:
                 actual.effort[index] = self._efforts[index].value
 
     def begin_with_commands(self) -> None:
-        """Set the commanded state to the measured one, by quantity, as far as it is known."""
+        """Replace actual values by commanded values, for each quantity whose commands are all finite."""
         if not self._all:
             return
         for kind, values in (
@@ -91,7 +91,7 @@ class JointGroup:
                 values[:] = commanded
 
     def waits_for(self) -> str | None:
-        """Return a joint that cannot follow: disabled, or with an unknown position; else None."""
+        """Return a joint that is disabled or has an unknown position, else None."""
         for state in self._positions:
             value = state.value
             if value - value != 0.0:  # is not finite
@@ -102,7 +102,7 @@ class JointGroup:
         return None
 
     def compare(self, desired: Point) -> None:
-        """Compute the errors of commanded and measured quantities into `error`."""
+        """Compute the errors between desired and actual state into `error`."""
         error, actual, wrap, joints = self.error, self.actual, self.wrap, len(self.joints)
         off, measured, targets = error.positions, actual.positions, desired.positions
         for i in range(min(joints, len(targets))):
@@ -115,7 +115,7 @@ class JointGroup:
                 error.accelerations[i] = desired.accelerations[i] - actual.accelerations[i]
 
     def write(self, kind: str, values: Sequence[float]) -> None:
-        """Command a quantity of all joints; without values the command is unchanged."""
+        """Write the values of one quantity to the command interfaces; an empty list changes nothing."""
         commands, places = self.commands[kind], self.places
         if not values:
             return
@@ -123,13 +123,13 @@ class JointGroup:
             commands[index].value = values[places[index]]
 
     def release(self) -> None:
-        """Release the command: the hardware holds positions, other targets are 0."""
+        """Clear the commands: the hardware holds the positions, other targets become 0.0."""
         for kind in self._kinds:
             for command in self.commands[kind]:
                 command.value = math.nan if kind == POSITION else 0.0
 
     def targets(self) -> list[float]:
-        """Return the commanded positions by joint; nan without a command."""
+        """Return the commanded position of each joint; nan for a joint without a command."""
         positions = [math.nan] * len(self.joints)
         for index, target in enumerate(self._targets):
             positions[self.places[index]] = target.value
@@ -137,7 +137,7 @@ class JointGroup:
 
 
 class Loops:
-    """PID loop for each commanded joint; `joints` are their indices among the joints of the trajectory."""
+    """PID loops of the commanded joints; `joints` are their indices among the joints of the trajectory."""
 
     def __init__(self, gains: Sequence[JointGains], joints: Sequence[int], *, with_effort: bool) -> None:
         self._joints, self._with_effort = list(joints), with_effort
@@ -145,18 +145,18 @@ class Loops:
         self._forward = [gains[joint].ff_velocity_scale for joint in joints]
 
     def set_gains(self, gains: Sequence[JointGains]) -> None:
-        """Set other gains."""
+        """Use other gains and feed-forward factors; the integrals are kept."""
         for index, joint in enumerate(self._joints):
             self._pids[index].set_gains(gains[joint].pid())
             self._forward[index] = gains[joint].ff_velocity_scale
 
     def reset(self) -> None:
-        """Reset the loops."""
+        """Reset all loops, including their integrals."""
         for pid in self._pids:
             pid.reset()
 
     def compute(self, index: int, desired: Point, error: Point, period: float) -> float:
-        """Return the command of joint `index`: feed-forward plus the output of its loop."""
+        """Return the command of commanded joint `index`: feed-forward plus the output of its loop; `period` is in s."""
         joint = self._joints[index]
         forward = self._forward[index] * desired.velocities[joint] if joint < len(desired.velocities) else 0.0
         if self._with_effort and joint < len(desired.effort):

@@ -1,7 +1,7 @@
-"""The parameters of joint_trajectory_controller/JointTrajectoryController, of jazzy and rolling.
+"""Parameters of joint_trajectory_controller/JointTrajectoryController, by the names of jazzy and rolling.
 
-What is read of `gains.<joint>` and `constraints.<joint>` is known for the joints of the
-controller and for no others.
+Parameters below `gains.<joint>`, `constraints.<joint>` and `joint_limits.<joint>` are known only for the joints of the
+controller.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from canopen_control.controllers.trajectory.point import Point
 
 
-# Which command and state interfaces a joint trajectory controller can have together.
+# Combinations of command and state interfaces that a joint trajectory controller allows.
 #
-# Rules (ros2_controllers jazzy): the validators of its parameters, and what it checks when configured.
+# Rules (ros2_controllers jazzy): the validators of its parameters, and its checks at configuration.
 
 
 COMMANDS: Final = (POSITION, VELOCITY, ACCELERATION, EFFORT)
@@ -32,7 +32,7 @@ STATES: Final = (POSITION, VELOCITY, ACCELERATION)
 
 
 def wrong_commands(names: Sequence[str]) -> str | None:
-    """Return the error in a list of command interfaces, None without one."""
+    """Return the error in a list of command interfaces, or None if it is valid."""
     if (wrong := _wrong_list("command_interfaces", names, COMMANDS)) is not None:
         return wrong
     if VELOCITY in names and len(names) > 1 and POSITION not in names:
@@ -45,7 +45,7 @@ def wrong_commands(names: Sequence[str]) -> str | None:
 
 
 def wrong_states(names: Sequence[str]) -> str | None:
-    """Return the error in a list of state interfaces, None without one."""
+    """Return the error in a list of state interfaces, or None if it is valid."""
     if (wrong := _wrong_list("state_interfaces", names, STATES)) is not None:
         return wrong
     if VELOCITY in names and POSITION not in names:
@@ -56,7 +56,7 @@ def wrong_states(names: Sequence[str]) -> str | None:
 
 
 def wrong_together(commands: Collection[str], states: Collection[str]) -> str | None:
-    """Return the states required by the loops of these commands but missing, None without any."""
+    """Return an error if the loops of these commands lack state interfaces, else None."""
     looped = set(commands) in ({VELOCITY}, {EFFORT}, {POSITION, EFFORT})
     if looped and not {POSITION, VELOCITY}.issubset(states):
         return (
@@ -67,9 +67,10 @@ def wrong_together(commands: Collection[str], states: Collection[str]) -> str | 
 
 
 def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | None:
-    """Return the error in the commanded joints, None without one.
+    """Return the error in the list of commanded joints, or None if it is valid.
 
-    As many as joints may have any names, those of another hardware; fewer are some of the joints.
+    A list of the same length as `joints` may contain any names, such as those of other hardware; a shorter list may
+    only contain names of `joints`.
     """
     if len(command_joints) > len(joints):
         return f"command_joints: {len(command_joints)} are more than the {len(joints)} joints; leave some out"
@@ -90,11 +91,11 @@ def _wrong_list(key: str, names: Sequence[str], allowed: Sequence[str]) -> str |
     return None
 
 
-# Tolerances of a joint from its trajectory, during the motion and at the end, and their values in a goal.
+# Tolerances of a joint's deviation from its trajectory, during the motion and at the end, and their values in a goal.
 #
-# Rules (ros2_controllers jazzy): a number of a goal above 0 is a tolerance, 0 means that of the parameters, -1 means
-# none. If a number or a joint of a goal is invalid, all its tolerances are those of the parameters; the goal is
-# accepted.
+# Rules (ros2_controllers jazzy): a value above 0 in a goal is a tolerance, 0 selects the tolerance of the parameters,
+# -1 means no tolerance. If a value or a joint of a goal is invalid, all tolerances are those of the parameters; the
+# goal is accepted.
 
 
 _FLOAT_EPSILON: Final = 2.0**-23
@@ -102,7 +103,7 @@ _FLOAT_EPSILON: Final = 2.0**-23
 
 @dataclass(frozen=True)
 class StateTolerance:
-    """Maximum errors of a joint: rad, rad/s, rad/s2 (m); values of 0 or less disable the check."""
+    """Maximum errors of a joint in rad, rad/s and rad/s2 (m if prismatic); 0 or less disables a check."""
 
     position: float = 0.0
     velocity: float = 0.0
@@ -111,14 +112,14 @@ class StateTolerance:
 
 @dataclass(frozen=True)
 class JointTolerance(StateTolerance):
-    """Tolerances of one joint in a goal (control_msgs/JointTolerance)."""
+    """Tolerances of one joint in an action goal (control_msgs/JointTolerance)."""
 
     name: str = ""
 
 
 @dataclass(frozen=True)
 class GoalTolerances:
-    """Tolerances of a goal; `goal_time` in s."""
+    """Tolerances of an action goal; `goal_time` is in s."""
 
     path: tuple[JointTolerance, ...] = ()
     goal: tuple[JointTolerance, ...] = ()
@@ -127,7 +128,10 @@ class GoalTolerances:
 
 @dataclass(frozen=True)
 class SegmentTolerances:
-    """Tolerances of all joints during and after a trajectory; `goal_time` s after its end the goal fails, 0 never."""
+    """Tolerances of all joints during the motion (`path`) and at the end of a trajectory (`goal`).
+
+    The goal fails if it is not reached within `goal_time` s after the end; 0 means no time limit.
+    """
 
     path: tuple[StateTolerance, ...]
     goal: tuple[StateTolerance, ...]
@@ -135,7 +139,7 @@ class SegmentTolerances:
 
 
 def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
-    """Whether the errors of a joint are within tolerance; unknown errors (nan) are."""
+    """Return whether the errors of a joint are within its tolerances; unknown errors (nan) count as within."""
     if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
         return False
     speeds = error.velocities
@@ -148,7 +152,7 @@ def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
 def resolve(
     goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
 ) -> tuple[SegmentTolerances, str | None]:
-    """Return the tolerances of a goal; if invalid, those of the parameters and the reason."""
+    """Return the tolerances of a goal, completed by the default; if invalid, the default and the reason."""
     try:
         time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
@@ -190,7 +194,10 @@ POINT_LIMITER: Final = "joint_limits/JointTrajectoryPointSaturationLimiter"
 
 @dataclass(frozen=True)
 class JointGains(LoopGains):
-    """Gains of the loop of one joint with velocity or effort commands only; `i_clamp` is deprecated."""
+    """Gains of a joint's loop, which only velocity or effort commands have.
+
+    `i_clamp` is deprecated.
+    """
 
     p: float = setting(0.0, help="proportional gain of the loop over a velocity or effort")
     ff_velocity_scale: float = setting(0.0, help="factor of the trajectory's velocity that is added")
@@ -198,14 +205,14 @@ class JointGains(LoopGains):
 
     @property
     def integral_limits(self) -> tuple[float, float]:
-        """Limits of the integral; `i_clamp` is their default."""
+        """Upper and lower limit of the integral; the deprecated `i_clamp` is the default of both."""
         high, low, both = self.i_clamp_max, self.i_clamp_min, abs(self.i_clamp)
         return high if math.isfinite(high) else both, low if math.isfinite(low) else -both
 
 
 @dataclass(frozen=True)
 class JointConstraints:
-    """Tolerances of a joint and its braking deceleration: rad, rad/s2 (m); 0 disables them."""
+    """Tolerances of a joint in rad or m, and its braking deceleration in rad/s2 or m/s2; 0 disables a value."""
 
     trajectory: float = setting(0.0, help="rad or m off the path that abort; 0: any")
     goal: float = setting(0.0, help="rad or m off the end within which it is reached; 0: any")
@@ -214,7 +221,11 @@ class JointConstraints:
 
 @dataclass(frozen=True)
 class LimitParams:
-    """Limits of a joint for the point limiter: rad, rad/s, rad/s2 (m); nan uses the description's, if any."""
+    """Limits of a joint for the point limiter, in rad, rad/s and rad/s2 (m if prismatic).
+
+    A nan position or velocity limit is that of the URDF, if any; a nan acceleration is unlimited, and a nan
+    deceleration is as the acceleration.
+    """
 
     has_position_limits: bool = setting(True, help="false: positions are not limited")
     min_position: float = setting(math.nan, nan=True, help="rad or m; nan: that of the description")
@@ -229,7 +240,7 @@ class LimitParams:
     )
 
     def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
-        """Return the effective limits, with those of the description for positions and velocities."""
+        """Return the effective limits; the arguments are the limits of the URDF, used for values that are nan."""
         return HardLimits(
             _limit(self.has_position_limits, self.min_position, lower, -math.inf),
             _limit(self.has_position_limits, self.max_position, upper),
@@ -247,11 +258,12 @@ def _limit(enabled: bool, value: float, described: float = math.inf, none: float
 
 @dataclass(frozen=True)
 class TrajectoryParams(CommonParams):
-    """Parameters of the controller: s, Hz, rad/s, and `allowed_start_tolerance` in rad or m, 0 for none.
+    """Parameters of joint_trajectory_controller/JointTrajectoryController, in units of s, Hz, rad and m.
 
-    `gains`, `constraints` and `joint_limits` are in the order of `joints`. With `continue_without_client` a goal goes
-    on when the action client that has sent it is gone, as upstream's does. `unreachable_points` is what happens to a
-    trajectory with a point that a joint cannot reach in time within its velocity limit.
+    `gains`, `constraints` and `joint_limits` are in the order of `joints`. With `continue_without_client` a goal
+    continues when its action client disconnects, as upstream does. `unreachable_points` determines what happens to a
+    trajectory with a point that a joint cannot reach in time within its velocity limit. An `allowed_start_tolerance` of
+    0 disables its check.
     """
 
     joints: tuple[str, ...] = setting((), help="the joints of a trajectory")
@@ -340,16 +352,16 @@ class TrajectoryParams(CommonParams):
 
     @property
     def commanded(self) -> tuple[str, ...]:
-        """Commanded joints."""
+        """Joints that are commanded; by default all joints."""
         return self.command_joints or self.joints
 
     @property
     def from_desired(self) -> bool:
-        """Whether a trajectory starts from the commanded state instead of the actual one."""
+        """Whether a trajectory starts from the last command instead of the actual state."""
         return self.open_loop_control or self.interpolate_from_desired_state
 
     def tolerances(self) -> SegmentTolerances:
-        """Return the default tolerances of trajectories."""
+        """Return the tolerances for trajectories without their own."""
         path = tuple(StateTolerance(constraint.trajectory) for constraint in self.constraints)
         goal = tuple(
             StateTolerance(constraint.goal, self.stopped_velocity_tolerance) for constraint in self.constraints
@@ -357,7 +369,7 @@ class TrajectoryParams(CommonParams):
         return SegmentTolerances(path, goal, self.goal_time)
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """Yield the contradictions by parameter."""
+        """Yield contradictions as pairs of parameter and error text."""
         if not self.joints:
             yield "joints", "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
         for key, names in (("joints", self.joints), ("command_joints", self.command_joints)):
@@ -377,8 +389,8 @@ class TrajectoryParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> TrajectoryParams:
-    """Return the parameters of controller `name`; RobotConfigError with every error."""
-    del name  # it stands in the place of each mistake
+    """Return the parameters of a trajectory controller; raise RobotConfigError with all errors in them."""
+    del name  # the position of each error contains it
     node = params.flat.get("joints")
     joints = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
     old = OLD_KEYS | {key.format(joint): "" for joint in joints for key in _WITHOUT_EFFECT}
@@ -392,17 +404,23 @@ def read_params(params: Params, name: str) -> TrajectoryParams:
 OLD_KEYS: Final[dict[str, str]] = dict.fromkeys(
     ("state_publish_rate", "stop_trajectory_duration", "start_with_holding"), ""
 )
-"""Keys of noetic, foxy and humble: the state is told at the rate of who asks, and the joints are held in any case."""
+"""Parameters of noetic, foxy and humble that have no effect.
+
+The state is published at the rate that a client requests, and the joints are always held at the end.
+"""
 _UNLIMITED: Final = ("has_jerk_limits", "max_jerk", "has_effort_limits", "max_effort", "angle_wraparound")
 _WITHOUT_EFFECT: Final = (
     *(f"gains.{{}}.{key}" for key in ("angle_wraparound", "normalize_error")),
     *(f"joint_limits.{{}}.{key}" for key in _UNLIMITED),
 )
-"""Of each joint: the description says which of them turn without end, and no point has jerks."""
+"""Parameters of each joint without effect.
+
+The description says which joints are continuous, and points have no jerk.
+"""
 
 
 def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
-    """Return the parameter class with a section for each joint."""
+    """Return a parameter class that has sections of gains, constraints and limits for each joint."""
     fields: list[tuple[str, Any, Any]] = []
     for index, joint in enumerate(joints):
         fields += [

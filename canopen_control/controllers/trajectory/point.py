@@ -1,7 +1,7 @@
-"""Points of a joint trajectory: values, order of joints, and turns.
+"""Points of a joint trajectory, the order of their joints, and whole turns of continuous joints.
 
-Rules (ros2_controllers jazzy): joints that a trajectory does not name stay, and its values are put into
-the order of the controller.
+Rules (ros2_controllers jazzy): joints that a trajectory does not name stay, and the values of a trajectory are
+rearranged to the controller's order of joints.
 """
 
 from __future__ import annotations
@@ -17,13 +17,17 @@ if TYPE_CHECKING:
 
 
 _HALF_TURN: Final = 1e-9
-"""So near to half a turn both ways are the shortest, and the sign of the difference decides; rad."""
+"""Deviation from half a turn, in rad, up to which both directions count as equally short.
+
+The sign of the difference then decides.
+"""
 
 
 class Point:
-    """Point of trajectory_msgs/JointTrajectoryPoint: one value per joint, or none; `time` from the start in ns.
+    """Point of a trajectory (trajectory_msgs/JointTrajectoryPoint); each quantity has one value per joint, or is empty.
 
-    Positions in rad (m), velocities in rad/s, accelerations in rad/s2, effort in Nm (N).
+    Positions are in rad (m), velocities in rad/s, accelerations in rad/s2, efforts in Nm (N); `time` is from the start
+    in ns.
     """
 
     __slots__ = ("accelerations", "effort", "positions", "time", "velocities")
@@ -40,7 +44,7 @@ class Point:
         self.accelerations, self.effort, self.time = list(accelerations), list(effort), time
 
     def take(self, other: Point) -> None:
-        """Copy another point into the existing lists."""
+        """Copy the values of another point into the existing lists."""
         self.positions[:] = other.positions
         self.velocities[:] = other.velocities
         self.accelerations[:] = other.accelerations
@@ -48,13 +52,13 @@ class Point:
         self.time = other.time
 
     def copy(self) -> Point:
-        """Return an independent copy."""
+        """Return a copy with its own lists."""
         return Point(self.positions, self.velocities, self.accelerations, self.effort, self.time)
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)  # those of a message are packed, in a file that is not compiled
+@mypyc_attr(allow_interpreted_subclasses=True)  # the packed points of messages are in a file that is not compiled
 class Points:
-    """Points created on access; `times` are from the start in ns."""
+    """Sequence of points that are created on access; `times` are from the start in ns."""
 
     times: Sequence[int]
 
@@ -63,16 +67,16 @@ class Points:
 
     @abstractmethod
     def __getitem__(self, index: int) -> Point:
-        """Return a new point."""
+        """Return point `index` as a new object."""
 
     def __iter__(self) -> Iterator[Point]:
         return (self[index] for index in range(len(self)))
 
 
 class JointTrajectory:
-    """Trajectory to follow (trajectory_msgs/JointTrajectory): joint names, points, and the stamp of its start.
+    """Trajectory with joint names, points and start (trajectory_msgs/JointTrajectory).
 
-    `stamp` in ns of the clock of the cycle; 0 begins when it is taken up.
+    The start `stamp` is in ns of the cycle's clock; 0 starts the trajectory in the next cycle.
     """
 
     __slots__ = ("joint_names", "points", "stamp")
@@ -83,10 +87,10 @@ class JointTrajectory:
 
 
 class Arrangement:
-    """Order of a trajectory's joints; `apply` rearranges the values of a point.
+    """Order of a trajectory's joints, of which `apply` rearranges a point to the controller's order.
 
-    Those it does not name stay at what is commanded to them, else where they are; nan is unknown. `names` are the
-    joints in the order that the message then has.
+    Joints that the trajectory does not name are added: they stay at the commanded position, else at the actual
+    position; a nan is unknown. `names` are the joints of the message, followed by the added ones.
     """
 
     def __init__(
@@ -105,7 +109,7 @@ class Arrangement:
         self.changes = bool(self._stays) or self._order != list(range(len(self.names)))
 
     def apply(self, point: Point) -> None:
-        """Complete and rearrange a point; vectors of another length are unchanged."""
+        """Add the values of unnamed joints to a point, and rearrange the values; lists of another length stay."""
         if point.positions:
             point.positions += self._known
         for values in (point.velocities, point.accelerations, point.effort):
@@ -117,7 +121,7 @@ class Arrangement:
 
 
 def shortest_angular_distance(begin: float, end: float) -> float:
-    """Return the angle from one direction to another, in (-pi, pi] rad; nan if either is not finite."""
+    """Return the shortest angle from one direction to another, in (-pi, pi] rad; nan if either is not finite."""
     turned = end - begin + math.pi
     if not math.isfinite(turned):
         return math.nan
@@ -126,7 +130,7 @@ def shortest_angular_distance(begin: float, end: float) -> float:
 
 
 def whole_turns(begin: float, end: float) -> float:
-    """Return the whole turns, in rad, by which `end` must be shifted to lie within half a turn of `begin`; 0 for nan.
+    """Return the whole turns in rad that shift `end` to within half a turn of `begin`; 0.0 for nan.
 
     At exactly half a turn the sign of the difference decides, as upstream.
     """

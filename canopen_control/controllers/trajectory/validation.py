@@ -1,7 +1,8 @@
-"""Checks of trajectories: the rules of joint_trajectory_controller in their order, then limits of the joints.
+"""Checks of trajectories: the rules of joint_trajectory_controller in their order, then additional rules.
 
-Rules (ros2_controllers jazzy): the first rule that is broken rejects. Ours, and safer: what is not a number,
-is beyond the limits of its joint, names a joint twice or begins far from where the joint is, is rejected as well.
+Rules (ros2_controllers jazzy): the first broken rule rejects a trajectory. Safer than upstream: a trajectory is also
+rejected if a value is not finite or exceeds the limits of its joint, a joint is named twice, or the first point is far
+from the position of a joint.
 """
 
 from __future__ import annotations
@@ -30,42 +31,43 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint
 
 
-# Summary of the points of a trajectory, gathered piece by piece, for the rules that accept or refuse it.
+# Summary of the points of a trajectory, computed piece by piece, for the rules that accept or refuse the trajectory.
 #
-# A piece costs a time that is bounded by its size, and then the whole is judged at once: where its
-# times do not increase, where sizes change, where a number is none, and the extremes of each joint.
+# The time for a piece is bounded by its size, and the check of the whole trajectory takes no further time: it uses the
+# first points with times that do not increase, with other sizes or with values that are not finite, and the extremes of
+# each joint.
 
 
 NONE: Final = -1
-"""In the place of the index of a point: there is none."""
+"""Point index that stands for no point."""
 
 
 class Values(Protocol):
-    """Values of a point, as in `Point` and on a socket."""
+    """Values of a point, as in `Point` or a message."""
 
     @property
     def positions(self) -> list[float]:
-        """Positions in rad or m, one per joint or none."""
+        """Positions in rad or m, one per joint, or none."""
         ...
 
     @property
     def velocities(self) -> list[float]:
-        """In rad/s or m/s."""
+        """Velocities in rad/s or m/s, one per joint, or none."""
         ...
 
     @property
     def accelerations(self) -> list[float]:
-        """In rad/s2 or m/s2."""
+        """Accelerations in rad/s2 or m/s2, one per joint, or none."""
         ...
 
     @property
     def effort(self) -> list[float]:
-        """In Nm or N."""
+        """Efforts in Nm or N, one per joint, or none."""
         ...
 
 
 class Range:
-    """Extremes of each joint in the points from `begin` to before `end`."""
+    """Extremes of each joint in the points `begin` to `end` - 1."""
 
     __slots__ = ("begin", "end", "highest", "lowest")
 
@@ -75,7 +77,7 @@ class Range:
 
 
 class Extremes:
-    """Extremes of each joint over all points, and over each of the `ranges`."""
+    """Extremes of each joint over all points, and over each range of points in `ranges`."""
 
     __slots__ = ("highest", "lowest", "ranges")
 
@@ -85,7 +87,7 @@ class Extremes:
         self.highest: list[float] = []
 
     def add(self, result: Range) -> None:
-        """Add the values of the next points."""
+        """Add the extremes of the next range of points."""
         self.ranges.append(result)
         if len(result.lowest) != len(self.lowest):
             self.lowest, self.highest = result.lowest, result.highest
@@ -95,12 +97,14 @@ class Extremes:
 
 
 class TrajectorySummary:
-    """Summary of a trajectory: indices of the first points that break each rule; `count` of points.
+    """Summary of a trajectory's points: the first points that break rules, and extremes of each joint.
 
-    `not_increasing` is not after the point before it, `empty` has neither positions nor velocities nor accelerations,
-    `infinite` has a number that is none. `sizes` are the first points by the number of values that they have, of
-    positions, velocities, accelerations and efforts; `positions` and `velocities` are their extremes, `means` those of
-    the mean velocity on the way from the point before, per s.
+    - `count`: number of points.
+    - `not_increasing`, `empty`, `infinite`: index of the first point whose time is not after the previous one, that has
+      neither positions nor velocities nor accelerations, or that has a value which is not finite; else NONE.
+    - `sizes`: for positions, velocities, accelerations and efforts, the first point with each number of values.
+    - `positions`, `velocities`, `means`: extremes of positions, velocities, and mean velocities since the previous
+      point.
     """
 
     def __init__(self) -> None:
@@ -111,10 +115,10 @@ class TrajectorySummary:
         self.velocities = Extremes()
         self.means = Extremes()
         self._last = 0
-        self._place: Sequence[float] = ()  # where the last point is
+        self._place: Sequence[float] = ()  # positions of the last point
 
     def add(self, points: Sequence[Values], times: Sequence[int]) -> None:
-        """Add the next points; `times` from start in ns."""
+        """Add the next points; `times` are from the start in ns."""
         if not points:
             return
         begin, before = self.count, self._last
@@ -142,7 +146,7 @@ class TrajectorySummary:
             self._add_mean_velocities(begin, columns[0], before, times)
 
     def _add_mean_velocities(self, begin: int, positions: list[list[float]], before: int, times: Sequence[int]) -> None:
-        """Compute the mean velocities between the points."""
+        """Add the extremes of the mean velocities between consecutive points."""
         last, self._place = self._place, positions[-1]
         instants = [time * 1e-9 for time in ((before, *times) if last else times)]
         seconds = list(map(operator.sub, instants[1:], instants))
@@ -155,7 +159,7 @@ class TrajectorySummary:
             )
 
     def sized(self, quantity: int, allowed: tuple[int, ...]) -> int:
-        """Return the first point with a wrong number of values of a quantity, NONE without one."""
+        """Return the first point whose number of values of a quantity is not allowed, else NONE."""
         return min((at for size, at in self.sizes[quantity].items() if size not in allowed), default=NONE)
 
     def _check_times(self, times: Sequence[int]) -> None:
@@ -185,27 +189,30 @@ class TrajectorySummary:
                 return
 
 
-# The points of a trajectory as they come on a socket, piece by piece: packed into arrays, and surveyed on the way.
+# The points of a trajectory that is received on a socket in pieces: packed into arrays, with a summary.
 #
-# What a request brings costs a time that is bounded by its size, and so does the end, however many
-# points there are: to judge them, to begin with them, to drop them. No point is an object before it is followed.
+# The time to process a request is bounded by the size of the request, also that of the last one, however many points
+# there are to check, to start or to discard. No point becomes an object before the motion reaches it.
 
 
 _FARTHEST_S: Final = 1e9
-"""No trajectory goes there; what is beyond does not fit the clock."""
+"""Maximum time of a point in s; larger times do not fit the clock."""
 
 
 class TimedValues(Values, Protocol):
-    """Point as received on a socket."""
+    """Values of a point with its time, as received on a socket."""
 
     @property
     def time_from_start(self) -> float:
-        """In s."""
+        """Time from the start of the trajectory in s."""
         ...
 
 
 class _Column:
-    """Column of one quantity in a batch of points."""
+    """Values of one quantity for a piece of points, packed into one array.
+
+    If the points have different numbers of values, they are stored as separate lists.
+    """
 
     __slots__ = ("_odd", "_values", "_width")
 
@@ -216,20 +223,20 @@ class _Column:
         self._odd = None if even else vectors
 
     def at(self, index: int) -> Sequence[float]:
-        """Return the values of one point."""
+        """Return the values of point `index` of the piece."""
         if self._odd is not None:
             return self._odd[index]
         return self._values[index * self._width : (index + 1) * self._width]
 
 
 class SurveyedPoints(Points):
-    """Points with their summary `survey`."""
+    """Points with a summary of all of them, `survey`."""
 
     survey: TrajectorySummary
 
 
 class PointBuffer(SurveyedPoints):
-    """Buffer of points with their summary `survey`; points are created on access."""
+    """Buffer for the points of a received trajectory, which are packed until they are accessed."""
 
     def __init__(self) -> None:
         self.times: array[int] = array("q")
@@ -238,7 +245,7 @@ class PointBuffer(SurveyedPoints):
         self._pieces: list[tuple[_Column, _Column, _Column, _Column]] = []
 
     def add(self, points: Sequence[TimedValues]) -> None:
-        """Add the next points; ControlError, and none is added, for a time out of range."""
+        """Add the next points; raise ControlError and add none if a time is out of range."""
         seconds = [point.time_from_start for point in points]
         for index, time in enumerate(seconds, len(self)):
             if not -_FARTHEST_S <= time <= _FARTHEST_S:
@@ -260,7 +267,7 @@ class PointBuffer(SurveyedPoints):
         )
 
     def positions(self, begin: int, end: int) -> list[Sequence[float]]:
-        """Return the positions of the points from `begin` to before `end`."""
+        """Return the positions of the points `begin` to `end` - 1."""
         result: list[Sequence[float]] = []
         piece = bisect_right(self._begins, begin) - 1
         while begin < end:
@@ -271,7 +278,7 @@ class PointBuffer(SurveyedPoints):
         return result
 
     def __getitem__(self, index: int) -> Point:
-        """Return a new point."""
+        """Return point `index` as a new object."""
         if index < 0:
             index += len(self)
         time = self.times[index]
@@ -283,16 +290,16 @@ class PointBuffer(SurveyedPoints):
 
 _FLOAT_EPSILON: Final = 2.0**-23
 _ROUNDING: Final = 1e-6
-"""By how much a planner's numbers may exceed a limit, in rad or rad/s: it computes with its own rounding."""
+"""Tolerance of limits in rad or rad/s, because a planner computes with other rounding."""
 
 _WRITTEN: Final = 1.01
-"""By how much a mean velocity may exceed a limit: times are written with few digits."""
+"""Factor by which a mean velocity may exceed a limit, because times are often written with few digits."""
 
 _DAY: Final = 86_400_000_000_000
 
 
 class Rule(enum.Enum):
-    """Rules of joint_trajectory_controller, in their order."""
+    """Rules of joint_trajectory_controller, in the order of the checks."""
 
     JOINT_COUNT = enum.auto()
     NO_JOINT_NAMES = enum.auto()
@@ -309,7 +316,7 @@ class Rule(enum.Enum):
 
     @property
     def code(self) -> ResultCode:
-        """Error code of a goal refused by the rule."""
+        """Error code of a goal that this rule refuses."""
         return _CODES.get(self, ResultCode.INVALID_GOAL)
 
 
@@ -323,7 +330,10 @@ _CODES: Final = {
 
 @dataclass(frozen=True)
 class Refused:
-    """Refusal: the rule of joint_trajectory_controller, None for an additional rule, and the sentence."""
+    """Refusal of a trajectory, with a text.
+
+    `rule` is the broken rule of joint_trajectory_controller, None for an additional rule.
+    """
 
     rule: Rule | None
     text: str
@@ -336,7 +346,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Rules:
-    """Rules of a controller, by the names of its parameters."""
+    """Parameters of a controller that the rules depend on, in the order of the parameters."""
 
     joints: tuple[str, ...]
     partial: bool = False
@@ -347,9 +357,9 @@ class Rules:
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of a joint in the description, in rad and rad/s (m): infinite without one.
+    """Limits of a joint in the description, in rad and rad/s (or m and m/s); infinite if unlimited.
 
-    `continuous` turns without end.
+    `continuous` means that the joint turns endlessly.
     """
 
     lower: float = -math.inf
@@ -359,7 +369,7 @@ class JointLimits:
 
 
 def survey_of(message: JointTrajectory) -> TrajectorySummary:
-    """Return the summary of a trajectory's points, computed on reception or now."""
+    """Return the summary of a trajectory's points; it is computed now unless the points have one."""
     if isinstance(message.points, SurveyedPoints):
         return message.points.survey
     summary = TrajectorySummary()
@@ -368,7 +378,10 @@ def survey_of(message: JointTrajectory) -> TrajectorySummary:
 
 
 def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
-    """Return the first rule of joint_trajectory_controller that a trajectory breaks, None if none; `now` in ns."""
+    """Return the refusal by the first rule of joint_trajectory_controller that a trajectory breaks, else None.
+
+    `now` is in ns.
+    """
     refused = _wrong_joints(message, rules) or _wrong_end(message, rules, now)
     if refused is not None:
         return refused
@@ -384,7 +397,7 @@ def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rule
 
 
 def _first_wrong(survey: TrajectorySummary, joints: int, rules: Rules) -> int:
-    """Return the first point that breaks a rule about points, NONE without one."""
+    """Return the index of the first point that breaks a rule about points, else NONE."""
     wrong = (
         survey.not_increasing,
         survey.empty if rules.integration else NONE,
@@ -427,7 +440,7 @@ def _wrong_end(message: JointTrajectory, rules: Rules, now: int) -> Refused | No
 
 
 def _long(time: int) -> str:
-    """Return a time in ns as text; above a day it is a stamp of another clock."""
+    """Format a time in ns; more than a day suggests a stamp of another clock."""
     return f"{time / 1e9:g} s" if time < _DAY else f"{time / _DAY:.0f} days (by another clock?)"
 
 
@@ -451,7 +464,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
 
 
 def limit_error(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
-    """Return the first value that is not finite or exceeds its joint's limits, None without one."""
+    """Return an error if a joint is named twice, or a value is not finite or beyond a limit, else None."""
     names = message.joint_names
     for name in names:
         if names.count(name) > 1:
@@ -473,7 +486,7 @@ def limit_error(message: JointTrajectory, survey: TrajectorySummary, limits: dic
 
 
 def unreachable(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
-    """Return the point that a joint cannot reach in time within its velocity limit, None without one."""
+    """Return a text about a point that a joint cannot reach in time within its velocity limit, else None."""
     for index, name in enumerate(message.joint_names if survey.means.ranges else ()):
         most = limits.get(name, JointLimits()).velocity
         if most == math.inf:
@@ -505,7 +518,7 @@ def _no_number(names: Sequence[str], at: int, point: Point) -> str | None:
 
 
 def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Range | None:
-    """Return the first range of points in which a joint exceeds its limit, None without one."""
+    """Return the first range of points in which a joint exceeds its limits, else None."""
     lower, upper = lower - _ROUNDING, upper + _ROUNDING
     if not extremes.ranges or (lower <= extremes.lowest[joint] and extremes.highest[joint] <= upper):
         return None
@@ -518,7 +531,7 @@ def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Rang
 def _place(
     points: Sequence[Point] | Points, exceeding: Range, joint: int, lower: float, upper: float, quantity: str
 ) -> tuple[int, float]:
-    """Return the first point beyond the limit, and its value."""
+    """Return the index of the first point in a range that is beyond the limits of a joint, and its value."""
     for at in range(exceeding.begin, exceeding.end):
         values = getattr(points[at], quantity)
         if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:
@@ -529,9 +542,10 @@ def _place(
 def far_start(
     message: JointTrajectory, here: Mapping[str, float], limits: Mapping[str, JointLimits], allowed: float
 ) -> str | None:
-    """Return the joint too far from the first point, None without one; `allowed` in rad or m.
+    """Return a text about the first joint that is too far from the first point, else None; `allowed` is in rad or m.
 
-    A joint that has time until the first point may be as much farther off as its velocity limit lets it go until then.
+    If the first point is later than the start, the joint may be farther off by the distance that its velocity limit
+    allows until then.
     """
     if allowed <= 0.0 or not len(message.points):
         return None
@@ -551,9 +565,9 @@ def far_start(
 
 
 def lost_start(message: JointTrajectory, begin: int) -> str | None:
-    """Return the error of a first point without positions, None if it starts at the actual state.
+    """Return an error if the first point has no positions and is not in the future, else None.
 
-    `begin` is the time in ns at which it would be taken up.
+    `begin` is the expected start of the motion in ns. A first point in the future is reached from the actual state.
     """
     if not len(message.points) or message.points[0].positions:
         return None
@@ -567,18 +581,18 @@ def _named(names: Sequence[str], index: int) -> str:
     return names[index] if index < len(names) else f"value {index}"
 
 
-# Whether a trajectory is taken: upstream's rules, then what the joints and the objects behind them can bear.
+# Acceptance of trajectories: upstream's rules, then the limits of the joints and of the CANopen objects behind them.
 #
-# It is judged outside of the cycle, by what its points came to as they arrived (`survey`), so that
-# its length costs the moment of the answer nothing.
+# Trajectories are checked outside the cycle, by the summary of their points that was computed on reception (`survey`),
+# so that the length of a trajectory does not delay the answer.
 
 
 _NEXT: Final = 20_000_000
-"""By then a trajectory has been taken up, in ns: two cycles at 100 Hz."""
+"""Time in ns within which an accepted trajectory starts: two cycles at 100 Hz."""
 
 
 class Acceptance:
-    """Check of trajectories for a group of joints; `limits` are those of the description and of the interfaces."""
+    """Check of trajectories for a group of joints; `limits` combine those of description and command interfaces."""
 
     def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
         self.limits = {joint: _limits_of(_joint_of(joint, description)) for joint in params.joints}
@@ -586,15 +600,15 @@ class Acceptance:
 
     @property
     def continuous(self) -> list[bool]:
-        """Flags of the continuous joints."""
+        """Whether each joint is continuous, in the order of the joints."""
         return [self.limits[joint].continuous for joint in self._params.joints]
 
     def take_params(self, params: TrajectoryParams) -> None:
-        """Use other parameters."""
+        """Use other parameters for later checks."""
         self._params = params
 
     def cannot_brake(self) -> str | None:
-        """Return why `decelerate_on_cancel` has no effect; None if it has, or is not configured."""
+        """Return why `decelerate_on_cancel` has no effect; None if it works or is not configured."""
         params = self._params
         if not params.decelerate_on_cancel:
             return None
@@ -611,7 +625,7 @@ class Acceptance:
         )
 
     def point_limiter(self) -> PointLimiter | None:
-        """Return the limiter of points, None without one."""
+        """Return a new limiter of the commanded points, or None if no limiter is configured."""
         if not self._params.joint_limiter_type:
             return None
         pairs = zip(self.limits.values(), self._params.joint_limits, strict=True)
@@ -620,9 +634,9 @@ class Acceptance:
         )
 
     def take_limits(self) -> None:
-        """Store the limits of the hardware interfaces, in addition to those of the description.
+        """Combine the limits of the description with those of the command interfaces.
 
-        A joint whose positions are bounded by its interface is not continuous, even if its type is.
+        A joint whose interface has position limits is not continuous, even if its type is.
         """
         for index, command in enumerate(self._group.commands.get(POSITION, ())):
             joint = self._params.joints[self._group.places[index]]
@@ -632,9 +646,9 @@ class Acceptance:
             self.limits[joint] = JointLimits(lower, upper, limits.velocity, endless)
 
     def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
-        """Return the reason why a trajectory is refused, None if it is accepted.
+        """Return the refusal of a trajectory, or None if it is accepted.
 
-        `now` in ns; `begin` are the positions of the joints from which it would lead on.
+        `now` is in ns; `begin` are the positions of the joints from which the trajectory would start.
         """
         params, survey = self._params, survey_of(message)
         rules = Rules(
@@ -657,19 +671,19 @@ class Acceptance:
         return None if unbearable is None else Refused(None, unbearable)
 
     def unreachable_part(self, message: JointTrajectory) -> str | None:
-        """Return the part of an accepted trajectory that the joints cannot follow, else None."""
+        """Return a warning about a point that a joint cannot reach in time, if such warnings are enabled, else None."""
         return self._unreachable(message) if self._params.unreachable_points == "warn" else None
 
     def _unreachable(self, message: JointTrajectory) -> str | None:
-        """Return the point that a joint cannot reach in time, unless a limiter of points handles it."""
+        """Return a text about a point that a joint cannot reach in time; None if a point limiter is configured."""
         return None if self._params.joint_limiter_type else unreachable(message, survey_of(message), self.limits)
 
     def _range_refusal(
         self, message: JointTrajectory, survey: TrajectorySummary, here: Mapping[str, float]
     ) -> str | None:
-        """Return the position beyond the range of an interface's object, None if all are within.
+        """Return an error if a position is outside the range of the object behind its interface, else None.
 
-        A joint that turns without end goes there on the turn on which it is.
+        A continuous joint moves within the whole turn of its actual position.
         """
         joints, group = self._params.joints, self._group
         for index, command in enumerate(group.commands.get(POSITION, ())):
@@ -686,7 +700,7 @@ class Acceptance:
 
 
 def _joint_of(name: str, description: Mapping[str, Joint]) -> Joint | None:
-    """Return a joint of the description, also by the name under which a controller exports it: "loops/joint_1"."""
+    """Return a joint of the description, also by an exported name such as "loops/joint_1"; None if there is none."""
     return description.get(name) or description.get(name.rpartition("/")[2])
 
 
