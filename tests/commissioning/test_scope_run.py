@@ -114,7 +114,7 @@ def test_joints_are_looked_at_too():
 @pytest.mark.parametrize(
     ("chosen", "why"),
     [
-        (wish(()), "one signal at least"),
+        (wish(()), "at least one signal"),
         (wish((SPEED,) * 9), "9 signals are too many"),
         (wish((SPEED,), 1.0, "1:rising:0", 1.0), "do not fit into"),
         (wish((SPEED,), 1.0, "2:rising:0"), "counted from 1 to 1"),

@@ -43,7 +43,7 @@ def test_a_unit_finer_than_the_period_needs_is_filled_out(tmp_path):
     [
         (dictionary(s60C2_01=RO), "0x60C2:01"),
         (dictionary(s60C2_01=RO, s60C2_02=RO), "0x60C2:01"),
-        (dictionary(s60C2_02={**RO, "default": -6}), "20000 us cannot be told in 10^-6 s"),
+        (dictionary(s60C2_02={**RO, "default": -6}), "20000 us cannot be expressed in 10^-6 s"),
         (dictionary(s60C2_02={**RO, "default": None}), "an unknown unit"),
         (dictionary([(0x60C2, 2)]), "an unknown unit"),
     ],

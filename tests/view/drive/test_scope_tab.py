@@ -133,7 +133,7 @@ def test_nothing_chosen_is_told_and_a_scope_goes_on_when_the_tab_is_left(began):
         return words, goes_on, began[0]._ending.is_set()
 
     words, goes_on, ended = played(act)
-    assert "one signal at least" in words
+    assert "at least one signal" in words
     assert (goes_on, ended) == (True, True)
 
 
