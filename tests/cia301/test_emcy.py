@@ -79,7 +79,6 @@ def test_malformed_messages_are_none(text):
 def test_a_short_message_keeps_what_came():
     message = EmcyMessage.parse(frame("083#118621AABB"))
     assert message == EmcyMessage(3, 0x8611, 0x21, b"\xaa\xbb")
-    assert not message.is_complete
     assert message.encode() == frame("083#118621AABB000000")
 
 

@@ -143,7 +143,7 @@ def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
     ("options", "words"),
     [
         (["--can", "local:x"], "give a destination, as in: canopen-control record -o run.log"),
-        (["local:x"], "say where to record to"),
+        (["local:x"], "give a destination, as in: canopen-control record -o run.log"),
         (["local:x", "--can", "local:y", "-o", "run.log"], "two buses, local:x and local:y"),
         (["--can", "local:x", "-o", "run.db"], ".log, .asc, .blf, .trc"),
         (["--can", "memory:x", "-o", "run.log"], "inside one process"),
