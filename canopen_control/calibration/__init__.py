@@ -1,1 +1,1 @@
-"""Calibration of a differential drive base: UMBmark squares, the wheel values they give, and a copy of the YAML."""
+"""UMBmark calibration of a differential drive base: squares, wheel factors, and a corrected copy of the YAML file."""

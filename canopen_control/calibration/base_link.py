@@ -1,7 +1,7 @@
-"""Connection of a calibration to the base of a running robot: twists, odometry, wheel values.
+"""Client of a running robot for the calibration of its base: sends twists, reads odometry, sets wheel factors.
 
-It sends commands on one connection; they end with the connection and with the controller's timeout. A refused command,
-a stop, a fault, or a silent robot ends the drive with a sentence.
+The commands are sent on one connection, and end with the connection and with the controller's timeout. A refused
+command, a stop, a fault or a robot that sends nothing ends a square with an error text.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, Planar, TruePose
 
 
-# -- measured end positions of a base, typed by the user or from a file; X and Y in m, one end per line
+# -- measured end positions of a base, typed by the user or read from a file; X and Y in m, one position per line
 
 
 def parse_end(text: str) -> tuple[float, float]:
-    """Return X and Y of ``0.012 -0.034``, with or without a comma; ConfigError with the valid form otherwise."""
+    """Return X and Y of a text such as ``0.012 -0.034``, with or without a comma; raise ConfigError if invalid."""
     words = text.replace(",", " ").split()
     try:
         x, y = (float(word) for word in words)
@@ -46,18 +46,18 @@ def parse_end(text: str) -> tuple[float, float]:
 
 
 class TypedEnds:
-    """End positions typed at a terminal; `ask` shows a text and returns a line, or raises EOFError."""
+    """End positions that a user types at a terminal; `ask` shows a prompt and returns a line, or raises EOFError."""
 
     def __init__(self, ask: Callable[[str], str], report: Callable[[str], object]) -> None:
         self._ask, self._say = ask, report
 
     def before(self, text: str) -> None:
-        """Wait for Enter."""
+        """Show the description of the next square, and wait until the user presses Enter."""
         self._say(text)
         self._line("  put the base at its start, keep clear, and press Enter: it drives ")
 
-    def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - of the others
-        """Ask for an end position until the answer is valid."""
+    def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
+        """Ask for the end position of a square until the answer is valid."""
         while True:
             try:
                 return parse_end(self._line("  where did it end? X Y, m ahead and to the left of its start: "))
@@ -72,24 +72,24 @@ class TypedEnds:
 
 
 class FiledEnds:
-    """End positions from a file, in its order."""
+    """End positions from a file, in the order of its lines."""
 
     def __init__(self, ends: Sequence[tuple[float, float]], report: Callable[[str], object]) -> None:
         self._ends, self._say = list(ends), report
 
     def before(self, text: str) -> None:
-        """Report the next square without waiting."""
+        """Report the description of the next square; it starts at once."""
         self._say(text)
 
-    def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - of the others
-        """Return the next end position."""
+    def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
+        """Return the end position of the next line."""
         return self._ends.pop(0)
 
 
 def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledEnds:
-    """Return the end positions of a file, without empty lines and ``# comments``.
+    """Read end positions from a file, ignoring empty lines and ``# comments``.
 
-    ConfigError with all mistakes and their lines.
+    Raises ConfigError with all errors and their lines, or if there are fewer than `count` positions.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -109,7 +109,7 @@ def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledE
     return FiledEnds(ends, report)
 
 
-#: parameters that a calibration changes: track, left and right radius
+#: parameters that a calibration changes: the multipliers of the track, and of the left and right radius
 FACTORS: Final = ("wheel_separation_multiplier", "left_wheel_radius_multiplier", "right_wheel_radius_multiplier")
 _SOURCE: Final = "calibrate"
 _RATE: Final = 50.0  # maximum rate of odometry in Hz
@@ -121,7 +121,7 @@ _ENDING: Final = ("stopping", "stopped")
 
 @dataclass(frozen=True, slots=True)
 class WheelValues:
-    """Wheel values of a controller: the track in m after its multiplier, and the multipliers by `FACTORS`."""
+    """Wheel values and limits of a controller: track in m including its multiplier, and the multipliers `FACTORS`."""
 
     separation: float
     factors: tuple[float, float, float]
@@ -133,14 +133,14 @@ class WheelValues:
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """End of a square relative to its start: by odometry, and the true one if known."""
+    """End of a square relative to its start: by odometry, and the true end if the robot is simulated."""
 
     odometry: Planar
     truth: Planar | None = None
 
 
 def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) -> ControllerReading:
-    """Return the diff drive controller to calibrate: the requested one, or the only one; ConfigError with advice."""
+    """Return the diff drive controller to calibrate, by name or the only active one; raise ConfigError with advice."""
     names = ", ".join(controller.name for controller in controllers)
     bases = [controller for controller in controllers if WHEEL_CALIBRATION in controller.offers]
     matches = [controller for controller in bases if controller.name == name] if name is not None else bases
@@ -162,14 +162,14 @@ def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) ->
 
 
 class BaseLink:
-    """Connection to the robot; `controller` is its base."""
+    """Connection to the robot whose base is calibrated; `controller` is the name of the diff drive controller."""
 
     def __init__(self, robot: RobotClient, controller_name: str | None = None) -> None:
         self._robot = robot
         self.controller = choose_base(robot.ask(ListControllers()), controller_name).name
 
     def wheel_values(self) -> WheelValues:
-        """Return the wheel values of the controller; ConfigError if one value overrides those of both sides."""
+        """Return the wheel values of the controller; raise ConfigError if it has a multiplier for both radii."""
         params = {
             parameter.name: parameter.plain for parameter in self._robot.ask(GetParameters(controller=self.controller))
         }
@@ -195,7 +195,7 @@ class BaseLink:
         )
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Set the multipliers of the controller once the base stands; RemoteError if it refuses."""
+        """Set the multipliers of the controller, retrying until the base stands; raise RemoteError on a refusal."""
         values = tuple(
             ParameterValue(name=name, kind="double", value=value) for name, value in zip(FACTORS, factors, strict=True)
         )
@@ -211,14 +211,17 @@ class BaseLink:
                 return
 
     def true_pose(self) -> TruePose | None:
-        """Return the true pose of the base, None if it is unknown because the robot is not simulated."""
+        """Return the true pose of the base; None if the robot is not simulated, so that it is unknown."""
         with self._watching():
             for state in self._states():
                 return state.true_pose
         return None
 
     def drive(self, path: SquarePath) -> Driven:
-        """Drive a square to its end; ControlError or RemoteError if that fails, and then the base stops."""
+        """Drive a square to its end, and return the end position.
+
+        Raises ControlError or RemoteError if the square cannot be completed. In any case the base is stopped.
+        """
         starts: tuple[Planar, TruePose | None] | None = None
         begun = time.monotonic()
         with self._watching():
@@ -235,12 +238,12 @@ class BaseLink:
                     if path.done:
                         return Driven(relative(pose, starts[0]), _true_motion(starts[1], state.true_pose))
             finally:
-                with contextlib.suppress(RemoteError):  # a robot that is gone or refuses gets no commands from here
+                with contextlib.suppress(RemoteError):  # a robot that has ended or refuses commands needs no stop
                     self._twist(0.0, 0.0)
         raise ControlError("the robot reports nothing more")
 
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
-        """Return the odometry of a sample, None before the first one; ControlError if the base may not move."""
+        """Return the odometry in a state sample, None before the first; raise ControlError if the base may not move."""
         if state.latched:
             raise ControlError(f"STOP, by {state.latched_by or 'somebody'}")
         if state.hint is not None:
@@ -269,7 +272,7 @@ class BaseLink:
 
     @contextlib.contextmanager
     def _watching(self) -> Iterator[None]:
-        """Keep a subscription to state samples open during the context, without reading them."""
+        """Subscribe to state samples during the context, and discard remaining messages afterwards."""
         self._robot.ask(Subscribe(state_rate=_RATE))
         try:
             yield
@@ -280,7 +283,7 @@ class BaseLink:
                     pass
 
     def _states(self) -> Iterator[StateSample]:
-        """Yield state samples, skipping older ones; ControlError if no more arrive."""
+        """Yield the newest state sample each time; raise ControlError if none arrives within `_SILENT_S`."""
         while True:
             newest: StateSample | None = None
             for message in self._robot.messages(_SILENT_S):

@@ -1,7 +1,7 @@
-"""Copy of a ros2_controllers.yaml with changed parameters of one controller; everything else is unchanged.
+"""Copy of a ros2_controllers.yaml in which parameters of one controller have other values.
 
 Only the texts of the values are replaced, so that comments and layout remain; missing parameters are inserted before
-the wheels' own keys. The copy is read back and compared; it is deleted if it differs in anything but the changes.
+the wheel parameters. The copy is read back and compared; it is deleted if it differs in anything but the changes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ANCHORS: Final = ("wheel_separation", "wheel_radius", "left_wheel_names", "righ
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Changed parameter, new if `before` is None, at a line of the copy."""
+    """Parameter that was changed in the copy, with its line; `before` is None if the parameter was added."""
 
     name: str
     before: float | None
@@ -39,7 +39,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class _Edit:
-    """Replacement of `length` characters at a line and column, both from 0."""
+    """Replacement of `length` characters at a position in the file; line and column count from 0."""
 
     line: int
     column: int
@@ -48,13 +48,16 @@ class _Edit:
 
 
 def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, float | None]:
-    """Return parameters of a controller in a file, None for missing ones; ConfigError without the controller."""
+    """Return parameters of a controller in a file, None for missing ones; raise ConfigError without the controller."""
     flat = _flat(read_controllers(path), controller)
     return {name: _number(flat, name) for name in names}
 
 
 def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str, float]) -> list[Change]:
-    """Write the copy and return the changes by line; ConfigError, without a copy, if that fails."""
+    """Write a copy with other values of parameters, and return the changes.
+
+    Raises ConfigError, without leaving a copy, if that is not possible.
+    """
     if copy.exists() and copy.samefile(path):
         raise ConfigError(f"{copy} is the robot's own file; the values go to a copy, give another name with --output")
     file = read_controllers(path)
@@ -89,7 +92,7 @@ def _number(flat: Node, name: str) -> float | None:
 
 
 def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float) -> _Edit:
-    """Return the edit of a value: a replacement, or an insertion before another key of the same block."""
+    """Return the edit that sets a parameter: a replacement, or an insertion before another key of the same block."""
     node = flat.get(name)
     if node is not None:
         _require_same(path, node, name)
@@ -114,7 +117,7 @@ def _require_same(path: Path, node: Node, name: str) -> None:
 
 
 def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
-    """Return the lines after all edits, applied from the last to the first."""
+    """Return the lines of the file after all edits, which are applied from the last to the first."""
     changed = list(lines)
     for later in sorted(edits, key=lambda edit: (edit.line, edit.column))[::-1]:
         old = changed[later.line]
@@ -123,7 +126,7 @@ def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
 
 
 def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[str, float]) -> None:
-    """Delete the copy and raise ConfigError if it differs from the file in anything but the values."""
+    """Delete the copy and raise ConfigError if anything but `values` differs between the file and the copy."""
     expected = _values(file)
     expected[controller] |= {name: float(f"{value:.9g}") for name, value in values.items()}
     try:
@@ -138,7 +141,7 @@ def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[s
 
 
 def _values(file: ControllersFile) -> dict[str, dict[str, object]]:
-    """Return all parameters of all controllers."""
+    """Return the values of all parameters, by controller and parameter name."""
     return {
         name: {key: node.value for key, node in controller.params.flat.items()}
         for name, controller in file.controllers.items()

@@ -1,9 +1,10 @@
 """UMBmark calibration (Borenstein, Feng 1996): wheel radii and track of a differential drive base.
 
-The base drives squares clockwise and counter-clockwise by its odometry. The error of a run is the true end minus the
-end by odometry, both relative to its start: x ahead and y to the left, in m. A wrong track has the same effect on turns
-in both directions, and unequal wheels bend both paths to the same side; both directions together separate the two,
-while in one direction they may cancel. The mean radius, the scale of distances, is not observable from a closed square.
+The base drives squares clockwise and counter-clockwise by its odometry. The error of a run is the true end position
+minus the end position by odometry, both relative to the start: x ahead and y to the left, in m. A wrong track has the
+same effect on turns in both directions, and unequal wheels bend both paths to the same side. Both directions together
+separate the two errors, which may cancel each other in one direction. The mean radius, which scales distances, is not
+observable from a closed square.
 """
 
 from __future__ import annotations
@@ -21,32 +22,35 @@ if TYPE_CHECKING:
 
 Planar = tuple[float, float, float]
 _CORNER: Final = math.pi / 2
-_LARGEST: Final = 1000.0  # m, larger than any hall
+_LARGEST: Final = 1000.0  # maximum side in m, larger than any hall
 _FAR: Final = 1.0
-"""Maximum distance of a plausible end, as a fraction of the side: an end further away was measured wrongly, or belongs
-to another path. A newly assembled base with wheels that differ by 1 % and a track of 0.24 m that is wrong by 10 % ends
-0.93 of a side of 4 m away. A length in cm taken for m exceeds the limit from 1 % of the side on."""
+"""Maximum distance of a plausible end position, as a fraction of the side.
+
+A position further away was measured wrongly, or belongs to another path. A newly assembled base with wheels that differ
+by 1 % and a track of 0.24 m that is wrong by 10 % ends 0.93 of a side of 4 m away. A length in cm taken for m exceeds
+the limit from 1 % of the side on.
+"""
 
 
 class ImplausibleEnds(ConfigError):
-    """Raised for runs without a valid calibration."""
+    """Error: the end positions of the squares do not result in a valid calibration."""
 
 
 class Direction(enum.Enum):
-    """Direction of a square; the sign is that of its turns."""
+    """Direction of a square; the value is the sign of the turns."""
 
     CCW = 1
     CW = -1
 
     @property
     def word(self) -> str:
-        """Name of the direction."""
+        """Name of the direction for texts: "clockwise" or "counter-clockwise"."""
         return "counter-clockwise" if self is Direction.CCW else "clockwise"
 
 
 @dataclass(frozen=True, slots=True)
 class SquareRun:
-    """One square: true end minus end by odometry, m ahead and to the left of its start."""
+    """Error of one square: true end position minus that by odometry, in m ahead and to the left of the start."""
 
     direction: Direction
     x: float
@@ -55,25 +59,25 @@ class SquareRun:
 
 @dataclass(frozen=True, slots=True)
 class WheelFactors:
-    """Multipliers of the current wheel values: track, and radius of each side."""
+    """Multipliers of the current wheel values: track, left radius and right radius."""
 
     separation: float = 1.0
     left: float = 1.0
     right: float = 1.0
 
     def after(self, before: WheelFactors) -> WheelFactors:
-        """Return these multipliers combined with earlier ones."""
+        """Return these multipliers combined with earlier multipliers."""
         return WheelFactors(self.separation * before.separation, self.left * before.left, self.right * before.right)
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Result of the squares.
+    """Correction of the wheel values that follows from the errors of the squares.
 
-    E_b is the true track over the current one, E_d the right wheel's diameter over the left one's. `largest` is the
-    systematic error E_max,syst in m, the larger distance of the mean ends of both directions from zero; `scatter` in m
-    is three standard deviations of the runs about these means, which calibration cannot remove, None with one run per
-    direction.
+    E_b is the true track divided by the current track, E_d the diameter of the right wheel divided by that of the left
+    wheel. `largest` is the systematic error E_max,syst in m: the larger of the mean errors of both directions.
+    `scatter` in m is three standard deviations of the runs about these means, which calibration cannot remove; None
+    with one run per direction.
     """
 
     e_b: float
@@ -83,21 +87,21 @@ class Correction:
 
     @property
     def factors(self) -> WheelFactors:
-        """Multipliers of the wheel values; the mean of both radii is unchanged."""
+        """Multipliers of the current wheel values; the mean radius is unchanged."""
         return WheelFactors(self.e_b, 2.0 / (self.e_d + 1.0), 2.0 / (1.0 / self.e_d + 1.0))
 
 
 def relative(end: Planar, start: Planar) -> Planar:
-    """Return a pose relative to another one."""
+    """Return the pose `end` relative to the pose `start`."""
     cosine, sine = math.cos(start[2]), math.sin(start[2])
     x, y = end[0] - start[0], end[1] - start[1]
     return cosine * x + sine * y, cosine * y - sine * x, end[2] - start[2]
 
 
 def correction(runs: Sequence[SquareRun], side: float, separation: float, least: int = 1) -> Correction:
-    """Return the correction from runs around squares of `side` with an assumed track of `separation`, both in m.
+    """Compute the correction from runs around squares of `side`, with a current track of `separation`, both in m.
 
-    ImplausibleEnds for invalid numbers, ends further away than the side, or fewer than `least` runs of a direction.
+    Raises ImplausibleEnds for invalid numbers, errors larger than the side, or fewer than `least` runs per direction.
     """
     _refuse_sizes(side, separation)
     for number, run in enumerate(runs, 1):
@@ -106,7 +110,7 @@ def correction(runs: Sequence[SquareRun], side: float, separation: float, least:
     _refuse_count(by_direction, least)
     means = {direction: _mean(group) for direction, group in by_direction.items()}
     (x_ccw, y_ccw), (x_cw, y_cw) = means[Direction.CCW], means[Direction.CW]
-    # in rad; x and y each give it with an error of second order in the other angle, so that their mean is used
+    # angles in rad; they follow from x as well as from y, with a second-order error of the other angle: use the mean
     alpha = ((x_cw + x_ccw) + (y_cw - y_ccw)) / (-8.0 * side)
     beta = ((x_cw - x_ccw) + (y_cw + y_ccw)) / (-8.0 * side)
     e_b = _CORNER / (_CORNER - alpha)
@@ -155,7 +159,7 @@ def _mean(runs: Sequence[SquareRun]) -> tuple[float, float]:
 def _scatter(
     by_direction: dict[Direction, list[SquareRun]], means: dict[Direction, tuple[float, float]]
 ) -> float | None:
-    """Return three standard deviations of the distance of runs from the mean of their direction."""
+    """Return three standard deviations of the runs about the mean of their direction; None with one run each."""
     freedom = sum(len(runs) - 1 for runs in by_direction.values())
     if freedom == 0:
         return None
@@ -167,16 +171,16 @@ def _squares(runs: Iterable[SquareRun], mean: tuple[float, float]) -> float:
     return math.fsum((run.x - mean[0]) ** 2 + (run.y - mean[1]) ** 2 for run in runs)
 
 
-# Square path by odometry: straight sides, a stop at each corner, turns in place. The code is sans-IO: each pose of
-# odometry gives the twist to command until `done`. Speeds ramp down towards the end of a side or turn, so that the
-# odometry ends within some mm of the end of the square, which the measurement takes into account. A base that deviates
-# ends it with a sentence. Clockwise is the exact mirror image of counter-clockwise.
+# Square path by odometry: straight sides, a stop at each corner, turns in place. The code does no input or output: it
+# computes the twist to command from each pose of the odometry until `done`. Speeds ramp down towards the end of a side
+# or turn, so that the odometry ends within some mm of the end of the square, which the measurement takes into account.
+# A base that deviates ends the path with an error text. Clockwise is the exact mirror image of counter-clockwise.
 
 
 _CORNERS: Final = 4
 _TURN: Final = math.pi / 2
-_NEAR: Final = 0.001  # m
-_STRAIGHT: Final = 0.001  # rad
+_NEAR: Final = 0.001  # remaining distance in m at which a side ends
+_STRAIGHT: Final = 0.001  # remaining angle in rad at which a turn ends
 _CREEP: Final = (0.01, 0.02)  # m/s and rad/s: speed at the end of a ramp
 _STANDS: Final = (0.002, 0.005)  # m and rad: maximum motion of a standing base
 _STEER: Final = (2.0, 1.0)  # rad/s per rad of heading error, and per m of lateral error over 0.1 m
@@ -187,9 +191,9 @@ _PATIENCE_S: Final = 5.0  # added to twice the expected time of a side or turn
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """Speeds of a square in m/s and rad/s, and the ramps to a stop in m/s^2 and rad/s^2.
+    """Speeds of a square in m/s and rad/s, and decelerations to a stop in m/s^2 and rad/s^2.
 
-    `settle` in s is the pause at each corner.
+    `settle` in s is the pause before and after each turn.
     """
 
     speed: float = 0.2
@@ -203,7 +207,7 @@ class _Phase(enum.Enum):
     SIDE = "side"
     CORNER = "corner"  # pause before a turn
     TURN = "turn"
-    REST = "rest"  # pause after it
+    REST = "rest"  # pause after a turn
     DONE = "done"
 
 
@@ -217,7 +221,10 @@ _MOVES: Final = frozenset({_Phase.SIDE, _Phase.TURN})
 
 
 class SquarePath:
-    """One square of `side` m in a direction, starting at the first pose; `corner` is the number of completed turns."""
+    """Path around one square with a side of `side` m, starting at the first pose of the odometry.
+
+    `corner` is the number of completed turns.
+    """
 
     def __init__(self, side: float, direction: Direction, pace: Pace) -> None:
         self.side, self.direction, self.pace = side, direction, pace
@@ -229,13 +236,13 @@ class SquarePath:
 
     @property
     def done(self) -> bool:
-        """Whether the base stands at the end of the square."""
+        """Whether the base has reached the end of the square and stands."""
         return self._phase is _Phase.DONE
 
     def twist(self, pose: Planar, now: float) -> tuple[float, float]:
-        """Return the twist to command, m/s and rad/s, for the odometry `pose` at `now` in s.
+        """Return the twist to command, in m/s and rad/s, for the odometry `pose` at `now` in s.
 
-        ControlError if the base deviates from the square.
+        Raises ControlError if the base deviates from the square or takes too long.
         """
         if self._start is None:
             self._start, self._since = pose, now
@@ -266,7 +273,7 @@ class SquarePath:
         return False
 
     def _along(self, moved: Planar) -> tuple[float, float] | None:
-        """Return the twist along the current side, None at its end."""
+        """Return the twist along the current side, or None at the end of the side."""
         ahead, aside, turned = self._from_corner(moved)
         remaining = self.side - ahead
         if remaining <= _NEAR:
@@ -278,7 +285,7 @@ class SquarePath:
         return speed, max(-_MOST_STEER, min(_MOST_STEER, steer))
 
     def _around(self, moved: Planar) -> tuple[float, float] | None:
-        """Return the twist of the current turn, None at its end."""
+        """Return the twist of the current turn, or None at the end of the turn."""
         sign = self.direction.value
         remaining = (self.corner + 1) * _TURN - sign * moved[2]
         if remaining <= _STRAIGHT:
@@ -289,7 +296,7 @@ class SquarePath:
         return 0.0, sign * speed
 
     def _from_corner(self, moved: Planar) -> Planar:
-        """Return the pose relative to the corner at which the side begins, along the side."""
+        """Return the pose relative to the corner at which the current side begins, with x along the side."""
         corners = ((0.0, 0.0), (self.side, 0.0), (self.side, self.side), (0.0, self.side))
         x, y = corners[self.corner % _CORNERS]
         sign = self.direction.value
@@ -299,7 +306,7 @@ class SquarePath:
         return cosine * along + sine * aside, sign * (cosine * aside - sine * along), moved[2] - sign * heading
 
     def _check(self, moved: Planar, now: float) -> None:
-        """Raise ControlError if the base deviates, or takes too long."""
+        """Raise ControlError if the base deviates from the square, or takes too long for a side or turn."""
         x, y = moved[0], self.direction.value * moved[1]
         off = max(-x, x - self.side, -y, y - self.side)
         if not off <= max(0.2, _OFF * self.side):  # nan too

@@ -1,7 +1,7 @@
-"""Calibration run: drive in both directions, correct, drive again with the corrected values.
+"""Calibration session: drives squares in both directions, sets corrected values, and drives the squares again.
 
-Unless the calibration ends with an improvement, the robot gets its initial values back. Ends are measured by the true
-pose if it is known, otherwise the user is asked.
+Unless the calibration ends with an improvement, the initial values are restored. The end positions are the true poses
+of a simulation, or measurements of the user.
 """
 
 from __future__ import annotations
@@ -36,40 +36,40 @@ _MARGIN: Final = 0.3  # fraction of the side, at least 0.2 m: deviation at which
 
 
 class Base(Protocol):
-    """Base to calibrate."""
+    """Base that is calibrated; `BaseLink` is the implementation for a running robot."""
 
     def wheel_values(self) -> WheelValues:
-        """Return the current wheel values."""
+        """Return the current wheel values and limits."""
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Set other multipliers."""
+        """Set the multipliers of track, left radius and right radius."""
 
     def drive(self, path: SquarePath) -> Driven:
-        """Drive a square to its end."""
+        """Drive a square to its end, and return the end position."""
 
 
 class Ends(Protocol):
-    """Source of true end positions."""
+    """Source of the true end positions of the squares."""
 
     def before(self, text: str) -> None:
         """Return when the next square may begin; `text` describes it."""
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
-        """Return the true end of the base, m ahead and to the left of the start of the square."""
+        """Return the true end position of the base, in m ahead and to the left of the start of the square."""
 
 
 class TrueEnds:
-    """True pose of a simulated base."""
+    """Source of true end positions for a simulated base: the true pose of the simulation."""
 
     def __init__(self, report: Callable[[str], object]) -> None:
         self._say = report
 
     def before(self, text: str) -> None:
-        """Report the next square without waiting."""
+        """Report the description of the next square; it starts at once."""
         self._say(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
-        """Return the end by the simulation."""
+        """Return the end position of the simulation; raise ControlError if the simulation has reported none."""
         if driven.truth is None:
             raise ControlError(f"{text}: the simulation has reported no true pose")
         return driven.truth[0], driven.truth[1]
@@ -77,7 +77,7 @@ class TrueEnds:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationPlan:
-    """Squares of `side` m: number of `runs` per direction, `passes` of corrections, and pace."""
+    """Plan of a calibration: squares of `side` m, `runs` per direction, and `passes` with corrected values."""
 
     side: float = 1.0
     runs: int = 1
@@ -86,12 +86,12 @@ class CalibrationPlan:
 
     @property
     def squares(self) -> int:
-        """Total number of squares."""
+        """Maximum number of squares, including those with the initial values."""
         return 2 * self.runs * (self.passes + 1)
 
     @property
     def seconds(self) -> float:
-        """Approximate driving time in s."""
+        """Approximate driving time of all squares in s."""
         pace = self.pace
         side = self.side / pace.speed + pace.speed / pace.ramp + pace.settle
         turn = math.pi / 2 / pace.turn + pace.turn / pace.turn_ramp + pace.settle
@@ -100,7 +100,7 @@ class CalibrationPlan:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """Result of a calibration: the first and the last squares, and the multipliers of the last."""
+    """Result of a calibration: corrections by the first and the last squares, and the final multipliers."""
 
     first: Correction
     last: Correction
@@ -108,12 +108,12 @@ class CalibrationResult:
 
     @property
     def gain(self) -> float:
-        """Ratio of the largest error before and after."""
+        """Ratio of the largest systematic error before and after the calibration."""
         return self.first.largest / self.last.largest if self.last.largest else math.inf
 
 
 def fitting_pace(pace: Pace, wheels: WheelValues) -> Pace:
-    """Return the pace within the controller's own limits."""
+    """Return the pace, reduced to the limits of the controller."""
     return replace(
         pace,
         speed=min(pace.speed, wheels.most_linear),
@@ -124,7 +124,7 @@ def fitting_pace(pace: Pace, wheels: WheelValues) -> Pace:
 
 
 def space(side: float) -> str:
-    """Return the space that the squares need, as text."""
+    """Return a text about the free space that the squares need around the start, for a side in m."""
     margin = max(0.2, _MARGIN * side)
     return (
         f"{side + margin:.2f} m ahead of its start and as much to its left and to its right, {margin:.2f} m behind it, "
@@ -139,9 +139,9 @@ def calibrate(
     report: Callable[[str], object],
     corrected: Callable[[dict[str, float]], object] = lambda _: None,
 ) -> CalibrationResult:
-    """Calibrate a base; `report` receives each step, `corrected` each set of new multipliers, by parameter.
+    """Calibrate a base; `report` is called with progress texts, `corrected` with each set of new multipliers by name.
 
-    ControlError, RemoteError or ImplausibleEnds if it fails; the robot then has its old values again.
+    Raises ControlError, RemoteError or ImplausibleEnds if the calibration fails; the initial values are then restored.
     """
     wheels = base.wheel_values()
     original = wheels.factors
@@ -163,7 +163,7 @@ def calibrate(
             )
     except BaseException:
         if wheels.factors != original:
-            with contextlib.suppress(CanopenError):  # a robot that is gone has lost them anyway
+            with contextlib.suppress(CanopenError):  # a robot that has ended has lost the values anyway
                 base.set_factors(original)
         raise
     return CalibrationResult(first, last, dict(zip(FACTORS, wheels.factors, strict=True)))
@@ -172,7 +172,7 @@ def calibrate(
 def _round(
     base: Base, ends: Ends, plan: CalibrationPlan, separation: float, title: str, report: Callable[[str], object]
 ) -> Correction:
-    """Drive all squares once with the current values; return the correction."""
+    """Drive all squares of one pass with the current values, and return the correction."""
     runs = []
     for number in range(1, plan.runs + 1):
         for direction in Direction:
@@ -193,7 +193,7 @@ def _round(
 
 
 def _written(value: float) -> float:
-    """Return a value as written to a file, so that robot and file have the same."""
+    """Return a value rounded to the digits that are written to a file, so that robot and file have the same value."""
     return float(f"{value:.9g}")
 
 
