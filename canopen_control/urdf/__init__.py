@@ -1,1 +1,1 @@
-"""Robot descriptions: URDF and xacro, the <ros2_control> tags in them, and the geometry of links and joints."""
+"""Readers of robot descriptions (URDF and xacro), including <ros2_control> tags, links, joints, meshes and packages."""

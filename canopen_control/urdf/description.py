@@ -1,9 +1,9 @@
-"""Robot descriptions from URDF or xacro: links, joints and the hardware of each joint.
+"""Reader of robot descriptions from URDF or xacro files: links, joints and the hardware of the joints.
 
-Xacro itself is used, and runs only if a file needs it. All mistakes are reported at once, each with file and line (of a
-xacro file, the probable line, because its result has no line numbers). What ros2_control refuses is refused here too,
-so that a description accepted here is accepted there. Without a <ros2_control> tag, ROS 1's <transmission> tags assign
-drives to joints.
+Xacro itself is used, but only for files that need it. All errors are reported at once, with file and line (for a xacro
+file the probable line, because its result has no line numbers). A description that ros2_control refuses is refused here
+too, so that a description accepted here is accepted there. Without a <ros2_control> tag, ROS 1's <transmission> tags
+assign drives to joints.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from canopen_control.urdf.link_element import UrdfLink
 
 
-# Xacro runs in a process of its own, which never imports this package: an endless or memory-consuming expression is a
-# mistake of the user, and the kernel ends the process at its limits of time and memory. The process starts early
+# Xacro runs in a separate process that does not import this package on start: an expression may be endless or need too
+# much memory by mistake, and the kernel ends the process at its limits of time and memory. The process starts early
 # (`XacroRun`), so that other files can be read meanwhile.
 
 
@@ -47,7 +47,7 @@ _HINT: Final = "look for a power, a range or a macro in it that never ends"
 
 @dataclass(frozen=True, slots=True)
 class XacroLimits:
-    """Limits of one xacro run: processor time in s, elapsed time in s, memory in bytes."""
+    """Limits of one xacro process: processor time and elapsed time in s, memory in bytes."""
 
     processor_s: int = 10
     wall_s: int = 30
@@ -55,9 +55,9 @@ class XacroLimits:
 
 
 class XacroRun:
-    """Run of xacro over `path`, started at once; `close` ends it in any case.
+    """Xacro process for the file `path`, which is started at once and ended by `close`.
 
-    `mappings` are its arguments; an unknown argument is refused, unless its name ends in `?`.
+    `mappings` are the xacro arguments. An argument that the file does not use is refused, unless its name ends in `?`.
     """
 
     def __init__(self, path: Path, mappings: Mapping[str, str], limits: XacroLimits | None = None) -> None:
@@ -67,7 +67,7 @@ class XacroRun:
         numbers = (self._limits.processor_s, self._limits.wall_s, self._limits.memory)
         arguments = [folders, os.fspath(path), *map(str, numbers), *(f"{key}:={mappings[key]}" for key in mappings)]
         command = [sys.executable, "-I", "-S", xacro_child.__file__, *arguments]
-        lifeline, self._lifeline = os.pipe()  # it ends with this process, however that ends
+        lifeline, self._lifeline = os.pipe()  # closed when this process ends, in whatever way
         try:
             self._process = subprocess.Popen(command, stdin=lifeline, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
         except (OSError, ValueError) as error:
@@ -84,7 +84,7 @@ class XacroRun:
         self.close()
 
     def close(self) -> None:
-        """End the process if it is still running; a second call does nothing."""
+        """Kill the process if it is still running; a second call does nothing."""
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
@@ -94,7 +94,7 @@ class XacroRun:
             self._process.stdout.close()
 
     def result(self) -> str:
-        """Wait for the URDF text; RobotConfigError if xacro failed."""
+        """Wait for the process and return the URDF text; raise RobotConfigError if xacro failed."""
         try:
             answer, _ = self._process.communicate(timeout=self._limits.wall_s)
         except subprocess.TimeoutExpired:
@@ -105,7 +105,7 @@ class XacroRun:
         raise RobotConfigError(f"{self._path}: xacro: {reason}" if reason else self._ended(self._process.returncode))
 
     def _ended(self, code: int) -> str:
-        """Return the reason of a missing answer."""
+        """Return an error text for a process that ended without an answer."""
         if code in (-signal.SIGXCPU, -signal.SIGKILL):  # the kernel sends the second if both limits are equal
             return f"{self._path}: xacro took more than {self._limits.processor_s} s of the processor; {_HINT}"
         if code == -signal.SIGALRM:
@@ -115,7 +115,7 @@ class XacroRun:
 
 @dataclass(frozen=True)
 class GazeboPlugin:
-    """A `<plugin>` of a `<gazebo>` tag."""
+    """Tag `<plugin>` of a `<gazebo>` tag."""
 
     name: str
     filename: str
@@ -124,9 +124,9 @@ class GazeboPlugin:
 
 @dataclass(frozen=True)
 class UrdfDescription:
-    """Robot description: URDF as text (xacro processed), links, joints, and the hardware of the joints.
+    """Robot description: URDF text (the output of xacro), links, joints, and hardware components.
 
-    `ros1` means that the hardware was derived from ROS 1's <transmission> tags, without a <ros2_control> tag.
+    `ros1` means that the hardware was derived from ROS 1's <transmission> tags, because there is no <ros2_control> tag.
     """
 
     path: str
@@ -149,23 +149,23 @@ class UrdfDescription:
 
     @property
     def movable_joints(self) -> tuple[str, ...]:
-        """Joints that are not fixed, in the order of the file."""
+        """Names of the joints that are not fixed, in the order of the file."""
         return tuple(joint.name for joint in self.joints.values() if not joint.fixed)
 
 
 def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> UrdfDescription:
-    """Read a .urdf or .xacro file; `mappings` are xacro's arguments. RobotConfigError with all mistakes.
+    """Read a .urdf or .xacro file; raise RobotConfigError with all errors in it.
 
-    A name that ends in `?` is an argument that the file may lack.
+    `mappings` are the xacro arguments; the file need not use an argument whose name ends in `?`.
     """
     with DescriptionReader(path, mappings=mappings) as reader:
         return reader.result()
 
 
 class DescriptionReader:
-    """Reader of a .urdf or .xacro file in the background: xacro runs from now on, in a process of its own.
+    """Reader of a .urdf or .xacro file; xacro runs in the background, in a separate process, from now on.
 
-    The end of the `with` block ends the process. RobotConfigError now or in `result`.
+    The end of the `with` block ends the process. Creation and `result` raise RobotConfigError.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> None:
@@ -189,14 +189,17 @@ class DescriptionReader:
             self._xacro.close()
 
     def result(self) -> UrdfDescription:
-        """Return the description; RobotConfigError with all mistakes."""
+        """Return the description; raise RobotConfigError with all errors in it."""
         if self._xacro is None:
             return parse_description(self._source, self._path)
         return parse_description(self._xacro.result(), self._path, source=self._source)
 
 
 def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> UrdfDescription:
-    """Return the description of a URDF text; `source` is the xacro text it was generated from, for line numbers."""
+    """Parse a URDF text to a description; raise RobotConfigError with all errors in it.
+
+    `source` is the xacro text from which the URDF was generated, for line numbers.
+    """
     document = read_document(urdf, path, source)
     model = model_of(document)
     tags = [child for child in document.root.children if child.tag == "ros2_control"]

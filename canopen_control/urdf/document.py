@@ -1,6 +1,6 @@
-"""XML elements with their places, and errors at these places.
+"""XML elements with their positions in the file, and the collection of errors at these positions.
 
-An invalid number or a missing name is recorded with its place and replaced by a default, so that all mistakes are
+An invalid number or a missing name is recorded with its position and replaced by a default, so that all errors are
 reported at once. Lines and columns count from 1.
 """
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 
 class ElementPlace(NamedTuple):
-    """Place of the beginning of an element in the file."""
+    """Position of the start of an element in the file; line and column count from 1."""
 
     line: int
     column: int
@@ -31,15 +31,15 @@ NOWHERE = ElementPlace(0, 0)
 
 
 class Placed(Protocol):
-    """Object with a place in the file: an element, or an object read from one."""
+    """Object with a position in the file: an element, or an object created from an element."""
 
     @property
     def place(self) -> ElementPlace:
-        """Place of its beginning."""
+        """Position of the start of the object's element."""
 
 
 class Element:
-    """XML element: tag, attributes, children, the text directly in it without surrounding blanks, and its place."""
+    """XML element with its position; `text` is the text directly inside the element, without surrounding blanks."""
 
     __slots__ = ("attributes", "children", "place", "tag", "text")
 
@@ -49,39 +49,39 @@ class Element:
         self.text = ""
 
     def child(self, tag: str) -> Element | None:
-        """Return the first child with a tag."""
+        """Return the first child with a tag, or None."""
         return next((child for child in self.children if child.tag == tag), None)
 
     def parameters(self) -> dict[str, str]:
-        """Return the `<param name=...>text</param>` children."""
+        """Return the texts of the `<param name=...>` children, by name."""
         return {child.attributes.get("name", ""): child.text for child in self.children if child.tag == "param"}
 
 
 class UrdfDocument:
-    """Elements of a description, and its errors."""
+    """Root element of a description, with helpers that convert values and collect errors."""
 
     def __init__(self, root: Element, path: str) -> None:
         self.root, self._path = root, path
         self._problems: dict[tuple[ElementPlace, str], None] = {}
 
     def error(self, element: Placed, message: str) -> None:
-        """Add an error at an element or an object read from one."""
+        """Record an error at the position of an element, or of an object created from an element."""
         self._problems[element.place, message] = None
 
     def raise_if_any(self) -> None:
-        """Raise RobotConfigError with all errors, if there are any."""
+        """Raise RobotConfigError with all recorded errors, if there are any."""
         if self._problems:
             problems = sorted(self._problems)
             raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in problems))
 
     def name(self, element: Element) -> str:
-        """Return the name of an element; the name is mandatory."""
+        """Return the name of an element; a missing name is an error."""
         if not element.attributes.get("name"):
             self.error(element, f"<{element.tag}> has no name")
         return element.attributes.get("name", "")
 
     def by_name(self, pairs: Iterable[tuple[Element, T]]) -> dict[str, T]:
-        """Return objects by name; a duplicate name is an error."""
+        """Return the objects by the name of their elements; a duplicate name is an error."""
         firsts: dict[str, Element] = {}
         named: dict[str, T] = {}
         for element, read in pairs:
@@ -94,16 +94,16 @@ class UrdfDocument:
         return named
 
     def _where_first(self, first: Element, second: Element) -> str:
-        if first.place == second.place:  # as far as the line can be determined in a xacro file
+        if first.place == second.place:  # as far as the line in a xacro file can be determined
             return "both are made here: call the macro with another name"
         return f"first at {self._path}:{first.place.line}:{first.place.column}; rename one"
 
     def number(self, element: Element, attribute: str, default: float) -> float:
-        """Return the number in an attribute; infinity and nan are invalid."""
+        """Return the number in an attribute, else the default; text, infinity and nan are errors."""
         return self.decimal(element, element.attributes, attribute, default)
 
     def decimal(self, element: Element, values: Mapping[str, str], key: str, default: float) -> float:
-        """Return a number in a mapping that belongs to an element."""
+        """Return the number of `key` in a mapping that belongs to an element, else the default, as `number` does."""
         text = values.get(key)
         if text is None:
             return default
@@ -115,7 +115,7 @@ class UrdfDocument:
     def vector(
         self, element: Element | None, attribute: str, default: tuple[float, float, float]
     ) -> tuple[float, float, float]:
-        """Return the three numbers in an attribute."""
+        """Return the three numbers in an attribute, else the default; other texts are errors."""
         if element is None or attribute not in element.attributes:
             return default
         numbers = [finite_number(word) for word in element.attributes[attribute].split()]
@@ -128,7 +128,7 @@ class UrdfDocument:
 
 
 def finite_number(text: str) -> float | None:
-    """Return the number in a text, None if it is invalid or not finite."""
+    """Return the number in a text, or None if the text is no finite number."""
     try:
         number = float(text)
     except ValueError:
@@ -137,7 +137,7 @@ def finite_number(text: str) -> float | None:
 
 
 class _Builder:
-    """Builder of elements from the callbacks of expat, whose parser has the line number."""
+    """Builder of an element tree with positions, from the callbacks of the expat parser."""
 
     def __init__(self, source: _XacroLines | None) -> None:
         self._parser = xml.parsers.expat.ParserCreate()
@@ -149,7 +149,7 @@ class _Builder:
         self.root: Element | None = None
 
     def read(self, text: str) -> None:
-        """Parse the whole text; may raise ExpatError."""
+        """Parse the whole text; raise ExpatError if it is not valid XML."""
         self._parser.Parse(text, True)  # positional in expat: this is the last piece
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -175,7 +175,10 @@ class _Builder:
 
 
 class _XacroLines:
-    """Estimate of the line in a xacro file that an element came from; `${...}` in a name matches any text."""
+    """Estimate of the position in a xacro file from which an element of the result was generated.
+
+    An expression `${...}` or `$(...)` in a name of the xacro file matches any text.
+    """
 
     def __init__(self, source: str) -> None:
         self._places: list[tuple[str, str, ElementPlace]] = []
@@ -186,7 +189,7 @@ class _XacroLines:
             self._places.append((match[1], match[2], place))
 
     def place(self, tag: str, name: str) -> ElementPlace:
-        """Return the place of the next element with this tag and name, the beginning of the file without a match."""
+        """Return the position of the next element with this tag and name, or the start of the file without a match."""
         count = self._lines.get((tag, name), 0)
         self._lines[tag, name] = count + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]
@@ -205,9 +208,9 @@ def _fits(written: str, name: str) -> bool:
 
 
 def read_document(text: str, path: str, source: str | None = None) -> UrdfDocument:
-    """Return the elements of an XML text; RobotConfigError with the place if it is invalid.
+    """Parse an XML text to elements; raise RobotConfigError with the position if it is not valid XML.
 
-    `source` is the xacro text it was generated from, in which lines are searched.
+    `source` is the xacro text from which the XML was generated, in which positions are searched.
     """
     builder = _Builder(None if source is None else _XacroLines(source))
     try:

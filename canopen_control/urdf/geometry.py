@@ -1,7 +1,7 @@
 """Vectors, rotations and poses: positions in m, angles in rad, quaternions as (w, x, y, z).
 
-URDF's roll, pitch and yaw turn about the fixed axes of the parent, in this order (REP 103 and the
-URDF specification), which is yaw * pitch * roll as quaternions.
+URDF's roll, pitch and yaw are rotations about the fixed axes of the parent frame, in this order (REP 103 and the URDF
+specification), so that the quaternion is yaw * pitch * roll.
 """
 
 from __future__ import annotations
@@ -16,7 +16,10 @@ IDENTITY: Final[Quaternion] = (1.0, 0.0, 0.0, 0.0)
 
 
 def about(axis: Vector, angle: float) -> Quaternion:
-    """Return the rotation by `angle` about an axis of any length; the identity for a zero axis."""
+    """Return the rotation by `angle` rad about an axis of any length.
+
+    For a zero axis or an angle that is not finite, the result is the identity.
+    """
     length = math.hypot(*axis)
     if length == 0.0 or not math.isfinite(angle):
         return IDENTITY
@@ -25,7 +28,7 @@ def about(axis: Vector, angle: float) -> Quaternion:
 
 
 def along(axis: Vector, length: float) -> Vector:
-    """Return the vector with `length` m along an axis of any length."""
+    """Return the vector of length `length` along an axis of any length; the zero vector for a zero axis."""
     factor = length / (math.hypot(*axis) or 1.0)
     return axis[0] * factor, axis[1] * factor, axis[2] * factor
 
@@ -36,13 +39,13 @@ def from_yaw(yaw: float) -> Quaternion:
 
 
 def from_rpy(rpy: Vector) -> Quaternion:
-    """Return the rotation of URDF's `rpy`."""
+    """Return the rotation of URDF's `rpy`: roll, pitch and yaw in rad."""
     roll, pitch, yaw = (about(axis, angle) for axis, angle in zip(((1, 0, 0), (0, 1, 0), (0, 0, 1)), rpy, strict=True))
     return multiply(multiply(yaw, pitch), roll)
 
 
 def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the combined rotation: `second`, given in the frame rotated by `first`."""
+    """Return the rotation `first` followed by `second`, which is relative to the frame rotated by `first`."""
     a, b, c, d = first
     e, f, g, h = second
     return (
@@ -54,25 +57,25 @@ def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
 
 
 def rotate(rotation: Quaternion, vector: Vector) -> Vector:
-    """Return a rotated vector."""
+    """Return `vector`, rotated by a quaternion."""
     w, x, y, z = rotation
     _, rx, ry, rz = multiply(multiply(rotation, (0.0, *vector)), (w, -x, -y, -z))
     return rx, ry, rz
 
 
 class Pose(NamedTuple):
-    """Pose of a frame in its parent frame."""
+    """Pose of a frame in its parent frame; the position is in m."""
 
     position: Vector = (0.0, 0.0, 0.0)
     rotation: Quaternion = IDENTITY
 
     def of(self, point: Vector) -> Vector:
-        """Return a point of this frame in the parent frame."""
+        """Transform a point from this frame to the parent frame."""
         x, y, z = rotate(self.rotation, point)
         return self.position[0] + x, self.position[1] + y, self.position[2] + z
 
     def then(self, child: Pose) -> Pose:
-        """Return the pose in the parent frame of a frame with pose `child` in this frame."""
+        """Return the pose, in the parent frame, of a frame whose pose in this frame is `child`."""
         return Pose(self.of(child.position), multiply(self.rotation, child.rotation))
 
 

@@ -1,8 +1,8 @@
-"""`<joint>` elements of a description: limits, mimic joints, and the poses of child links.
+"""`<joint>` elements of a robot description: limits, mimic joints, and poses of the child links.
 
-As in URDF and robot_state_publisher, the pose of a child link is the joint's origin, then its motion: a rotation by the
-position about its axis or a translation along it. A mimic joint is at `multiplier * position + offset` of the other
-joint. Fixed joints never move; the position of a floating or planar joint is unknown. Lengths in m, angles in rad.
+As in URDF and robot_state_publisher, the pose of a child link is the joint's origin followed by the joint's motion: a
+rotation about its axis or a translation along its axis. A mimic joint is at `multiplier * position + offset` of another
+joint. Fixed joints never move; the position of a floating or planar joint is unknown. Lengths are in m, angles in rad.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ ACCELERATION: Final = "acceleration"
 
 @dataclass(frozen=True)
 class InterfaceInfo:
-    """<command_interface> or <state_interface>: bounds and initial value in SI units, infinite or nan if absent.
+    """Tag <command_interface> or <state_interface>: bounds and initial value in SI units.
 
-    `limited` is False with `<limits enable="false"/>` in it or in its joint.
+    Absent bounds are infinite, an absent initial value is nan. `limited` is False with `<limits enable="false"/>` in
+    the tag or in its joint.
     """
 
     name: str
@@ -46,7 +47,7 @@ class InterfaceInfo:
 
 
 def read_interfaces(document: UrdfDocument, element: Element, tag: str) -> dict[str, InterfaceInfo]:
-    """Return the interfaces of a <joint>, <sensor> or <gpio>; `tag` is command_interface or state_interface."""
+    """Read the interfaces of a <joint>, <sensor> or <gpio>; `tag` is command_interface or state_interface."""
     interfaces: dict[str, InterfaceInfo] = {}
     for child in element.children:
         if child.tag != tag:
@@ -74,7 +75,7 @@ _TURNING: Final = ("revolute", "continuous")
 
 @dataclass(frozen=True)
 class UrdfLimits:
-    """<limit> of a joint: rad or m, rad/s or m/s, Nm or N; infinite if absent."""
+    """Tag <limit> of a joint, in rad or m, rad/s or m/s, and Nm or N; limits are infinite if absent."""
 
     lower: float = -math.inf
     upper: float = math.inf
@@ -83,13 +84,13 @@ class UrdfLimits:
 
     @property
     def speed(self) -> float:
-        """Maximum velocity; infinite for 0, which exporters write if the user gave none."""
+        """Maximum velocity; infinite if the velocity is 0, which exporters write for an unknown limit."""
         return abs(self.velocity) or math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class HardLimits:
-    """All limits of a joint: rad, rad/s, Nm, rad/s2, rad/s3 (m, N); infinite if unlimited."""
+    """All limits of a joint in SI units of rad, s and Nm (m and N if prismatic); infinite if unlimited."""
 
     min_position: float = -math.inf
     max_position: float = math.inf
@@ -101,15 +102,15 @@ class HardLimits:
 
     @property
     def has_ends(self) -> bool:
-        """Whether the position is limited."""
+        """Whether the position has a lower or an upper limit."""
         return math.isfinite(self.min_position) or math.isfinite(self.max_position)
 
 
 @dataclass(frozen=True)
 class SoftLimits:
-    """<safety_controller> of a joint: soft position limits in rad or m, 0 and 0 for none.
+    """Tag <safety_controller> of a joint: soft position limits in rad or m; both are 0 if absent.
 
-    Gains in 1/s and Nm s/rad (N s/m).
+    `k_position` is in 1/s, `k_velocity` in Nm s/rad (N s/m if prismatic).
     """
 
     lower: float = 0.0
@@ -120,7 +121,7 @@ class SoftLimits:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """<dynamics> of a joint: Nm s/rad and Nm (N s/m and N), None if absent."""
+    """Tag <dynamics> of a joint: damping in Nm s/rad (N s/m), friction in Nm (N); None if absent."""
 
     damping: float | None = None
     friction: float | None = None
@@ -128,7 +129,7 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Mimic:
-    """Position is `multiplier` times that of `joint`, plus `offset`."""
+    """Tag <mimic> of a joint, whose position is `multiplier` times the position of `joint`, plus `offset`."""
 
     joint: str
     multiplier: float = 1.0
@@ -145,7 +146,7 @@ class Transform(NamedTuple):
 
 @dataclass(frozen=True)
 class Joint:
-    """Joint at `origin` in the frame of its parent link; `place` is that of its tag."""
+    """Joint between two links; `origin` is its pose in the parent link's frame, `place` the position of the tag."""
 
     name: str
     type: str
@@ -165,7 +166,7 @@ class Joint:
         return self.type == "fixed"
 
     def range_of(self, interface: str) -> tuple[float, float]:
-        """Return the minimum and maximum of an interface by its limits, infinite if unlimited."""
+        """Return the minimum and maximum of an interface by the URDF limits; infinite if unlimited."""
         limits = self.limits
         if interface == POSITION:
             return (-math.inf, math.inf) if self.type == "continuous" else (limits.lower, limits.upper)
@@ -173,9 +174,9 @@ class Joint:
         return -most, most
 
     def position_in(self, positions: Mapping[str, float | None]) -> float:
-        """Return the joint's position in rad or m from the positions of joints; a mimic joint follows its other joint.
+        """Return the position of the joint in rad or m, from known positions by joint name; nan if unknown.
 
-        Nan if unknown.
+        The position of a mimic joint is derived from that of the other joint.
         """
         position = positions.get(self.mimic.joint if self.mimic is not None else self.name)
         if position is None:
@@ -183,7 +184,7 @@ class Joint:
         return position if self.mimic is None else self.mimic.multiplier * position + self.mimic.offset
 
     def pose(self, position: float) -> Pose:
-        """Return the child link's pose in the parent frame; for a joint with more degrees of freedom, its origin."""
+        """Return the pose of the child link in the parent frame at `position`, which is in rad or m."""
         if self.type in _TURNING:
             return self.origin.then(Pose(rotation=about(self.axis, position)))
         if self.type == "prismatic":
@@ -191,7 +192,10 @@ class Joint:
         return self.origin
 
     def transform(self, positions: Mapping[str, float | None]) -> Transform | None:
-        """Return the transform to the child; None if it is unknown, or if the joint has more degrees of freedom."""
+        """Return the transform from the parent link to the child link.
+
+        None if the position is unknown or the joint is planar or floating.
+        """
         position = 0.0 if self.fixed else self.position_in(positions)
         if not math.isfinite(position) or not (self.fixed or self.type in _TURNING or self.type == "prismatic"):
             return None
@@ -199,7 +203,7 @@ class Joint:
 
 
 def read_joint(document: UrdfDocument, element: Element) -> Joint:
-    """Return the joint of a <joint> tag; mistakes are added to the document."""
+    """Return the joint of a <joint> tag; errors are added to the document."""
     name = document.name(element)
     kind = element.attributes.get("type", "")
     if kind not in _TYPES:

@@ -1,7 +1,7 @@
-"""`<link>` elements of a description: visual shapes, and the radius of round ones.
+"""`<link>` elements of a robot description: visual shapes, and the radius of round links.
 
-Errors here are not mistakes of the file, since joints move without shapes. A shape that cannot be drawn is omitted and
-listed in the notes.
+A shape that cannot be drawn is not an error, because joints can move without shapes: it is omitted and listed in the
+notes.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _ZERO: Final = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, slots=True)
 class Visual:
-    """Shape in the frame of its link, in m.
+    """Visual shape of a link, with its pose in the frame of the link; lengths are in m.
 
     `size` is x, y, z of a box; radius and length of a cylinder along z; radius of a sphere; the scale of a mesh, whose
-    `file` is as written in the URDF. `color` is red, green, blue up to 255, `opacity` 0 to 1.
+    `file` is the URI in the URDF. `color` is red, green and blue from 0 to 255, `opacity` is 0 to 1.
     """
 
     shape: str
@@ -42,9 +42,10 @@ class Visual:
 
 @dataclass(frozen=True, slots=True)
 class UrdfLink:
-    """Rigid body of the robot; `radius` in m if its collision, else its visual, has one cylinder or sphere.
+    """Link of the robot, with its visual shapes; `place` is the position of the tag.
 
-    `place` is that of its tag.
+    `radius` in m is that of the only cylinder or sphere in <collision>, else in <visual>; None if there is not exactly
+    one.
     """
 
     name: str
@@ -54,7 +55,7 @@ class UrdfLink:
 
 
 def read_links(document: UrdfDocument, notes: list[str]) -> dict[str, UrdfLink]:
-    """Return the links of a `<robot>` by name; shapes that cannot be drawn are added to `notes`."""
+    """Return the links of a `<robot>` by name; texts about shapes that cannot be drawn are added to `notes`."""
     children = document.root.children
     materials = {
         child.attributes.get("name", ""): color
@@ -73,7 +74,7 @@ def _link(document: UrdfDocument, element: Element, materials: Mapping[str, _Rgb
 
 
 def _radius(elements: Sequence[Element]) -> float | None:
-    """Return the radius of the only round shape in <collision> or <visual> tags."""
+    """Return the radius of the cylinder or sphere in <collision> or <visual> tags; None if there is not exactly one."""
     geometries = [geometry.children for element in elements if (geometry := element.child("geometry")) is not None]
     round_ones = [child for children in geometries for child in children if child.tag in _ROUND]
     size = _lengths(round_ones[0], "radius") if len(round_ones) == 1 else None
@@ -133,7 +134,7 @@ def _lengths(element: Element, *keys: str) -> tuple[float, ...] | None:
 
 
 def _numbers(element: Element | None, key: str) -> list[float] | None:
-    """Return the finite numbers in an attribute; None if it is missing or invalid."""
+    """Return the numbers in an attribute; None if the attribute is missing or any number is invalid."""
     try:
         values = [float(word) for word in element.attributes[key].split()] if element is not None else None
     except (KeyError, ValueError):

@@ -1,7 +1,7 @@
-"""Mesh files of a description: STL, OBJ, COLLADA (DAE) and GLB.
+"""Reader of the mesh files of a description: STL, OBJ, COLLADA (DAE) and GLB.
 
-Only local files are read, searched relative to the description. If a file cannot be found or read, a sentence is
-reported, and the robot is drawn and simulated without it.
+Only local files are read, searched relative to the description. A file that cannot be found or read raises ConfigError,
+so that the caller can report the error and draw or simulate the robot without the mesh.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 Triangle = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
 Matrix = tuple[tuple[float, ...], ...]
-"""Three rows of four: rotation, and translation in the last column."""
+"""Three rows of four numbers: rotation and scale, with the translation in the last column."""
 
 
 def stl_triangles(content: bytes) -> list[Triangle]:
-    """Return the faces of an ASCII STL file. ValueError or IndexError if it is broken."""
+    """Return the faces of an ASCII STL file; raise ValueError or IndexError if the file is invalid."""
     words = (line.split() for line in content.decode("utf-8", "replace").splitlines())
     points = [
         (float(line_words[1]), float(line_words[2]), float(line_words[3]))
@@ -45,7 +45,7 @@ def stl_triangles(content: bytes) -> list[Triangle]:
 
 
 def obj_triangles(content: bytes) -> list[Triangle]:
-    """Return the faces of a Wavefront file, without colours and normals. ValueError or IndexError if it is broken."""
+    """Return the faces of a Wavefront OBJ file, without colours; raise ValueError or IndexError if it is invalid."""
     points: list[tuple[float, ...]] = []
     triangles: list[Triangle] = []
     for line in content.decode("utf-8", "replace").splitlines():
@@ -60,9 +60,9 @@ def obj_triangles(content: bytes) -> list[Triangle]:
 
 
 def dae_triangles(content: bytes) -> list[Triangle]:
-    """Return the faces of a COLLADA file as placed by its scene, z up, in m, without colours.
+    """Return the faces of a COLLADA file as placed by its scenes, in m with z up, without colours.
 
-    ValueError, KeyError or IndexError if it is broken.
+    Raises ValueError, KeyError or IndexError if the file is invalid.
     """
     try:
         root = ET.fromstring(content)
@@ -143,14 +143,14 @@ _DAE_MOVES: Final[dict[str, Callable[[list[float]], Matrix]]] = {
 }
 
 
-MAX_BYTES: Final = 50_000_000  # per file; more would stall a browser and a simulation
+MAX_BYTES: Final = 50_000_000  # maximum file size; a larger file would stall a browser and a simulation
 
 
 def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None = None) -> Path:
-    """Return the file of `package://NAME/...`, `file://...` or a path relative to the description.
+    """Return the path of a mesh by its URI: `package://NAME/...`, `file://...`, or a path relative to the description.
 
-    ConfigError if missing. A package is a folder above the description, in ROS_PACKAGE_PATH, or in share/ of
-    AMENT_PREFIX_PATH.
+    Raises ConfigError if the file does not exist. A package is searched near the description, in ROS_PACKAGE_PATH, and
+    in share/ of AMENT_PREFIX_PATH.
     """
     parts = urlsplit(uri)
     if parts.scheme not in ("", "file", "package", "model"):
@@ -170,14 +170,14 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
 
 @dataclass(frozen=True, slots=True)
 class Mesh:
-    """Mesh for browser and simulation, with its format: "stl" (binary), or "glb" (browser only)."""
+    """Content of a mesh in a format for browser and simulation: "stl" (binary), or "glb" for the browser only."""
 
     content: bytes
     format: str
 
 
 def read_mesh(file: Path) -> Mesh:
-    """Return a mesh file as binary STL or GLB; ConfigError if it cannot be read."""
+    """Read a mesh file and convert it to binary STL, except GLB; raise ConfigError if it cannot be read."""
     suffix = file.suffix.lower()
     if suffix not in _READERS:
         raise ConfigError(f"mesh {file}: {suffix or 'no ending'} is not read; {', '.join(_READERS)} are")
@@ -209,7 +209,7 @@ def _read_glb(content: bytes) -> Mesh:
 
 
 def _as_stl(triangles: Sequence[Triangle]) -> Mesh:
-    """Return triangles as binary STL; normals are zero, and the reader computes them."""
+    """Convert triangles to binary STL, with computed normals; raise ValueError if there are no triangles."""
     if not triangles:
         raise ValueError("there are no faces in it")
     rows = bytearray(80) + len(triangles).to_bytes(4, "little")

@@ -1,8 +1,8 @@
-"""Search of ROS packages by name: near a file, in ROS_PACKAGE_PATH, and in ament's install folders.
+"""Search for ROS packages by name: near a file, in ROS_PACKAGE_PATH, and in the install folders of ament.
 
-A package is a folder with its name, or with its name in package.xml. The one nearest to the file takes precedence, so
-that edited sources win over an older installed copy. ROS_PACKAGE_PATH is searched in depth as by rospack, down to the
-first package.xml; AMENT_PREFIX_PATH has its packages in share/.
+The folder of a package has its name, or has the name in its package.xml. The folder nearest to the file takes
+precedence, so that edited sources are preferred to an older installed copy. ROS_PACKAGE_PATH is searched recursively,
+as by rospack, down to the first package.xml; AMENT_PREFIX_PATH has its packages in share/.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]*")
 _INSTALLS = re.compile(r"\binstall\s*\(\s*DIRECTORY\b([^()]*)\)", re.IGNORECASE)
 _NEAR = 3  # number of folders above a file whose subfolders are searched
 _DEPTH = 5  # depth below a path of ROS_PACKAGE_PATH
-_MOST = 5_000  # maximum number of folders searched in one of its paths
+_MOST = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_PATH
 
 
 def find_package(package: str, beside: str, environment: Mapping[str, str] | None = None) -> str:
-    """Return the folder of a package; LookupError lists the places searched. `beside` is the file that names it."""
+    """Return the folder of a package that the file `beside` names; raise LookupError if there is none."""
     for folder in package_folders(package, Path(beside), environment):
         return str(folder)
     raise LookupError(
@@ -35,14 +35,14 @@ def find_package(package: str, beside: str, environment: Mapping[str, str] | Non
 
 
 def package_folders(package: str, beside: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders of the package, in order of precedence."""
+    """Yield the folders of a package, in order of precedence: near the file `beside`, then installed ones."""
     if _NAME.fullmatch(package):
         yield from _around(package, Path(os.path.realpath(beside)))
     yield from installed_packages(package, environment)
 
 
 def installed_packages(package: str, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders of the package in the environment."""
+    """Yield the folders of a package in ROS_PACKAGE_PATH and in the install folders of ament."""
     if not _NAME.fullmatch(package):
         return
     variables = os.environ if environment is None else environment
@@ -60,9 +60,9 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
 
 
 def installed_file(package: Path, name: Path) -> Path:
-    """Return a file of a package by its path in the sources, because CMake's install(DIRECTORY ...) may move folders.
+    """Return the source path of an installed file, because CMake's install(DIRECTORY ...) may rename folders.
 
-    The path below the package is returned if it exists, or if no rule installs it.
+    `name` is the path relative to the package. This path is returned if it exists, or if no rule installs it.
     """
     plain = package / name
     if plain.exists():
@@ -72,7 +72,7 @@ def installed_file(package: Path, name: Path) -> Path:
 
 
 def _installed_from(package: Path, name: Path) -> Iterator[Path]:
-    """Yield the sources that CMakeLists.txt installs as share/PACKAGE/name."""
+    """Yield the source paths that the CMakeLists.txt of a package installs as share/PACKAGE/name."""
     try:
         text = (package / "CMakeLists.txt").read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -95,7 +95,7 @@ def _installed_from(package: Path, name: Path) -> Iterator[Path]:
 
 
 def _around(package: str, file: Path) -> Iterator[Path]:
-    """Yield the folders above a file, and their siblings."""
+    """Yield the folders of a package among the folders above a file and their direct subfolders, nearest first."""
     for distance, folder in enumerate(file.parents):
         for candidate in (folder, folder / package):
             if _names(candidate, package) or (candidate.name == package and candidate.is_dir()):
@@ -109,7 +109,7 @@ def _around(package: str, file: Path) -> Iterator[Path]:
 
 
 def _below(package: str, folder: Path, depth: int) -> Iterator[Path]:
-    """Yield the packages with this name in a folder, excluding those inside another package."""
+    """Yield the folders of a package below a folder, excluding folders inside another package."""
     remaining, level = _MOST, [folder]
     for _ in range(depth):
         deeper = list[Path]()
@@ -131,7 +131,7 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _names(folder: Path, package: str) -> bool:
-    """Whether the manifest in a folder has the name of the package."""
+    """Return whether the package.xml in a folder has the name of the package."""
     try:
         return f"<name>{package}</name>" in (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
     except OSError:

@@ -1,4 +1,4 @@
-"""Links and joints of a description as a tree, and its wheel geometry."""
+"""Tree of the links and joints of a robot description, and the wheel geometry that follows from it."""
 
 from __future__ import annotations
 
@@ -22,20 +22,23 @@ if TYPE_CHECKING:
     from canopen_control.urdf.link_element import UrdfLink
 
 
-# Wheel geometry (ros_controllers noetic): the separation is the distance of the origins of two wheel joints in the
-# plane; the radius is that of the only cylinder or sphere of the wheel's link. In addition, joints of different links
-# are followed through fixed joints to a common link. A value that the description lacks is None, never a guess.
+# Wheel geometry (ros_controllers noetic): the separation is the distance between the origins of two wheel joints in the
+# xy plane; the radius is that of the only cylinder or sphere of the wheel's link. In addition, joints of different
+# links are traced through fixed joints to a common link. A value that the description lacks is None, never a guess.
 
 
 class WheelGeometry:
-    """Wheel geometry of one description; lengths in m."""
+    """Wheel dimensions that follow from the joints and links of a description, in m."""
 
     def __init__(self, model: RobotModel) -> None:
         self._joints, self._links = model.joints, model.links
         self._above = {joint.child: joint for joint in model.joints.values()}
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the mean distance between the wheels of both sides across the robot, None if unknown."""
+        """Return the distance between the left and the right wheels, or None if it is unknown.
+
+        The distance is that of the mean positions of the wheel joints of both sides, in the xy plane.
+        """
         sides = [[self.place(name) for name in side] for side in (left, right)]
         if not all(sides) or any(place is None for side in sides for place in side):
             return None
@@ -46,7 +49,7 @@ class WheelGeometry:
         return math.dist(means[0], means[1])
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the radius of these wheels, None if it is unknown or they differ."""
+        """Return the radius of the wheels, which are named by their joints; None if it is unknown or differs."""
         radii = {self._radius(name) for name in wheels}
         return radii.pop() if len(radii) == 1 else None
 
@@ -56,7 +59,7 @@ class WheelGeometry:
         return None if link is None else link.radius
 
     def place(self, joint: str) -> tuple[str, Vector] | None:
-        """Return the link above all fixed joints over a joint, and the position of the joint in this link."""
+        """Return the topmost link that is rigidly connected to a joint's parent, and the joint's position in it."""
         element = self._joints.get(joint)
         if element is None:
             return None
@@ -68,14 +71,14 @@ class WheelGeometry:
         return link, point
 
     def axis(self, joint: str) -> Vector | None:
-        """Return the axis of a joint in the frame of its parent link."""
+        """Return the axis of a joint in the frame of its parent link; None for an unknown joint."""
         element = self._joints.get(joint)
         return None if element is None else rotate(element.origin.rotation, element.axis)
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Links and joints of a robot by name, in the order of the file; `notes` list what cannot be drawn."""
+    """Links and joints of a robot by name, in the order of the file; `notes` are texts about shapes not drawn."""
 
     name: str
     links: dict[str, UrdfLink] = field(default_factory=dict)
@@ -84,19 +87,19 @@ class RobotModel:
 
     @property
     def root(self) -> str:
-        """Link without a parent joint, the first of several; if the tree has a cycle, the first link of the file."""
+        """First link without a parent joint; the first link of the file if all links have one."""
         children = {joint.child for joint in self.joints.values()}
         free = (link for link in self.links if link not in children)
         return next(free, next(iter(self.links), "base"))
 
     @cached_property
     def from_root(self) -> tuple[Joint, ...]:
-        """Joints below the root, each once and after its parent."""
+        """Joints that are connected to the root, each after the joint of its parent link."""
         return tuple(_parents_first(self.root, list(self.joints.values())))
 
 
 def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
-    """Return the links and joints of a URDF text; RobotConfigError with all mistakes."""
+    """Return the links and joints of a URDF text; raise RobotConfigError with all errors in it."""
     document = read_document(urdf, path)
     model = model_of(document)
     document.raise_if_any()
@@ -104,7 +107,7 @@ def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
 
 
 def model_of(document: UrdfDocument) -> RobotModel:
-    """Return the links and joints of a description; mistakes are added to the document."""
+    """Return the links and joints of a document; errors are added to the document."""
     root, notes = document.root, list[str]()
     if root.tag != "robot":
         document.error(root, f"the root element is <{root.tag}>; a description starts with <robot name=...>")

@@ -1,4 +1,4 @@
-"""<ros2_control> and <transmission> tags of a description: hardware, joints and their interfaces."""
+"""Tags <ros2_control> and <transmission> of a robot description: hardware, joints and their interfaces."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import Joint, Mimic
 
 
-# -- transmissions between the shaft of a motor and a joint, in both spellings: ROS 1's tag at the root
-# (`<mechanicalReduction>`, `<hardwareInterface>`) and ros2_control's inside its own tag (`<mechanical_reduction>`)
+# -- transmissions between the shaft of a motor and a joint, in both spellings: ROS 1's tag in the root element
+# (`<mechanicalReduction>`, `<hardwareInterface>`), and the tag inside <ros2_control> (`<mechanical_reduction>`)
 
 
 SIMPLE: Final = "transmission_interface/SimpleTransmission"
@@ -28,14 +28,14 @@ HARDWARE_INTERFACES: Final = {
     "PosVelJointInterface": VELOCITY,
     "JointStateInterface": "",
 }
-"""ROS 1's hardware interfaces (`hardware_interface/` may stand before them) and the command interface of each."""
+"""Command interface of each ROS 1 hardware interface, whose names may have the prefix `hardware_interface/`."""
 
 
 @dataclass(frozen=True)
 class Transmission:
-    """Simple transmission: the actuator turns `reduction` times as far as the joint; `offset` in rad or m.
+    """Simple transmission: the actuator turns `reduction` times as far as the joint; `offset` is in rad or m.
 
-    `interfaces` are the command interfaces of a ROS 1 tag, "" for a joint without a command.
+    `interfaces` are the command interfaces of a ROS 1 tag; "" stands for a joint that is only read.
     """
 
     name: str
@@ -48,14 +48,14 @@ class Transmission:
 
     @property
     def trivial(self) -> bool:
-        """Whether joint and actuator have the same position."""
+        """Whether the joint always has the same position as the actuator."""
         return self.reduction == 1.0 and self.offset == 0.0
 
 
 def read_transmissions(
     document: UrdfDocument, elements: Iterable[Element], joints: Mapping[str, Joint]
 ) -> tuple[Transmission, ...]:
-    """Return the <transmission> tags, one per joint; mistakes are added to the document."""
+    """Return the transmissions of <transmission> tags, one per joint; errors are added to the document."""
     transmissions: dict[str, Transmission] = {}
     for element in elements:
         part = _transmission(document, element)
@@ -114,7 +114,7 @@ _REDUCTIONS: Final = ("mechanicalReduction", "mechanical_reduction")
 def _transmission_interfaces(
     document: UrdfDocument, name: str, joint: Element | None, actuator: Element | None
 ) -> tuple[str, ...]:
-    """Return the command interfaces of the `<hardwareInterface>` tags, which older files have in the actuator."""
+    """Return the command interfaces of the <hardwareInterface> tags, which older files have below <actuator>."""
     interfaces: list[str] = []
     for place in (joint, actuator):
         for child in place.children if place is not None else ():
@@ -135,7 +135,7 @@ _CHILDREN: Final = ("hardware", "properties", "joint", "sensor", "gpio", "transm
 
 @dataclass(frozen=True)
 class ControlJoint:
-    """<joint>, <sensor> or <gpio> of a <ros2_control> tag, with its interfaces by name."""
+    """Tag <joint>, <sensor> or <gpio> of a <ros2_control> tag, with its interfaces by name."""
 
     name: str
     parameters: dict[str, str] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class ControlJoint:
 
 @dataclass(frozen=True)
 class Ros2ControlSystem:
-    """<ros2_control> tag: `kind` is system, actuator or sensor, `plugin` the hardware plugin."""
+    """Tag <ros2_control>, which defines a hardware component: `kind` is system, actuator or sensor."""
 
     name: str
     kind: str
@@ -161,7 +161,7 @@ class Ros2ControlSystem:
 
 
 def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, Joint]) -> Ros2ControlSystem:
-    """Return a <ros2_control> tag; mistakes are added to the document."""
+    """Return the hardware component of a <ros2_control> tag; errors are added to the document."""
     name, kind = document.name(element), element.attributes.get("type", "")
     if kind not in KINDS:
         document.error(element, f"<ros2_control name={name!r}>: type {kind!r}{nearest(kind, KINDS)}")
@@ -202,7 +202,7 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
 
 
 def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) -> None:
-    """Report interfaces that are exported twice, and duplicate names of tags."""
+    """Report interfaces that are exported twice, and duplicate names of <ros2_control> tags and their parts."""
     names: set[str] = set()
     owners: dict[str, str] = {}
     exported: dict[tuple[str, str], str] = {}
@@ -221,7 +221,10 @@ def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) 
 
 
 def _interfaces(part: ControlJoint) -> Iterator[tuple[str, str]]:
-    """Yield the interfaces of a part; a joint may be in two tags, an actuator's and a sensor's (ros2_control)."""
+    """Yield the interfaces of a part, as pairs of kind and name.
+
+    Kind and name are compared, because a joint may be in two tags, of an actuator and of a sensor (ros2_control).
+    """
     yield from (("command", name) for name in part.command_interfaces)
     yield from (("state", name) for name in part.state_interfaces)
 
@@ -232,7 +235,7 @@ ROS1_HARDWARE: Final = "canopen_control/CanopenSystem"
 
 
 def system_of_ros1(name: str, transmissions: tuple[Transmission, ...], *, simulated: bool) -> Ros2ControlSystem:
-    """Return the equivalent <ros2_control> tag: ROS 1 names the drives by the actuators of the transmissions."""
+    """Return the <ros2_control> system that is equivalent to ROS 1 transmissions, whose actuators name the drives."""
     parts = tuple(
         ControlJoint(
             transmission.joint,

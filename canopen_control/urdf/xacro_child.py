@@ -1,11 +1,11 @@
-"""Program of the xacro process: `main` writes the URDF of a file, or an error, to standard output.
+"""Program of the xacro process: `main` writes the URDF of a xacro file, or an error, to standard output.
 
-Xacro evaluates expressions of the file, which may need unlimited time or memory, so that limits are set first and
-enforced by the kernel. The first bytes of the answer give its kind: `URDF`, or `REFUSED` with a reason in UTF-8.
-`$(find package)` is answered by `package_search`.
+Xacro evaluates expressions of the file, which may need unlimited time or memory. Therefore limits are set first, and
+enforced by the kernel. The first byte of the answer is its kind: `URDF`, or `REFUSED` with a reason in UTF-8. `$(find
+package)` is answered by `package_search`.
 
-It runs as a script, without the package, and imports only what xacro does, because every start waits for it; the
-package search is imported only if a file needs it.
+The program runs as a script, without the package, and imports little besides xacro, because the start of xacro waits
+for it; the package search is imported only if a file needs it.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ import select
 import signal
 import sys
 
-TYPE_CHECKING = False  # the module typing takes longer to import than the rest of this one
+TYPE_CHECKING = False  # the import of typing takes longer than that of the rest of this module
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
 
 URDF = b"U"
 REFUSED = b"R"
-LARGEST = 64 << 20  # bytes of a URDF; a robot with five hundred joints needs half a million
+LARGEST = 64 << 20  # maximum size of a URDF in bytes; a robot with five hundred joints needs half a million
 
 
 def main(arguments: list[str]) -> None:
-    """Run xacro within limits.
+    """Run xacro within limits, and write the answer to standard output.
 
-    `arguments` are the folders to import from, one per line, the file, processor time in s, elapsed time in s, memory
-    in bytes, and KEY:=VALUE for each argument of the file; `KEY?:=VALUE` is one that the file may lack.
+    `arguments` are the folders to import from (one per line), the file, processor time in s, elapsed time in s, memory
+    in bytes, and KEY:=VALUE for each xacro argument; the file need not use an argument `KEY?:=VALUE`.
     """
     folders, path, processor_s, wall_s, memory, *mappings = arguments
     sys.path[:0] = folders.splitlines()
@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> None:
 
 
 def _end_with_starter() -> None:
-    """End this process when standard input is closed: its other end belongs to the parent process."""
+    """Let this process end when standard input is closed, which happens when the parent process ends."""
     with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
         fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
@@ -58,7 +58,7 @@ def _end_with_starter() -> None:
 
 
 def _limit(processor_s: int, wall_s: int, memory: int) -> None:
-    """Set kernel limits that end this process even if its parent has ended."""
+    """Set kernel limits of time and memory, which end this process even if the parent process has ended."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
@@ -68,7 +68,7 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments of a file for xacro; `declared` are those that the file declares or uses."""
+    """Arguments for xacro, with a record of the names that the file declares or uses."""
 
     def __init__(self, mappings: Mapping[str, str]) -> None:
         super().__init__({name.removesuffix("?"): value for name, value in mappings.items()})
@@ -84,7 +84,7 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
     def unknown(self) -> str:
-        """Return the given arguments that the file does not use, "" for none; xacro itself ignores them."""
+        """Return an error text for required arguments that the file does not use, which xacro ignores, else ""."""
         strange = [name for name in self._required if name not in self.declared]
         return "; ".join(f"no argument {name!r}{_hint(name, self.declared)}" for name in strange)
 
@@ -124,12 +124,15 @@ _TOO_MUCH = {
 
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
-    """Whether an exception is of a kind, or was raised while handling one: xacro replaces it by the expression."""
+    """Return whether an exception or any of its causes is of a kind.
+
+    The causes count because xacro replaces an exception by another one about the expression.
+    """
     return any(isinstance(cause, kind) for cause in _causes(error))
 
 
 def _absent_package(error: BaseException) -> str:
-    """Return the message of `find_package`, "" if no package was missing; xacro repeats it with its class."""
+    """Return the message of `find_package` if a package was missing, else ""."""
     return next((str(cause) for cause in _causes(error) if type(cause) is LookupError), "")
 
 
@@ -144,7 +147,7 @@ _LONGEST_STACK = 5  # lines of a macro stack that are shown; an endless recursio
 
 
 def _where(output: str) -> str:
-    """Return the macro stack written by xacro, on one line."""
+    """Return the macro stack in xacro's error output as one line, shortened to `_LONGEST_STACK` entries."""
     lines = [re.sub(r"\x1b\[[0-9;]*m", "", line).strip() for line in output.splitlines()]
     stack = [line for line in lines if line]
     more = ["..."] if len(stack) > _LONGEST_STACK else []
@@ -153,11 +156,11 @@ def _where(output: str) -> str:
 
 @contextlib.contextmanager
 def _finding(path: str) -> Iterator[None]:
-    """Answer `$(find ...)` with `find_package` while xacro runs, and open package files in their source folders."""
+    """Let xacro use `find_package` for `$(find ...)`, and open installed files of packages in their source folders."""
     import xacro
     from xacro import substitution_args  # after the limits
 
-    before = substitution_args._eval_find  # noqa: SLF001 - xacro has no other door for it
+    before = substitution_args._eval_find  # noqa: SLF001 - xacro has no public hook for it
     folders: list[str] = []
 
     def find(package: str) -> str:
@@ -167,7 +170,7 @@ def _finding(path: str) -> Iterator[None]:
         return folders[-1]
 
     def open_installed(name: str, *more: object, **named: object) -> object:
-        """Open a file, also one of a package whose CMake installs its folder elsewhere."""
+        """Open a file; if it does not exist, open the source file from which CMake would install it."""
         if folders and not os.path.exists(name):
             from pathlib import Path
 
