@@ -94,8 +94,8 @@ class WheelGeometrySource(Protocol):
 class DriveGeometry:
     """Wheel geometry and frames that a base controller assumes, which `check` compares with the description.
 
-    `radius_key` and `separation_key` are the parameters that set the lengths; a separation of 0 is unknown. `frozen`
-    are the twist axes whose limits keep the speed constant.
+    Lengths are in m, and a separation of 0 is unknown; `radius_key` and `separation_key` are the parameters that set
+    them. `frozen` are the twist axes whose limits keep the speed constant.
     """
 
     left: tuple[str, ...]
