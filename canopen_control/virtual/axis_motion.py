@@ -1,8 +1,8 @@
 """Motion of one axis over time: timers, demand, the plant that follows it, switches and servo loops.
 
-Time consists of events. Every timer is served at its own time, in order, whenever `advance` is called, so that the
-result does not depend on the number of calls. A demand is set at an event and followed until the next. Its end, a limit
-switch and a following error are reported to the owner through `Reactions`.
+Time consists of events. `advance` processes every timer at its own time and in order, so that the result does not
+depend on the number of calls. A demand is set at an event and followed until the next event. The end of a demand, a
+limit switch and a following error are reported to the owner through `Reactions`.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 # What bounds the motion of an axis: software limits, limit switches, velocities, torques, the following error.
 #
-# A limit is reported once, when the motion ends at it (bit 11, and an EMCY where the device has one for it), and
-# forgotten with the next demand that leads away. The software limits 0x607D count when the lower one is the lower one;
-# a pair at the ends of its type is not a limit.
+# A limit is reported once, when the motion ends at the limit (bit 11, and an EMCY if the device has one), and forgotten
+# with the next demand that leads away. The software limits 0x607D apply if subindex 1 is below subindex 2; a value at
+# the end of its type is not a limit.
 
 
 UNIT_OBJECTS = (
@@ -54,14 +54,16 @@ _TURN_POSITION, _TURN_VELOCITY = 1 << 7, 1 << 6
 
 
 def wrap32(value: float) -> int:
-    """Return `value`, rounded, as a 32-bit counter."""
+    """Return `value`, rounded, wrapped to a signed 32-bit counter."""
     return (round(value) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
 
 
 class DriveUnits:
-    """Counts per user unit: `position` and `velocity` with sign, `length`, `speed`, `acceleration` without.
+    """Factors between user units and plant counts.
 
-    `turn` is 1 or -1 for velocities in another unit (rpm), `zero` the plant's position of the user's 0.
+    `position` and `velocity` are signed counts per user unit, `length`, `speed` and `acceleration` unsigned ones.
+    `turn` is -1 if 0x607E inverts velocities, for velocities in another unit (rpm). `zero` is the plant position of the
+    user's 0.
     """
 
     def __init__(self) -> None:
@@ -70,7 +72,7 @@ class DriveUnits:
         self.own_speed = 1.0  # of a velocity unit that no object names
 
     def update(self, objects: AxisObjects) -> None:
-        """Update the factors from the objects."""
+        """Update the factors from the unit objects of the axis."""
         polarity = objects.number(o.POLARITY)
         self.length = 1.0
         feed = objects.number(o.FEED_CONSTANT, 1, 1) or 1, objects.number(o.FEED_CONSTANT, 2, 1) or 1
@@ -87,7 +89,7 @@ class DriveUnits:
         self.velocity = self.turn * self.speed
 
     def user(self, place: float) -> int:
-        """Return the user's position of a position of the plant."""
+        """Convert a plant position to user units, wrapped to 32 bits."""
         return wrap32((place - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
@@ -96,7 +98,7 @@ class DriveUnits:
 
 
 class AxisObjects:
-    """Objects of axis `axis` in `store`; indices are given as those of axis 0."""
+    """Access to the objects of one axis in `store`; all indices are given as those of axis 0."""
 
     def __init__(self, store: VirtualStore, axis: int, model: DeviceModel) -> None:
         self.axis, self.store, self.model = axis, store, model
@@ -105,7 +107,7 @@ class AxisObjects:
         self._values = store.values
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return an integer, `default` if the object is missing or of another type."""
+        """Return the value of an integer object, `default` if it is missing or of another type."""
         value = self._values.get((index + self.offset, subindex), default)
         return value if isinstance(value, int) else default
 
@@ -114,34 +116,34 @@ class AxisObjects:
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
-        """Set an object without any check, like the device's firmware; no-op if it is missing."""
+        """Set an object without checks, like the device's firmware; no effect if the object is missing."""
         self.store.set(index + self.offset, 0, value)
 
     def ramp(self, index: int) -> float:
-        """Return an acceleration object in counts/s^2; the device model replaces a missing or zero value."""
+        """Return an acceleration object in counts/s^2, or `unset_ramp` of the device model if it is missing or 0."""
         return self.number(index) * self.units.acceleration or self.model.unset_ramp
 
     def speed(self, index: int, subindex: int = 0) -> float:
-        """Return an object with a speed without direction, in counts/s."""
+        """Return the value of a speed object, without direction, in counts/s."""
         return self.number(index, subindex) * self.units.speed
 
     def length(self, index: int) -> float:
-        """Return an object with a distance without direction, in counts."""
+        """Return the value of a distance object, without direction, in counts."""
         return self.number(index) * self.units.length
 
     def ratio(self, index: int) -> float:
-        """Return subindex 1 divided by subindex 2; each is 1 if it is missing or 0."""
+        """Return subindex 1 of an object divided by subindex 2; a missing or zero value counts as 1."""
         return float(self.number(index, 1, 1) or 1) / float(self.number(index, 2, 1) or 1)
 
     @property
     def counts_per_rpm(self) -> float:
-        """Counts per second of one revolution per minute."""
+        """Velocity of one revolution per minute in counts/s."""
         counts = self.number(o.POSITION_ENCODER_RESOLUTION, 1) or self.model.counts_per_revolution
         return counts / max(1, self.number(o.POSITION_ENCODER_RESOLUTION, 2, 1)) / 60.0
 
     @property
     def speed_unit(self) -> float:
-        """Counts per second of the velocity unit in 0x60A9, 0 if it is counts."""
+        """Velocity unit of 0x60A9 in counts/s, 0 unless that unit is a power of ten of rpm."""
         return self.counts_per_rpm * rpm_of_unit(self.number(o.SI_UNIT_VELOCITY))
 
     @property
@@ -151,10 +153,10 @@ class AxisObjects:
         return float(self.number(o.INTERPOLATION_TIME_PERIOD, 1, 1) * 10.0**exponent)
 
 
-# The simulated switches and the index of an axis, at fixed places of the plant.
+# The simulated switches and the index pulse of an axis, at fixed plant positions.
 #
-# A switch is a place, never an event; whether it is active follows from the position. The limit switches belong to a
-# homing rig and are seen by homing alone, unless `wired`: then they stop every motion.
+# A switch is a position, never an event; whether it is active follows from the plant position. The limit switches are
+# used by homing only, unless `wired`: then they stop every motion.
 
 
 NEGATIVE, POSITIVE, HOME = 1, 2, 4  # 0x60FD
@@ -166,7 +168,8 @@ _OUT_OF_REACH = 1e12
 class Switches:
     """Positions of the switches in plant counts; the home switch is active from `home_low` to `home_high`.
 
-    The index repeats every `index_period`. The limit switches serve homing or, if `wired`, stop every motion.
+    The index pulse repeats every `index_period`. The limit switches are used by homing, or stop every motion if
+    `wired`.
     """
 
     negative: float = -_LIMIT
@@ -178,7 +181,7 @@ class Switches:
     homing: bool = False
 
     def inputs(self, position: float) -> int:
-        """Return the low bits of 0x60FD: negative limit, positive limit, home switch."""
+        """Return bits 0 to 2 of 0x60FD (negative limit, positive limit, home); 0 while no switch is in use."""
         if not (self.wired or self.homing):
             return 0
         home = HOME if self.home_low <= position <= self.home_high else 0
@@ -195,14 +198,14 @@ class Switches:
         return None
 
     def bounds(self, position: float) -> tuple[float, float]:
-        """Return the range of a motion from `position` while a limit switch is active."""
+        """Return the lowest and highest allowed position; an active wired limit switch blocks its direction."""
         if not self.wired:
             return -float("inf"), float("inf")
         low = position if position <= self.negative else -float("inf")
         high = position if position >= self.positive else float("inf")
         return low, high
 
-    # -- seams
+    # -- injection of faults
 
     def close_positive(self, position: float) -> None:
         """Wire the limit switches, with the positive one at `position` (a fault)."""
@@ -231,7 +234,7 @@ _PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class VelocityLoop:
-    """Control loops with gains; `fed` is the feed-forward, in counts/s and per mille (0x60B1, 0x60B2)."""
+    """Position P loop over a velocity PI loop, with `gains` and the feed-forward `fed` (0x60B1, 0x60B2)."""
 
     def __init__(self, gains: ServoGains) -> None:
         self.gains = gains
@@ -239,14 +242,14 @@ class VelocityLoop:
         self._integral = self._torque = 0.0
 
     def rest(self, torque: float = 0.0) -> None:
-        """Reset the integrators; continue from a torque."""
+        """Reset the loop so that it continues from `torque`, without feed-forward."""
         self._integral = self._torque = torque
         self.fed = (0.0, 0.0)
 
     def follow(
         self, plant: Plant, demand: DemandCurve, start_ns: int, end_ns: int, limit: float, *, velocity_only: bool
     ) -> None:
-        """Move a plant along a demand, with at most `limit` of torque."""
+        """Move a plant along a demand with a torque of at most `limit` per mille."""
         clock = start_ns
         for point in range((start_ns // PERIOD_NS + 1) * PERIOD_NS, end_ns + 1, PERIOD_NS):
             self._push(plant, clock, point)
@@ -263,7 +266,7 @@ class VelocityLoop:
             plant.apply_torque(cruise(start_ns, 0.0, self._torque), start_ns, end_ns)
 
     def _control(self, lacking: float, limit: float, plant: Plant) -> None:
-        """Compute the torque until the next point; at a limit of the loop or the motor the integrator stops."""
+        """Compute the torque until the next point; the integrator stops while the torque is limited."""
         gains = self.gains
         effort = gains.velocity_p * lacking + self._integral + self.fed[1]
         limited = max(-limit, min(limit, effort))
@@ -279,45 +282,45 @@ FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
 
 
 class Reactions(Protocol):
-    """Owner's reactions to events of the motion."""
+    """Interface of the owner of an axis, who reacts to events of the motion."""
 
     def arrived(self, now: int) -> None:
         """React to the end of the demand."""
 
     def limit_switch_hit(self, side: int, now: int) -> None:
-        """React to a wired limit switch, -1 or 1."""
+        """React to a wired limit switch; `side` is -1 for the negative and 1 for the positive one."""
 
     def judge_following_error(self, error: float, now: int) -> None:
         """Check a following error in counts; called while the plant lags."""
 
     def judge_load(self, torque: float, now: int) -> None:
-        """Check the torque of a motor in per mille of the rated torque; called while a coupled plant has power."""
+        """Check the torque of a powered motor with a coupled plant, in per mille of the rated torque."""
 
     def sampled(self) -> None:
-        """Update values that change with the motion."""
+        """Note that values that change with the motion have changed."""
 
     def wants_samples(self) -> bool:
-        """Return whether any such value is in use."""
+        """Return whether an event-driven TPDO contains values that change with the motion."""
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next awaited index pulse."""
+        """Return time and position of the next index pulse that a touch probe waits for, None without one."""
 
     def index_passed(self, place: float) -> None:
-        """React to an index pulse."""
+        """React to an index pulse at a position in plant counts."""
 
 
 class AxisMotion:
-    """Motion of one axis; positions are in counts of the plant."""
+    """Motion of one axis and the timers of its events; positions are in plant counts."""
 
     def __init__(self, plant: Plant, owner: Reactions) -> None:
         self.plant, self.owner = plant, owner
         self.switches = Switches()
         self.demand: DemandCurve = hold(0, plant.position)
-        self.torque: DemandCurve | None = None  # set: the plant is pushed, not led
+        self.torque: DemandCurve | None = None  # torque to apply; None: the plant follows `demand`
         self.powered = False
         self.now: int | None = None  # None: not started
-        self.torque_limit = math.inf  # per mille; heeded by a coupled plant and by the loop
-        self.loop: VelocityLoop | None = None  # with gains of its own, else the plant follows as it can
+        self.torque_limit = math.inf  # per mille; used by a coupled plant and by `loop`
+        self.loop: VelocityLoop | None = None  # control loops with gains; None: the plant follows the demand by itself
         self.gains: ServoGains | None = None
         self.velocity_mode = False  # a velocity is commanded, and loops with gains or in a world hold no position
         self._fed = (0.0, 0.0)
@@ -329,16 +332,16 @@ class AxisMotion:
     # -- timers
 
     def at(self, name: str, due_ns: int, callback: Callable[[int], None]) -> None:
-        """Call `callback` once at `due_ns`; it replaces a timer with the same name."""
+        """Call `callback` once at `due_ns`; an earlier timer with the same name is replaced."""
         self.timers[name] = (due_ns, callback)
 
     def cancel(self, *names: str) -> None:
-        """Cancel timers; no-op for missing ones."""
+        """Cancel timers; names without a timer have no effect."""
         for name in names:
             self.timers.pop(name, None)
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, with each event at its own time."""
+        """Advance the axis to `now`, processing each timer at its own time."""
         while self._rings(now):
             name, (deadline, callback) = min(self.timers.items(), key=_deadline_of)
             del self.timers[name]
@@ -348,20 +351,20 @@ class AxisMotion:
             self._move(now)
 
     def _rings(self, now: int) -> bool:
-        """Return whether a timer is due."""
+        """Return whether a timer is due at `now`."""
         for deadline, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
             if deadline <= now:
                 return True
         return False
 
     def next_event(self) -> int | None:
-        """Return the time of the next timer, None if there is none."""
+        """Return the time in ns of the next timer, None without one."""
         return min([deadline for deadline, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `advance`, None without a timer.
+        """Return the time in ns at which `advance` is due next, None without a timer.
 
-        A coupled plant is evaluated at its fixed times, by the next caller after them.
+        The checks of a coupled plant on its fixed grid are not counted: the next call of `advance` makes up for them.
         """
         if self._coupled is None:
             return self.next_event()
@@ -384,9 +387,9 @@ class AxisMotion:
             self.plant.follow(self.demand, start, now)
 
     def set_loop(self, gains: ServoGains | None, now: int) -> None:
-        """Set other gains of the loop, or none, from now on, starting with the present torque.
+        """Set the gains of the control loops from now on; with None the plant follows the demand by itself.
 
-        A coupled plant has its own.
+        A coupled plant has loops of its own, which use `gains`.
         """
         self._move(now)
         self.gains = gains
@@ -399,18 +402,18 @@ class AxisMotion:
 
     @property
     def time(self) -> int:
-        """Time to which the axis was advanced, 0 before it started."""
+        """Time in ns to which the axis was advanced, 0 before the first call."""
         return self.now or 0
 
     # -- motion
 
     @property
     def at_standstill(self) -> bool:
-        """Whether the plant is at standstill."""
+        """Whether the speed of the plant is below 0.5 counts/s."""
         return abs(self.plant.velocity) < 0.5
 
     def state(self, now: int) -> tuple[float, float]:
-        """Return position and velocity from which a new demand continues."""
+        """Return the position and the velocity from which a new demand continues."""
         if self.torque is not None or not self.powered:
             return self.plant.position, self.plant.velocity
         position, velocity = self.demand.at(now)
@@ -418,11 +421,11 @@ class AxisMotion:
 
     @property
     def _drifts(self) -> bool:
-        """Whether the plant is controlled only by the demand's velocity, not by its position."""
+        """Whether the plant follows only the velocity of the demand, not its position."""
         return self.velocity_mode and (self.loop is not None or self._coupled is not None)
 
     def power(self, on: bool, now: int) -> None:
-        """Switch the power stage; in both cases the demand is set to the plant's position."""
+        """Switch the power stage on or off, and set the demand to the plant's present position."""
         self._move(now)
         self.cancel("arrive", "follow", "switch", "index", "interpolate", "set point", "following error")
         self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
@@ -433,7 +436,7 @@ class AxisMotion:
         self.demand = hold(now, self.plant.position)
 
     def displace(self, way: float, now: int) -> None:
-        """Displace the plant; a powered motor continues from there."""
+        """Displace the plant by `way` counts, and its position demand with it."""
         self._move(now)
         self.plant.position += way
         if not self.powered or self.torque is None:
@@ -441,7 +444,7 @@ class AxisMotion:
             self.demand = demand.shifted(way)
 
     def run(self, demand: DemandCurve, now: int) -> None:
-        """Follow `demand` from now on; its end is reported, immediately without a motion."""
+        """Follow `demand` from now on; `arrived` is called at its end, immediately if it has no motion."""
         self._move(now)
         if self.loop is not None and self.torque is not None:
             self.loop.rest(self.torque.at(now)[1])
@@ -456,7 +459,7 @@ class AxisMotion:
             self.owner.arrived(now)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the plant's loops from now on, in counts/s and per mille."""
+        """Set the feed-forward of the control loops from now on, in counts/s and per mille."""
         if (velocity, torque) != self._fed and self.powered:
             self._fed = velocity, torque
             if self.loop is not None:
@@ -464,7 +467,7 @@ class AxisMotion:
             self.plant.feed_forward(velocity, torque)
 
     def apply_torque(self, torque: DemandCurve, now: int) -> None:
-        """Apply a torque from now on, in per mille of the rated torque; the end of its ramp is reported."""
+        """Apply a torque from now on, in per mille of the rated torque; `arrived` is called after its ramp."""
         self._move(now)
         self.torque = torque
         self.cancel("follow", "switch")
@@ -486,7 +489,7 @@ class AxisMotion:
             self.at("sample", now + SAMPLE_NS, self._sample)
 
     def watch_index(self, now: int) -> None:
-        """Set a timer for the demand's next index pulse, if a probe or homing waits for it."""
+        """Set a timer for the next index pulse of the demand, if a touch probe waits for one."""
         place = self.owner.next_index(self.demand, now) if self.torque is None else None
         if place is None:
             self.cancel("index")
@@ -501,7 +504,7 @@ class AxisMotion:
         self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
 
     def _follow(self, now: int) -> None:
-        """Compare a lagging plant with its demand until both are at standstill."""
+        """Check the following error of a lagging plant periodically, until demand and plant stand still."""
         if not self.powered or self.torque is not None:
             return
         position, velocity = self.demand.at(now)
@@ -512,7 +515,7 @@ class AxisMotion:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
     def _evaluate_next(self, plant: CoupledPlant, now: int) -> None:
-        """Check a coupled plant at the next of its common times."""
+        """Schedule the next check of a coupled plant, on a grid of `follow_ns`."""
         every = plant.follow_ns
         self.at("follow", (now // every + 1) * every, lambda then: self._evaluate(plant, then))
 

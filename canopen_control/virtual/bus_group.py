@@ -3,14 +3,14 @@
 The file lists the nodes of each bus, and the plant file of each robot; all plant files use one engine:
 
     engine: mujoco
-    world: hall.yml                    # of several robots: where each begins; a robot alone has it in its plant file
+    world: hall.yml                    # start poses of several robots; a single robot has it in its plant file
     robots:
       robby1:
         plant: robby1/physics.yml
         buses:
           can: {channel: "local:robby1", nodes: {"2": TMCM-1270.eds, "3": TMCM-1270.eds}}
 
-The bus `can` is the main one of a robot, whose axes have no bus in the plant file. Paths are those beside the file.
+The bus `can` is the main bus of a robot, whose axes have no bus in the plant file. Paths are relative to the file.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 MAIN: Final = "can"
-"""The name of the main bus of a robot."""
+"""Name of the main bus of a robot."""
 _ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only for a file that needs it
 
 # ruff: noqa: RUF009 - `position` makes a field
@@ -56,7 +56,7 @@ class GroupError(ConfigError):
 
 @dataclass(frozen=True)
 class BusFile:
-    """Bus: its channel, and EDS files by node id."""
+    """Section of a bus in the file: the channel, and the EDS files by node-ID."""
 
     channel: str
     nodes: dict[str, str]
@@ -65,7 +65,7 @@ class BusFile:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """Robot: its plant file, and its buses by name."""
+    """Section of a robot in the file: the plant file, and the buses by name."""
 
     plant: str
     buses: dict[str, BusFile]
@@ -83,7 +83,7 @@ class BusGroup:
 
 
 def read_group(path: Path) -> BusGroup:
-    """Return the file; GroupError with all errors and their lines."""
+    """Read a file of several buses; raise GroupError that lists all errors with their lines."""
     return load(path, BusGroup, error=GroupError, check=_check)
 
 
@@ -103,9 +103,9 @@ def _check(file: BusGroup, _problems: Problems) -> None:
 
 
 def run_group(path: Path, report: Callable[[str], None], like: Personality | None = None) -> int:
-    """Run the drives of a file until a signal, all with one personality; return the exit code.
+    """Run the drives of a file until a signal, all with the personality `like`; return the exit code.
 
-    EdsError and ConfigError if a drive cannot be started, BusError for a channel.
+    Raise EdsError or ConfigError if a drive cannot be started, and BusError if a channel cannot be opened.
     """
     file = read_group(path)
     with Reactor() as reactor, contextlib.ExitStack() as cleanup:
@@ -139,7 +139,7 @@ def _nodes(
     report: Callable[[str], None],
     like: Personality | None,
 ) -> BusNodes:
-    """Return the nodes of a bus with their part of the world."""
+    """Return the nodes of a bus, whose axes are in `world`."""
     eds_files = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
     devices = make_devices(
         list(eds_files), next(iter(eds_files.values())), report, eds_files=eds_files, world=world, like=like
@@ -148,7 +148,7 @@ def _nodes(
 
 
 def open_world(file: BusGroup, path: Path) -> SharedWorld:
-    """Open the world shared by all; `path` is that of the file."""
+    """Open the world that all robots share; `path` is the path of the file with the buses."""
     engine = importlib.import_module(_ENGINES[file.engine])
     plants: Mapping[str, Path] = {name: path.parent / robot.plant for name, robot in file.robots.items()}
     if not file.world:

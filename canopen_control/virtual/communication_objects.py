@@ -1,7 +1,7 @@
 """Objects 0x1000 to 0x1FFF of a node except PDOs: their effects on the services of CiA 301.
 
-Guards refuse values with the abort codes of the standard; `apply` sets all services from the store, after a reset as
-after a write.
+Guards refuse values with the abort codes of the standard; `apply` configures all services from the store, after a reset
+and after a write.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ ERASE_NS, WRITE_NS = 400_000_000, 100_000_000
 
 
 class ProgramState(enum.IntEnum):
-    """Values of 0x1F51."""
+    """State of the program, as shown in 0x1F51."""
 
     STOPPED = 0
     RUNNING = 1
@@ -77,7 +77,7 @@ class ProgramState(enum.IntEnum):
 
 
 class FlashError(enum.IntEnum):
-    """Bits 1 to 7 of 0x1F57."""
+    """Error in the flash status, bits 1 to 7 of 0x1F57."""
 
     NONE = 0
     NO_PROGRAM = 1
@@ -98,9 +98,9 @@ FACTORY_PROGRAM: Final = whole_program(b"canopen_control factory program")
 class ProgramArea:
     """Program of a node at the first subindex of 0x1F51; `image` is the content of the flash.
 
-    `write_ns` is how long the flash is busy when it has been written. Seams: `erase_ns`, how long it takes to clear it;
-    `fails_at`, bytes after which the flash fails; `damages`, whether what is written is changed on
-    its way. `reset_at` is when the node has to reset itself.
+    The flash is busy for `write_ns` after a write. Injection points: `erase_ns` (time to clear the flash), `fails_at`
+    (bytes after which a write fails) and `damages` (written data is corrupted). `reset_at` is the time in ns at which
+    the node must reset itself, None if it need not.
     """
 
     def __init__(self, od: ObjectDictionary, store: VirtualStore, nmt: NmtSlave, clock: NodeClock) -> None:
@@ -112,7 +112,7 @@ class ProgramArea:
         self.reset_at: int | None = None
         self._od, self._store, self._nmt, self._clock = od, store, nmt, clock
         self._busy_until = 0
-        self._next: ProgramState | None = None  # what the reset is for
+        self._next: ProgramState | None = None  # state after the pending reset
         self.number = od.subindices(CONTROL)[-1] if len(od.subindices(CONTROL)) < 2 else od.subindices(CONTROL)[1]
         store.guard([CONTROL], self._control)
         store.guard([DATA], self._take)
@@ -138,12 +138,12 @@ class ProgramArea:
 
     @property
     def identification(self) -> int:
-        """CRC-32 at the end of the program, 0 without a complete one."""
+        """CRC-32 at the end of the program, 0 without a complete program."""
         return int.from_bytes(self.image[-_CRC_BYTES:], "little") if self.is_whole else 0
 
     @property
     def date(self) -> tuple[int, int]:
-        """Days since 1984-01-01 and milliseconds after midnight; zeros without a date."""
+        """Date of the program: days since 1984-01-01 and milliseconds after midnight, zeros without a date."""
         end = len(self.image) - _CRC_BYTES
         if not self.is_whole or end < _DATE.size:
             return 0, 0
@@ -158,16 +158,16 @@ class ProgramArea:
         self.image, self.error = b"", FlashError.NO_PROGRAM
 
     def mend(self) -> None:
-        """Restore the manufacturer's program unless one is complete; it runs from the next reset on."""
+        """Restore the manufacturer's program unless the flash has a complete one; it runs after the next reset."""
         if not self.is_whole:
             self.image, self.error = FACTORY_PROGRAM, FlashError.NONE
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the node must reset itself."""
+        """Return the time in ns at which the node must reset itself, None if it need not."""
         return self.reset_at
 
     def reset(self) -> None:
-        """Process a reset: a complete program runs, unless the reset must stop it."""
+        """Process a reset: start a complete program, or the boot-loader if the program is to be stopped."""
         requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
         stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
@@ -206,7 +206,7 @@ class ProgramArea:
         self._busy_until = self._clock.now + self.erase_ns.value
 
     def _take(self, entry: Entry, value: Value) -> Value:
-        """Write the flash; a failed write leaves partial data, and 0x1F57 shows the error."""
+        """Write the flash; after a failed write partial data remains, and 0x1F57 shows the error."""
         if entry.subindex != self.number:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         self._admit()
@@ -220,10 +220,10 @@ class ProgramArea:
             raise SdoServerAbort(AbortCode.HARDWARE_ERROR)
         self.error = FlashError.NONE if self.is_whole else FlashError.CRC
         self._busy_until = self._clock.now + self.write_ns
-        return b""  # it cannot be read, and is in the flash
+        return b""  # the data is in the flash and cannot be read
 
     def _admit(self) -> None:
-        """Refuse data before the transfer if the flash was not cleared."""
+        """Refuse a download before its data is transferred, unless the flash is cleared and not busy."""
         if self.state is not ProgramState.CLEARED:
             self.error = FlashError.NOT_CLEARED
         self._require(self.state is ProgramState.CLEARED and not self._busy)
@@ -237,15 +237,15 @@ class ProgramArea:
 
 
 def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
-    """Return the boot-loader's part of a dictionary."""
+    """Return the part of a dictionary that the boot-loader supports."""
     entries = {address: entry for address, entry in od.entries.items() if address[0] in _LOADER_OBJECTS}
     return replace(od, entries=entries)
 
 
-# Error control of a node: the heartbeats it watches (0x1016), life guarding, and its CAN controller.
+# Error control of a node: the heartbeats it monitors (0x1016), life guarding, and its CAN controller.
 #
-# Every kind of lost communication (0x1016, guarding, bus-off, a channel that is down) has the same reaction: of the
-# axes that of 0x6007, of the node that of 0x1029:01 (CiA 301, 7.5.2.29).
+# Every kind of lost communication (0x1016, guarding, bus-off, a channel that is down) has the same reaction: axes react
+# as 0x6007 says, the node as 0x1029:01 says (CiA 301, 7.5.2.29).
 
 
 OVERRUN, ERROR_PASSIVE, RECOVERED = 0x8110, 0x8120, 0x8140
@@ -253,14 +253,14 @@ _LOST = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
 
 
 class PoweredAxis(Protocol):
-    """Axis for error control."""
+    """Interface of an axis or device function that must react to a loss of communication."""
 
     def connection_lost(self, now: int) -> None:
         """React to a loss of communication."""
 
 
 class ErrorControl:
-    """Monitor of `heartbeats` and the CAN controller, which stops `axes` when the communication is lost."""
+    """Monitor of heartbeats, guarding and CAN controller, which stops the axes when communication is lost."""
 
     def __init__(
         self,
@@ -321,12 +321,12 @@ class ErrorControl:
         self._outbox.report(RECOVERED, ErrorRegister.COMMUNICATION, self._model.communication_data)
 
     def _clear_if_all_received(self) -> None:
-        """Clear the error for silent nodes if none is left: every monitored node is received again."""
+        """Clear the heartbeat error if every monitored node is received again."""
         if not any(self._heartbeats.is_missed(node_id) for node_id in self._heartbeats.watched()):
             self._outbox.clear_error(HEARTBEAT_ERROR)
 
     def _leave_operational(self) -> None:
-        """Change the NMT state by 0x1029:01."""
+        """Change the NMT state as 0x1029:01 says for lost communication."""
         command = reaction(self._store.number(0x1029, 1), self._nmt.state)
         if command is not None:
             self._nmt.command(command)
@@ -340,7 +340,7 @@ class ErrorControl:
 
 _MS = 1_000_000
 SAVE, LOAD = 0x65766173, 0x64616F6C
-# What subindex n of 0x1010 and 0x1011 is about (CiA 301, 7.5.2.13); 4 and following are the manufacturer's.
+# First and last index that subindex n of 0x1010 and 0x1011 covers (CiA 301, 7.5.2.13); from 4 on manufacturer-specific.
 _GROUPS = {1: (0x1000, 0xFFFF), 2: (0x1000, 0x1FFF), 3: (0x6000, 0x9FFF)}
 _SERIAL = (0x1018, 4)
 _MANUFACTURER = (0x2000, 0x5FFF)
@@ -349,7 +349,7 @@ _ANY_STATE = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Services configured by the objects."""
+    """Services that the communication objects configure."""
 
     emcy: EmcyProducer
     sync: SyncConsumer
@@ -359,15 +359,15 @@ class Services:
 
 
 def _is_active(cob_id: int) -> bool:
-    """Return whether a COB-ID (bit 31: invalid) activates its service; False for 0 and restricted ones."""
+    """Return whether a COB-ID (bit 31: invalid) enables its service; False for 0 and restricted identifiers."""
     return not cob_id & INVALID_BIT and not is_restricted(cob_id & 0x7FF)
 
 
 class CommunicationObjects:
-    """Binding of the objects of `store` to `services`.
+    """Communication objects in `store`, which configure `services`.
 
-    `applied` is called after a change, such as of identifiers. `stored` is called when power-on values changed; it
-    returns whether they are kept.
+    `applied` is called after every change, because identifiers may be different. `stored` is called when power-on
+    values changed, and returns whether they could be saved.
     """
 
     def __init__(
@@ -403,9 +403,10 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Set the identity (if the file has none), the names, and further values `more` of the device.
+        """Set the identity and the names of the device where the file has none, and the values `more`.
 
-        A serial number in the file is ignored: two devices with this file would have the same one.
+        A serial number that is only a default in the file is ignored: all devices with this file would have the same
+        one.
         """
         device, store = self._store.od.device, self._store
         values: dict[Address, Value | None] = {
@@ -426,7 +427,7 @@ class CommunicationObjects:
                 store.preset(index, subindex, value)
 
     def apply(self) -> None:
-        """Configure the services from the objects."""
+        """Configure the services from the values of the objects."""
         services, number = self._services, self._store.number
         emcy, sync, heartbeat, guarding = services.emcy, services.sync, services.heartbeat, services.guarding
         cob_id = number(0x1014, 0, 0x80 + emcy.node_id)
@@ -475,7 +476,7 @@ class CommunicationObjects:
         return value
 
     def _check_emcy(self, entry: Entry, value: Value) -> Value:
-        """Refuse another identifier while the EMCY is valid."""
+        """Refuse a new identifier while the EMCY is valid, and identifiers that EMCY must not have."""
         present, new = self._store.number(entry.index), int(value)
         # CiA 301, 7.5.2.17: bits 0 to 29 are fixed while the object is valid (bit 31 clear)
         moved = (present ^ new) & 0x7FF
@@ -491,7 +492,7 @@ class CommunicationObjects:
         return value
 
     def _check_consumer(self, entry: Entry, value: Value) -> Value:
-        """Refuse two entries for one node (CiA 301, 7.5.2.19)."""
+        """Refuse a second entry for a node that another entry monitors (CiA 301, 7.5.2.19)."""
         node_id, ms = parse_consumer_entry(int(value))
         entries = [sub for sub in self._store.od.subindices(0x1016)[1:] if sub != entry.subindex]
         consumers = [parse_consumer_entry(self._store.number(0x1016, sub)) for sub in entries]
@@ -507,7 +508,7 @@ class CommunicationObjects:
         return 1
 
     def _load(self, entry: Entry, value: Value) -> Value:
-        """Restore the defaults, which become active at the next reset."""
+        """Discard the stored values, so that the defaults become active at the next reset."""
         # CiA 301, 7.5.2.14: a wrong signature restores nothing
         if value != LOAD:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
@@ -515,7 +516,7 @@ class CommunicationObjects:
         return 1
 
     def _keep(self, change: Callable[[], None]) -> None:
-        """Change the power-on values; if they cannot be stored, keep the old ones and fail the write."""
+        """Change the power-on values; if they cannot be saved, keep the old values and abort the write."""
         before = dict(self._store.power_on)
         change()
         if not self._stored():
@@ -524,7 +525,7 @@ class CommunicationObjects:
 
     def _group(self, subindex: int) -> list[Address]:
         first, last = _GROUPS.get(subindex, _MANUFACTURER)
-        # What the device shows, and the requests to save themselves, are not parameters.
+        # Objects with a source, and the store and restore requests themselves, are not parameters.
         return [
             entry.address
             for entry in self._store.od

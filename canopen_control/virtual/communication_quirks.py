@@ -54,7 +54,7 @@ _KINCO = "CANOpenRobotController: KincoDrive.cpp"
 
 
 def _emergencies(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
-    """Return an act that changes the EMCY messages."""
+    """Return a quirk action that changes the EMCY messages."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [(0, change(frame) if frame.can_id == node.emcy.cob_id and len(frame.data) == 8 else frame)]
@@ -63,7 +63,7 @@ def _emergencies(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
 
 
 def _answers(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
-    """Return an act that changes the answers of the SDO server."""
+    """Return a quirk action that changes the answers of the SDO server."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [(0, change(frame) if is_sdo_answer(node, frame) else frame)]
@@ -76,7 +76,7 @@ def _is_boot(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def _booted(hooks: QuirkHooks) -> Callable[[], int]:
-    """Return a function for the time of the boot-up message in ns; a very early time before it."""
+    """Return a function that returns the time of the last boot-up message in ns, a very early time before the first."""
     times = [-(1 << 62)]
 
     def outgoing(node: VirtualNode, frame: CanFrame, now: int) -> Sent:
@@ -89,7 +89,7 @@ def _booted(hooks: QuirkHooks) -> Callable[[], int]:
 
 
 def _sized(command: int) -> int:
-    """Return the size in an expedited upload below 4 bytes, 0 for other answers."""
+    """Return the data size (1 to 3 bytes) of an expedited upload answer with this command byte, 0 for other answers."""
     return {0x4F: 1, 0x4B: 2, 0x47: 3}.get(command, 0)
 
 
@@ -307,7 +307,7 @@ def _refuses(
     when: Callable[[VirtualNode, Entry, int, float], bool],
     indices: Callable[[VirtualNode], Iterable[int]],
 ) -> NodeAct:
-    """Return an act that refuses writes of values to objects of the node."""
+    """Return a quirk action that refuses certain writes to objects of the node with `code`."""
 
     def act(hooks: QuirkHooks, strength: float) -> None:
         def judge(entry: Entry, value: Value, before: Guard) -> Value:
@@ -510,7 +510,7 @@ def _consumer_rounded(hooks: QuirkHooks, seconds: float) -> None:
 
 
 def _after_boot(frames: Callable[[VirtualNode], list[tuple[int, CanFrame]]]) -> NodeAct:
-    """Return an act that sends frames after the boot-up message."""
+    """Return a quirk action that sends frames after the boot-up message."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [(0, frame), *frames(node)] if _is_boot(node, frame) else [(0, frame)]

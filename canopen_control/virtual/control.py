@@ -1,6 +1,6 @@
 """Control socket of a virtual node, which serves the methods of `rpc/messages/drive.py` independently of the bus.
 
-For every request the node is first advanced to the present, and its consequences are sent at once.
+For every request the node is first advanced to the present time, and the resulting frames are sent at once.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ A = TypeVar("A")
 
 
 def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
-    """Return the state of a node and of the world of its axes."""
+    """Return the state of a node, with the state of its world if `world` is given."""
     return DriveState(
         node_id=node.node_id,
         name=node.name,
@@ -62,7 +62,7 @@ def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
 
 
 class NodeMethods:
-    """Methods of the control socket of `node`, which runs in `host`, on the axes of `world`."""
+    """Methods of the control socket of `node`, which runs in `host` and whose axes are in `world`."""
 
     def __init__(self, host: NodeHost, node: VirtualNode, world: World | None = None) -> None:
         self._host, self._node, self._world = host, node, world
@@ -71,11 +71,11 @@ class NodeMethods:
 
     @property
     def kinds(self) -> tuple[type[Request[Any]], ...]:
-        """Supported requests."""
+        """Types of the supported requests."""
         return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
-        """Execute a request, also from this process; ConfigError for a function that this node lacks."""
+        """Execute a request of a client or of this process; raise ConfigError if the node lacks the function."""
         self._node.tick(self._host.reactor.now())
         answer: A = self._WORK[type(request)](self, request)
         self._host.wake(self._node)
@@ -168,7 +168,7 @@ class NodeMethods:
 
 
 class NodeControl:
-    """Server of the control socket of `node`, which runs in `host`, on the axes of `world`; SocketInUse.
+    """Server of the control socket of `node`; SocketInUse is raised if another process has that socket.
 
     Without a socket only this process can send requests.
     """
@@ -203,18 +203,18 @@ class NodeControl:
         call.reply(self.do(call.request))
 
     def close(self) -> None:
-        """Remove the socket."""
+        """Close and remove the control socket."""
         if self._server is not None:
             self._server.close()
 
     def push(self, text: str) -> None:
-        """Send an event to all clients."""
+        """Send an event to all connected clients."""
         if self._server is not None:
             self._server.push(DriveEvent(text))
 
 
 def _holder(plant: Plant, name: str) -> object:
-    """Return the owner of a plant's value: the plant, or the motor of a wheel; ConfigError without one."""
+    """Return the object with the number `name`: the plant or the motor of a wheel; raise ConfigError otherwise."""
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
         raise ConfigError(f"plant: {name!r} is not a number of this plant")

@@ -1,7 +1,7 @@
 """Virtual devices from EDS files: the node, and a drive on each axis with a controlword.
 
-The dictionary alone decides. A known identity, or a known vendor, brings its device model, everything else is
-generic; a dictionary without CiA 402 objects makes a plain node.
+The dictionary alone decides: a known identity or vendor selects its device model, everything else is generic; a
+dictionary without CiA 402 objects makes a plain node.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ if TYPE_CHECKING:
     from canopen_control.virtual.scenario import Switching
 
 
-# What outlasts the power, in a file: the values of 0x1010, and the node id and bit rate of LSS.
+# File with the parameters that survive power-off: the values of 0x1010, and the node-ID and bit rate of LSS.
 #
-# The file is JSON for people to read, one entry for each node by the id it was started with:
+# The file is readable JSON, with one entry for each node by the node-ID with which the node was started:
 #
 #     {"format": "canopen_control store 1",
 #      "nodes": {"3": {"device": [646, 1270], "node_id": 3, "bitrate": null, "values": {"6083:00": "10270000"}}}}
 #
-# Values are the object's bytes as on the wire. It is replaced as a whole, never written in part; several processes may
-# share it. Values that do not fit the dictionary (any more) are ignored and reported; another device's entry is
-# refused.
+# Values are the object's bytes as on the wire. The file is replaced as a whole, never written in part; several
+# processes may share it. Values that do not fit the dictionary (any more) are ignored and reported; the entry of
+# another device is refused.
 
 
 FORMAT = "canopen_control store 1"
@@ -62,9 +62,10 @@ _Record = dict[str, Any]  # the stored entry of a node; it may have been edited
 
 
 class ParameterFile:
-    """Parameter file at `path`, which need not exist; ConfigError for any other file.
+    """File at `path` with the stored parameters of nodes; it need not exist yet.
 
-    `say` gets sentences: ignored values of the file, and the reason of a failed write.
+    ConfigError is raised if the file is of another kind. `report` gets sentences: about ignored values of the file, and
+    the reason of a failed write.
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
@@ -73,14 +74,14 @@ class ParameterFile:
         self._keys: dict[VirtualNode, str] = {}
 
     def node_id(self, started_with: int) -> int:
-        """Return the node id stored by LSS for the node started with another id, or that id."""
+        """Return the node-ID that LSS has stored for the node started as `started_with`, or that node-ID."""
         record = self._nodes.get(str(started_with), {})
         stored = record.get("node_id", started_with)
         possible = isinstance(stored, int) and (1 <= stored <= MAX_NODE_ID or stored == UNCONFIGURED)
         return int(stored) if possible else started_with
 
     def attach(self, node: VirtualNode, started_with: int) -> None:
-        """Restore the stored parameters of a node before power-on, and store changed ones from then on."""
+        """Restore the stored parameters of a node before power-on, and store changed parameters from then on."""
         key = str(started_with)
         record = self._nodes.get(key)
         if record is not None:
@@ -107,7 +108,7 @@ class ParameterFile:
                 self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
     def keep(self, node: VirtualNode) -> bool:
-        """Store the parameters of a node; return whether that succeeded."""
+        """Write the parameters of a node to the file; return whether that succeeded."""
         key, lss = self._keys[node], node.lss
         values = {_name(a): encode(v, node.od[a].data_type).hex() for a, v in sorted(node.store.saved().items())}
         record: _Record = {
@@ -163,14 +164,15 @@ def _address(name: str) -> Address:
 
 # The device model of the TMCM-1270 (PD42-x-1270), a stepper drive of Trinamic for CANopen.
 #
-# It has the behaviour in its EDS and the public manuals of its family, and no other. Positions are microsteps,
-# velocities pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the quick-stop ramp
-# have no usable default: until they are written, nothing moves. In profile velocity 0x6083 decelerates too. Bits 5 and
-# 9 of the controlword do nothing in profile position, where bit 12 shows a set-point in process. In CSP it moves to the
-# target within 0x60C2 and stops there until the next one arrives. Bit 14 of the statusword is set while it moves, bit
-# 15 is the direction. Homing method 35 needs no power. It has no 0x6007: the reaction to a lost heartbeat is 0x1029:01,
-# whose default enters PRE-OPERATIONAL and lets the motor turn on; NMT STOPPED in operation is a fault. Bit 30 of its
-# TPDOs' COB-IDs is set by default and may be cleared: `cob_id: auto` of ros2_canopen does that to real drives.
+# The model has the behaviour in the EDS and the public manuals of the drive family, and no other. Positions are
+# microsteps, velocities pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the
+# quick-stop ramp have no usable default: until they are written, nothing moves. In profile velocity 0x6083 is also the
+# deceleration. Bits 5 and 9 of the controlword have no effect in profile position, where bit 12 shows a set-point in
+# process. In CSP the drive moves to the target within 0x60C2 and stops there until the next target arrives. Bit 14 of
+# the statusword is set during a motion, bit 15 is the direction. Homing method 35 needs no power. There is no 0x6007:
+# the reaction to a lost heartbeat is 0x1029:01, whose default enters PRE-OPERATIONAL and lets the motor continue; NMT
+# STOPPED in operation is a fault. Bit 30 of the COB-IDs of TPDOs is set by default and may be cleared: `cob_id: auto`
+# of ros2_canopen does that to real drives.
 
 
 IDENTITY = (0x286, 0x4F6)  # 0x1018:01 and :02
@@ -180,7 +182,7 @@ _MOVING, _NEGATIVE = 1 << 14, 1 << 15
 
 
 def is_tmcm1270(od: ObjectDictionary) -> bool:
-    """Whether the dictionary is that of a TMCM-1270, by vendor id and product code."""
+    """Whether the dictionary is that of a TMCM-1270, by vendor-ID and product code."""
     entries = (od.get(0x1018, 1), od.get(0x1018, 2))
     return tuple(None if entry is None else entry.value for entry in entries) == IDENTITY
 
@@ -235,7 +237,7 @@ TMCM1270 = DeviceModel(
 
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:
-    """Return the device model of an identity."""
+    """Return the device model for the identity or vendor in a dictionary, `GENERIC` if both are unknown."""
     return TMCM1270 if is_tmcm1270(od) else vendor_model(od) or GENERIC
 
 
@@ -252,10 +254,10 @@ def make_device(
 ) -> VirtualNode:
     """Create the virtual device of an EDS (a path or a dictionary).
 
-    `plant` makes the plant of an axis; `faults` are switched on from the start, ``name`` or ``name@seconds``, `quirks`
-    ``name``, ``name=value`` or ``name=value@axis`` are there from the power-on, with those of the personality `like`.
-    Raises EdsError for a file that cannot be used, ConfigError for an unknown fault or quirk, and for a personality
-    whose objects the dictionary lacks.
+    `plant` creates the plant of an axis. `faults` (``name`` or ``name@seconds``) are switched on at power-on or later,
+    `quirks` (``name``, ``name=value`` or ``name=value@axis``) at power-on, together with those of the personality
+    `like`. Raise EdsError for a file that cannot be used, and ConfigError for an unknown fault or quirk, or a
+    personality whose objects the dictionary lacks.
     """
     od = read_eds(source, node_id).od if isinstance(source, str | Path) else source.for_node(node_id)
     node = VirtualNode(od, node_id, serial=serial, model=model or device_model_of(od), plant=plant)
@@ -271,7 +273,7 @@ def make_device(
 
 
 def take_personality(node: VirtualNode, like: Personality) -> None:
-    """Set the modes of a personality (0x6502); ConfigError for objects missing in the dictionary."""
+    """Set 0x6502 to the modes of a personality; raise ConfigError if the dictionary lacks its objects."""
     lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
     if lacking:
         raise ConfigError(
@@ -286,7 +288,7 @@ def take_personality(node: VirtualNode, like: Personality) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """Nodes, the plants of their axes, and their scheduled faults."""
+    """Virtual devices of a process, with their world and the timeline of their scenario."""
 
     nodes: tuple[VirtualNode, ...]
     world: World
@@ -308,11 +310,12 @@ def make_devices(
     eds_files: Mapping[int, Path] | None = None,
     world: World | None = None,
 ) -> Devices:
-    """Create all devices of a process; errors in files are raised before one runs.
+    """Create all devices of a process; an error in a file is raised before any device runs.
 
-    Raises EdsError and ConfigError; `say` gets warnings and the assumptions of the world. `serial` is the first
-    node's, see `launch.Options`; `others` are the EDS files of nodes that have another one, `world` is an existing
-    world. A node that got another id by LSS, in an earlier process with the same store, starts with that one.
+    Raise EdsError and ConfigError. `report` gets warnings and the assumptions of the world. `serial` is the serial
+    number of the first node, see `launch.DriveOptions`; `eds_files` are the EDS files of nodes that have another EDS;
+    `world` is an existing world. A node whose node-ID was changed by LSS, in an earlier process with the same store,
+    starts with it.
     """
     files = {node_id: eds if eds_files is None else eds_files.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}
@@ -338,7 +341,7 @@ def make_devices(
 
 
 def _serial(node_id: int) -> int:
-    """Return a default serial number, by which LSS distinguishes nodes without an id."""
+    """Return a default serial number, by which LSS distinguishes nodes without a node-ID."""
     return os.getpid() if node_id == UNCONFIGURED else node_id
 
 
@@ -362,7 +365,7 @@ def _node(
     world: World,
     file: ParameterFile | None,
 ) -> VirtualNode:
-    """Create a node of a world with its faults, quirks and personality."""
+    """Create a node with its faults, quirks and personality, whose axes are in `world`."""
     active = node_id if file is None else file.node_id(node_id)
     faults, quirks, like = ways
     plant = partial(world.plant, node_id)

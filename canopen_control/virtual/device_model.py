@@ -1,8 +1,8 @@
 """Device models: differences between models of drives, as data.
 
-The code implements the profile; each difference of a device is a field here. `GENERIC` is a drive that supports all
-that its EDS lists; supported devices have a module with their own instance. `VENDOR_MODELS` are drives of which only
-the handling of set-points is known, from the vendor's objects and public manuals.
+The code implements the profile; a difference of a device is a field here. `GENERIC` is a drive that supports everything
+that its EDS lists; a supported device has an instance of its own. `VENDOR_MODELS` are drives of which only the handling
+of set-points is known, from the vendor's objects and public manuals.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ if TYPE_CHECKING:
 
 # Functions of virtual devices other than drives: inputs and outputs at their terminals (CiA 401 to 419).
 #
-# The dictionary decides which function a node has; a drive, and a device of an unknown profile, has none and is a plain
-# node. Inputs are set in the units of their signals by name, such as `di3` or `position`.
+# The dictionary decides which function a node has; a drive, or a device with an unknown profile, has none. Inputs are
+# set by name, such as `di3` or `position`, in the units of their signals.
 
 
 class DeviceFunction(Protocol):
-    """Function of one device, and filter of its event-driven TPDOs."""
+    """Function of a device that is not a drive: its signals, and the filter of its event-driven TPDOs."""
 
     overloaded: bool
-    """Whether its protection has switched its outputs off, at the terminals."""
+    """Whether the overload protection has switched the outputs off at the terminals."""
 
     def power_on(self, now: int) -> None:
-        """Reset after a reset of the node."""
+        """Reset the function at power-on or reset of the node."""
 
     def connection_lost(self, now: int) -> None:
-        """React to a lost heartbeat or guarding."""
+        """React to a lost heartbeat or guarding, or to bus-off."""
 
     def communication_stopped(self, now: int) -> None:
         """React to NMT STOPPED or a reset of the communication."""
 
     def tick(self, now: int) -> None:
-        """Advance to a time."""
+        """Run what is due at `now`."""
 
     def next_deadline(self) -> int | None:
-        """Return the time of its next event, None without one."""
+        """Return the time in ns at which `tick` is due next, None without one."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
@@ -60,30 +60,30 @@ class DeviceFunction(Protocol):
         """Whether changes of these objects are an event that triggers a TPDO."""
 
     def tpdos_checked(self) -> None:
-        """Process the end of a check of all TPDOs."""
+        """Discard the pending events, because all TPDOs have been checked for changes."""
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name, all or none; ConfigError for an unknown input."""
+        """Set inputs by name, all or none of them; raise ConfigError for an unknown input or an output."""
 
     def describe(self) -> tuple[SignalState, ...]:
-        """Return the state of every signal, outputs as at the terminals."""
+        """Return the state of every signal, with outputs as they are at the terminals."""
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a fault of the inputs: stuck, noise or jump."""
+        """Switch a fault of the inputs on or off; `kind` is "stuck", "noise" or "jump"."""
 
 
 @runtime_checkable
 class ShaftFollower(Protocol):
-    """Function that can be moved by a shaft."""
+    """Function of a device, such as an encoder, that the shaft of a drive can turn."""
 
     def follow(self, world: ShaftWorld, node_id: int) -> None:
-        """Follow the shaft of a node in a world from now on."""
+        """Follow the shaft of node `node_id` in `world` from now on."""
 
 
 def make_function(
     od: ObjectDictionary, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock
 ) -> DeviceFunction | None:
-    """Return the function of a device by its dictionary; None if unknown."""
+    """Return the function that a dictionary describes; None for a drive or an unknown profile."""
     profile = profile_of(od)
     kind = _KINDS.get(profile)
     if kind is None:
@@ -105,7 +105,7 @@ _KINDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Report of a limit: EMCY code and manufacturer's bytes for the negative and the positive side."""
+    """EMCY that reports a limit: code, and manufacturer-specific bytes for the negative and the positive side."""
 
     code: int
     negative: bytes
@@ -114,10 +114,10 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class MissingSetPoint:
-    """Reaction of a cyclic mode to a missing set-point; the default is to hold the last one.
+    """Reaction of a cyclic mode to a missing set-point; by default the axis stays at the last set-point.
 
-    It goes on with its velocity for `cycles` interpolation periods (0x60C2), those of `cycles_object` where the
-    dictionary has it; then it stands, or with a `fault` code that is its EMCY and fault.
+    The axis continues at its velocity for `cycles` interpolation periods (0x60C2), or for as many as `cycles_object`
+    says if the dictionary has that object. Then it stands still, or it faults if `fault` is the EMCY code of a fault.
     """
 
     cycles: int = 0
@@ -127,11 +127,11 @@ class MissingSetPoint:
 
 @dataclass(frozen=True, slots=True)
 class DeviceModel:
-    """The differences. Ramps in counts/s^2, velocities in counts/s, times in ns.
+    """Differences of one model of drive from a generic drive, in counts/s^2, counts/s and ns.
 
-    `unset_ramp` is the ramp of an object that is absent or 0. `delays` gives, by transition number, the object of axis
-    0 that holds its delay in ms. `single_set_point`: PP has neither buffered nor immediate set-points, bit 12 shows
-    that one is in process, and a new one replaces it. `homing_methods` None: all methods of `homing`.
+    `unset_ramp` is the ramp of an object that is absent or 0. `delays` maps the number of a transition to the object of
+    axis 0 with the delay in ms. With `single_set_point`, PP has neither buffered nor immediate set-points: bit 12 shows
+    that a set-point is in process, and a new set-point replaces it. `homing_methods` None stands for all methods.
     """
 
     name: str = ""  # empty: the file's product name
@@ -139,7 +139,7 @@ class DeviceModel:
     unset_ramp: float = math.inf
     unset_velocity: float = 100_000.0  # of a profile velocity that is absent or 0
     velocity_ramp_both_ways: bool = False  # PV: 0x6083 also decelerates
-    ramps_positions: bool = False  # in velocity modes too, as a stepper does: way that was lost is made up for
+    ramps_positions: bool = False  # also in velocity modes, as in steppers: a lost distance is made up for
     single_set_point: bool = False
     homing_methods: frozenset[int] | None = None
     homing_halts: bool = True
@@ -149,15 +149,15 @@ class DeviceModel:
     delays: Mapping[int, int] = field(default_factory=dict)
     communication_data: bytes = b""  # the manufacturer's bytes of EMCY 0x8130
     rtr_supported: bool = True  # else the COB-IDs of its TPDOs must keep bit 30
-    rpdo_error: tuple[int, bytes] | None = None  # EMCY code and bytes when an RPDO holds a value it refuses
+    rpdo_error: tuple[int, bytes] | None = None  # EMCY code and bytes when a value in an RPDO is refused
     software_limit: Limit | None = None
     switch_limit: Limit | None = None
     switches_disabled: Callable[[VirtualStore], bool] = lambda _store: False
     missing: MissingSetPoint = MissingSetPoint()
     recovers_sync: bool = (
-        True  # by a phase lock: it times its way to a set-point by the rhythm of SYNC, not by each one
+        True  # by a phase lock: set-points are timed by the recovered period of SYNC, not by each single SYNC
     )
-    follows_sync: bool = False  # measures the SYNC, so that a clock that drifts does not matter in cyclic modes
+    follows_sync: bool = False  # measures the SYNC, so that clock drift does not matter in cyclic modes
     velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
     identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
     display: Mapping[tuple[int, int], Callable[[VirtualStore], int]] = field(default_factory=dict)
@@ -166,25 +166,25 @@ class DeviceModel:
 GENERIC = DeviceModel()
 
 PLAIN: Final = DeviceModel(recovers_sync=False)
-"""A drive that takes each SYNC as the exact time: one that comes late is a standstill, one that comes early a jump."""
+"""Drive that treats every SYNC as the exact time: a late SYNC causes a standstill, an early SYNC a jump."""
 
 INTERPOLATION_UNDERFLOW: Final = 0xFF02  # EMCY of Elmo
 _EXTRAPOLATION_CYCLES: Final = (0x2F75, 0)
 
 MAXON: Final = DeviceModel(missing=MissingSetPoint(), recovers_sync=False)
-"""EPOS4: stands at the end of the interpolation; 0x60C2 is 0 in its files, a set-point is taken at once."""
+"""EPOS4 of maxon: stands at the end of the interpolation; its files set 0x60C2 to 0, so a set-point applies at once."""
 
 ELMO: Final = DeviceModel(
     missing=MissingSetPoint(cycles=1, cycles_object=_EXTRAPOLATION_CYCLES, fault=INTERPOLATION_UNDERFLOW)
 )
-"""Gold: goes on for as many periods as its object says, then it faults; the motor stops as 0x605E says."""
+"""Gold drives of Elmo: continue for as many periods as 0x2F75 says, then fault and stop as 0x605E says."""
 
 VENDOR_MODELS: Final[Mapping[int, DeviceModel]] = MappingProxyType({0x9A: ELMO, 0xFB: MAXON})
-"""Vendor id (0x1018:01) to the model of that vendor's drives."""
+"""Device models by vendor-ID (0x1018:01)."""
 
 
 def vendor_model(od: ObjectDictionary) -> DeviceModel | None:
-    """Return the model of a dictionary's vendor, None if unknown."""
+    """Return the device model of a dictionary's vendor, None if it is unknown."""
     entry = od.get(0x1018, 1)
     vendor = None if entry is None else entry.value
     return VENDOR_MODELS.get(vendor) if isinstance(vendor, int) else None

@@ -1,4 +1,4 @@
-"""Modes of operation of one axis: the existing ones, the active one (0x6061), and its change (0x6060)."""
+"""Cyclic and torque modes of operation of one axis, and the change of the active mode by 0x6060."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 #
 # The demand moves to a position with constant velocity within the interpolation time 0x60C2; 0 sets it
 # at once. An interpolated demand ends when the next set-point is due, or continues for as long as the device model
-# extrapolates. A drive that recovers the SYNC period reaches the position when the next SYNC is due, not
-# one interpolation time after this one, and then continues until a SYNC as late as those before would arrive.
+# extrapolates. A drive that recovers the SYNC period reaches the position when the next SYNC is due, not one
+# interpolation time after this SYNC, and then continues for as long as earlier SYNCs have been late.
 #
-# At a SYNC that is some microseconds late the motor has reached its position and stands, which is not its velocity:
-# from then on, the velocity is measured like that of an encoder, as the distance in the last interpolation time.
+# At a SYNC that is some microseconds late the motor has reached its position and stands, but 0 is not the velocity of
+# the motion: from then on, the velocity is measured as by an encoder, from the distance in the last interpolation time.
 
 
-# A mode whose set-points come in a stream of RPDOs: what it counts of them, and what it does when one is missing.
+# A mode whose set-points come in a stream of RPDOs counts them, and reacts when a set-point is missing.
 #
 # The stream begins with the second RPDO after the start of the mode. Values written by SDO are followed without
 # supervision, so that a drive that is tried by hand does not trip it. A set-point is due after the
@@ -64,7 +64,7 @@ _MS = 1_000_000
 
 
 class StreamMode(FollowingMode):
-    """Base of CSP, IP, CSV and CST; subclasses define `set_point` and call `supervise` for each one."""
+    """Base of the modes whose set-points come in a stream of RPDOs: CSP, IP, CSV and CST."""
 
     def reset(self) -> None:
         """Reset the target and the stream."""
@@ -74,14 +74,14 @@ class StreamMode(FollowingMode):
         self.mover.feed_forward(0.0, 0.0)
 
     def start(self, now: int) -> None:
-        """Continue to the target from the present motion; the quality statistics restart, except after a halt."""
+        """Continue to the target from the present motion; the statistics restart, except after a halt."""
         if not self._begun:
             self._begun = self.meter.used = True
             self.meter.restart()
         super().start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """End the stream and the feed-forward, then stop like every mode."""
+        """End the stream of set-points and the feed-forward, then stop the motor as `reaction` says."""
         self.meter.follow(self.mover.demand, now)
         self.meter.pause()
         self._arrived = 0
@@ -91,7 +91,7 @@ class StreamMode(FollowingMode):
 
     @property
     def streaming(self) -> bool:
-        """Whether consecutive set-points were received."""
+        """Whether at least two set-points have arrived since the mode was started or stopped."""
         return self._arrived > 1
 
     @property
@@ -104,7 +104,7 @@ class StreamMode(FollowingMode):
 
     @property
     def period_ns(self) -> int:
-        """Time between set-points: the interpolation time, 1 ms if that is 0."""
+        """Time between set-points in ns: the interpolation time 0x60C2, or 1 ms if that is 0."""
         return round(self.objects.interpolation_s * 1e9) or _MS
 
     def take(self, now: int) -> None:
@@ -115,11 +115,11 @@ class StreamMode(FollowingMode):
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point that must change during motion; None if a constant one can also be a motion."""
+        """Return the set-point to compare with the previous one; None if the axis can move at a constant set-point."""
         return None
 
     def missed(self) -> None:
-        """Process a SYNC without a set-point."""
+        """Count a SYNC at which no set-point arrived, if a stream has begun."""
         if self.streaming:
             self.meter.missed += 1
 
@@ -131,7 +131,7 @@ class StreamMode(FollowingMode):
             self.mover.at("set point", now + (1 + cycles) * period + period // 2, self._lost)
 
     def feed(self) -> None:
-        """Apply 0x60B1 and 0x60B2 as feed-forward, which affects the loops but not the demand."""
+        """Apply 0x60B1 and 0x60B2 as feed-forward, which affects the control loops but not the demand."""
         number = self.objects.number
         self.mover.feed_forward(number(o.VELOCITY_OFFSET) * self.units.velocity, float(number(o.TORQUE_OFFSET)))
 
@@ -141,7 +141,10 @@ class StreamMode(FollowingMode):
 
 
 class CyclicPosition(StreamMode):
-    """CSP: move to the target within 0x60C2 without a ramp; bit 12 during that, bit 13 on a following error."""
+    """Cyclic synchronous position mode (CSP): move to the target within the interpolation time 0x60C2, without a ramp.
+
+    Bit 12 is set while the drive follows the target, bit 13 on a following error.
+    """
 
     set_point = o.TARGET_POSITION
 
@@ -151,10 +154,10 @@ class CyclicPosition(StreamMode):
         super().__init__(axis)
 
     def reset(self) -> None:
-        """Reset the last target; a pending evaluation of the next one has no effect."""
+        """Reset the last target; an evaluation that is already scheduled then has no effect."""
         super().reset()
         self._in_use = False
-        self._unseen = 0  # set-points since the last look in the drive's own rhythm
+        self._unseen = 0  # set-points since the last evaluation by the drive's own clock
 
     def start(self, now: int) -> None:
         """Continue to the target from the present motion."""
@@ -162,7 +165,7 @@ class CyclicPosition(StreamMode):
         super().start(now)
 
     def take(self, now: int) -> None:
-        """Apply the set-point, from the present demand even if it is unchanged."""
+        """Apply the set-point of an RPDO; an unchanged set-point counts if the drive extrapolates or recovers SYNC."""
         self._unseen += 1
         if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None
@@ -173,7 +176,7 @@ class CyclicPosition(StreamMode):
         return self.target()
 
     def missed(self) -> None:
-        """Count a SYNC without a set-point; a drive with its own clock detects it itself."""
+        """Count a SYNC at which no set-point arrived; with a drifting clock, `_count_unseen` counts instead."""
         if not self._drifts:
             super().missed()
 
@@ -191,7 +194,7 @@ class CyclicPosition(StreamMode):
         return bool(self.clock.drift_ppm.value) and not locked
 
     def _evaluate(self, now: int) -> None:
-        """Evaluate the target at the period of the drive's own clock."""
+        """Evaluate the target now and then once in every period of the drive's own clock."""
         ppm = self.clock.drift_ppm.value
         if self.power.live and self._in_use and self._drifts:
             period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
@@ -200,7 +203,7 @@ class CyclicPosition(StreamMode):
             self._follow(now)
 
     def _count_unseen(self) -> None:
-        """Count missed and overwritten set-points of a drifting clock."""
+        """Count the set-points missed or overwritten since the last evaluation of a drive whose clock drifts."""
         unseen, self._unseen = self._unseen, 0
         if unseen and self.cycles:
             self._inputs = None
@@ -213,7 +216,7 @@ class CyclicPosition(StreamMode):
         self.go(self.target(), now)
 
     def go(self, place: float, now: int) -> None:
-        """Move to a changed position in user counts within the interpolation time."""
+        """Move to the position `place` in user units within the interpolation time, if it has changed."""
         target = self.limits.position(self.units.zero + place * self.units.position)
         if not self.changed(target):
             return
@@ -231,13 +234,13 @@ class CyclicPosition(StreamMode):
         self.limits.judge_following_error(target - position - within, now)
 
     def _in_rhythm(self, now: int) -> bool:
-        """Return whether a set-point that just arrived with a SYNC is timed by the period of SYNC."""
+        """Return whether a set-point that just arrived with a SYNC is timed by the measured period of SYNC."""
         clock = self.clock
         timed = self.model.recovers_sync and clock.sync_ns == now and self.streaming
         return timed and clock.rhythm.has_period(self.objects.interpolation_s)
 
     def _onward(self, place: float, velocity: float, slack: float) -> float:
-        """Return the time in s for which the demand continues beyond its set-point, at most to a limit; or `slack`."""
+        """Return the time in s for which the demand continues beyond the set-point, at most up to a position limit."""
         longest = max(self.cycles * self.objects.interpolation_s, slack)
         if not longest or not velocity:
             return 0.0
@@ -246,7 +249,7 @@ class CyclicPosition(StreamMode):
         return max(0.0, min(longest, way / velocity))
 
     def measured_velocity(self) -> float:
-        """Return the plant's velocity; after the end of a move to a set-point the mean over the interpolation time."""
+        """Return the plant's velocity in counts/s; after the end of a move, the mean over the interpolation time."""
         mover, demand = self.mover, self.mover.demand
         if demand is not self._demand or mover.time < demand.end_ns or not mover.plant.stiff:
             return mover.plant.velocity
@@ -257,24 +260,24 @@ class CyclicPosition(StreamMode):
         return (mover.plant.position - demand.at(since)[0]) / ((mover.time - since) * 1e-9)
 
     def target(self) -> float:
-        """Return the set-point in user counts."""
+        """Return the set-point plus the position offset, in user units."""
         return float(self.objects.number(o.TARGET_POSITION) + self.objects.number(o.POSITION_OFFSET))
 
     def bits(self) -> int:
-        """Return bits 12 and 13; bit 10 is reserved (CiA 402-2)."""
+        """Return bits 12 and 13 of the statusword; bit 10 is reserved in CSP (CiA 402-2)."""
         return (BIT_12 if self.power.live and not self.limits.active else 0) | (BIT_13 if self.limits.exceeded else 0)
 
 
 class CyclicVelocity(StreamMode):
-    """CSV: follow 0x60FF plus its offset immediately, within 0x60C5 and 0x60C6.
+    """Cyclic synchronous velocity mode (CSV): follow 0x60FF plus offset within the accelerations 0x60C5 and 0x60C6.
 
-    Without a new set-point the speed is kept.
+    Without a new set-point the axis keeps its speed.
     """
 
     set_point = o.TARGET_VELOCITY
 
     def update(self, now: int) -> None:
-        """Apply the target."""
+        """Apply the target velocity, the acceleration limits and the torque offset."""
         target = self.limits.target_velocity()
         unit = self.units.acceleration
         up = self.objects.number(o.MAX_ACCELERATION) * unit or INFINITE
@@ -285,14 +288,14 @@ class CyclicVelocity(StreamMode):
             self.limits.ramp_velocity(target, up, down, now)
 
     def bits(self) -> int:
-        """Return bit 12 while it follows the target."""
+        """Return bit 12 of the statusword while the axis follows the target."""
         return BIT_12 if self.power.live and not self.limits.active else 0
 
 
 class Torque(StreamMode):
-    """TQ and CST: 0x6071 within its limits, along 0x6087 in TQ, immediately in CST.
+    """Torque modes TQ and CST: apply 0x6071 plus offset within the limits, with the slope 0x6087 in TQ, at once in CST.
 
-    From a motion the motor keeps its velocity at first.
+    A motor that moves when the mode starts keeps its velocity at first.
     """
 
     def __init__(self, axis: AxisParts, *, cyclic: bool = False) -> None:
@@ -306,7 +309,7 @@ class Torque(StreamMode):
         super().start(now)
 
     def update(self, now: int) -> None:
-        """Apply target, limits and slope."""
+        """Apply the target torque, its limits and the torque slope."""
         target = self.limits.torque(self.objects.number(o.TARGET_TORQUE) + self.objects.number(o.TORQUE_OFFSET))
         slope = INFINITE if self._cyclic else float(self.objects.number(o.TORQUE_SLOPE)) or INFINITE
         if self.changed((target, slope)):
@@ -314,7 +317,7 @@ class Torque(StreamMode):
             self.mover.apply_torque(ramp_to(now, 0.0, present, target, slope, slope), now)
 
     def bits(self) -> int:
-        """Return bit 10 at the target torque (TQ), bit 12 while it follows the target (CST)."""
+        """Return bit 10 at the target torque (TQ), or bit 12 while the axis follows the target (CST)."""
         if self._cyclic:
             return BIT_12 if self.power.live else 0
         torque = self.mover.torque
@@ -323,13 +326,13 @@ class Torque(StreamMode):
 
 # The interpolated position mode IP (7): set-points of 0x60C1, one at a time or from the buffer 0x60C4 (CiA 402-2, 12).
 #
-# Without a buffer it is CSP with another set-point object and an enable bit. A dictionary that has 0x60C4 offers the
-# buffer: writing 1 to 0x60C4:06 opens it, 0 closes and clears it, which is what it is after power-on. An open buffer
-# takes a record with every RPDO that brings 0x60C1, and with every SDO write to its last subindex; the drive takes one
-# from it every interpolation period (0x60C2) from the moment that interpolation is enabled. A record too many is
-# refused. Where it runs dry the axis does what its model does of a missing set-point, and goes on with the next record
-# at once. Only the linear sub mode 0 (0x60C0) and a first-in first-out buffer (0x60C4:03 = 0) are there; of a record
-# the position counts, its first subindex.
+# Without a buffer IP is CSP with another set-point object and an enable bit. A dictionary that has 0x60C4 offers the
+# buffer: writing 1 to 0x60C4:06 opens it; writing 0 closes and clears it, and it is closed after power-on. A record is
+# appended to an open buffer by every RPDO that maps 0x60C1, and by every SDO write to the last subindex of 0x60C1; the
+# drive uses one record in every interpolation period (0x60C2) while interpolation is enabled. A record beyond the
+# capacity is refused. If the buffer runs empty, the axis reacts as its model does to a missing set-point, and continues
+# with the next record at once. Only the linear sub mode 0 (0x60C0) and a first-in first-out buffer (0x60C4:03 = 0) are
+# supported; only the position of a record is used, which is the first subindex by default.
 
 
 MAXIMUM, SIZE, ORGANISATION, POSITION, _RECORD_SIZE, CLEAR = range(1, 7)  # subindices of 0x60C4
@@ -338,7 +341,7 @@ _FIFO, _LINEAR = 0, 0
 
 
 class SetPointBuffer:
-    """Buffer 0x60C4 of one axis: waiting positions in user counts."""
+    """Interpolation data buffer 0x60C4 of one axis, with the waiting positions in user units."""
 
     def __init__(self, axis: AxisParts) -> None:
         self._objects = axis.objects
@@ -357,17 +360,17 @@ class SetPointBuffer:
 
     @property
     def open(self) -> bool:
-        """Whether records use the buffer."""
+        """Whether the buffer is open (0x60C4:06 is 1), so that records are queued."""
         return self._objects.number(o.INTERPOLATION_BUFFER, CLEAR) == 1
 
     @property
     def size(self) -> int:
-        """Capacity: 0x60C4:02, limited by 0x60C4:01, which is used if the former is 0."""
+        """Capacity in records: 0x60C4:02, or 0x60C4:01 if that is 0; never more than 0x60C4:01."""
         most = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MOST)
         return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or most, most)
 
     def put(self, place: float) -> None:
-        """Append a record; the caller has already checked the capacity."""
+        """Append a record; a record beyond the capacity is dropped."""
         if len(self._waiting) < self.size:
             self._waiting.append(place)
 
@@ -375,7 +378,7 @@ class SetPointBuffer:
         return len(self._waiting)
 
     def get(self) -> float | None:
-        """Remove and return the oldest record, None if it is empty."""
+        """Remove and return the oldest record, None if the buffer is empty."""
         return self._waiting.popleft() if self._waiting else None
 
     def clear(self) -> None:
@@ -407,7 +410,7 @@ def _only_linear(_entry: Entry, value: Value) -> Value:
 
 
 class InterpolatedPosition(CyclicPosition):
-    """IP: as CSP with the linear sub mode, from 0x60C1:1 or the buffer, while bit 4 is set."""
+    """Interpolated position mode (IP, linear): as CSP with set-points from 0x60C1 or the buffer, while bit 4 is set."""
 
     set_point = o.INTERPOLATION_DATA
 
@@ -420,7 +423,7 @@ class InterpolatedPosition(CyclicPosition):
         """Reset the last target and the waiting records."""
         super().reset()
         self.buffer.clear()
-        self._dry_ns: int | None = None  # when a record was due and none was there
+        self._dry_ns: int | None = None  # when a record was due but the buffer was empty
 
     @property
     def _enabled(self) -> bool:
@@ -429,7 +432,7 @@ class InterpolatedPosition(CyclicPosition):
     def update(self, now: int) -> None:
         """Apply the set-point while interpolation is enabled.
 
-        The first one of the buffer, which then continues by itself.
+        With an open buffer this starts the first record; the buffer then continues by itself.
         """
         if not self._enabled:
             return
@@ -439,25 +442,25 @@ class InterpolatedPosition(CyclicPosition):
             self._next(now)
 
     def missed(self) -> None:
-        """Count a SYNC without a set-point, unless the buffer has one."""
+        """Count a SYNC at which no set-point arrived, unless the buffer is open."""
         if not self.buffer.open:
             super().missed()
 
     def take(self, now: int) -> None:
-        """Process the record of an RPDO."""
+        """Apply the set-point of an RPDO, or append it to the buffer if that is open."""
         if not self.buffer.open:
             super().take(now)
         else:
             self.record_written(now)
 
     def record_written(self, now: int) -> None:
-        """Append a record to the buffer, if it is open."""
+        """Append the data record 0x60C1 to the buffer, if the buffer is open."""
         if self.buffer.open:
             self.buffer.put(self.target())
             self.update(now)
 
     def _next(self, now: int) -> None:
-        """Move to the next position of the buffer, once per interpolation period."""
+        """Move to the next position of the buffer, and repeat that after one interpolation period."""
         if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
             return
         place = self.buffer.get()
@@ -476,11 +479,11 @@ class InterpolatedPosition(CyclicPosition):
         self.mover.at("interpolate", now + self.period_ns, self._next)
 
     def target(self) -> float:
-        """Return the data record."""
+        """Return the position in the data record 0x60C1, in user units."""
         return float(self.objects.number(o.INTERPOLATION_DATA, self.position_subindex))
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Stop when interpolation is disabled."""
+        """Stop the axis when bit 4 of the controlword disables interpolation."""
         if previous & ~word & NEW_SET_POINT:
             self._inputs = None
             self.mover.cancel("interpolate")
@@ -509,15 +512,15 @@ _NEEDED: Final[dict[int, tuple[int, int]]] = {**TARGET_OBJECTS, OperationMode.HM
 
 
 def possible_modes(objects: AxisObjects) -> int:
-    """Return the default 0x6502: every mode whose objects are in the dictionary."""
+    """Return the default value of 0x6502, with the bit of every mode whose objects are in the dictionary."""
     return sum(1 << (mode - 1) for mode, address in _NEEDED.items() if objects.has(*address))
 
 
 class DriveModes:
-    """Modes of one axis: `number` is 0x6061, `active` its motion.
+    """Modes of operation of one axis: `number` is the active mode as in 0x6061, `active` its implementation.
 
-    It changes only while all `conditions` hold. Seams: `stuck`, it never changes; `delay_ns`, how late it changes;
-    `homing.fails`.
+    The mode changes only while all `conditions` hold. Injection points: `stuck` (the mode never changes), `delay_ns`
+    (the delay of a change) and `homing.fails`.
     """
 
     def __init__(self, axis: AxisParts) -> None:
@@ -537,7 +540,7 @@ class DriveModes:
         self.gate: ModeGate | None = None
 
     def add(self, number: int, like: int) -> None:
-        """Add a manufacturer-specific mode that moves like another one."""
+        """Add a manufacturer-specific mode `number` that behaves like the mode `like`."""
         self._all[number] = MODES[like](self._axis)
 
     def remove(self, number: int) -> None:
@@ -545,7 +548,7 @@ class DriveModes:
         self._all.pop(number, None)
 
     def set_gate(self, gate: ModeGate | None) -> None:
-        """Set a gate before every mode; None removes it."""
+        """Put a gate in front of every mode; None removes the gate."""
         self.gate = gate
         for number, mode in self._all.items():
             inner = mode.inner if isinstance(mode, GatedMode) else mode
@@ -559,7 +562,7 @@ class DriveModes:
             mode.set_model(model)
 
     def clear(self) -> None:
-        """Clear the mode after power-on."""
+        """Select no mode (0), as after power-on."""
         self.number, self.active = 0, self._none
 
     def reset(self) -> None:
@@ -568,13 +571,13 @@ class DriveModes:
             mode.reset()
 
     def select(self, now: int) -> None:
-        """Apply 0x6060 immediately in every state; if enabled, the new mode starts with the present motion."""
+        """Change to the mode in 0x6060, in any state; an enabled axis continues from the present motion."""
         mover, delay = self._axis.mover, self.delay_ns.value
         if self.stuck.value or (self.conditions and not all(holds() for holds in self.conditions)):
             return
         if not delay:
             self._take(now)
-        elif "mode" not in mover.timers:  # written again, it is still under way
+        elif "mode" not in mover.timers:  # a repeated write does not restart a delayed change
             mover.at("mode", now + delay, self._take)
 
     def _take(self, now: int) -> None:

@@ -1,7 +1,7 @@
 """Effects of faults on a device, through the injection points of its services, and on its frames.
 
-A function on the device is called when the fault is switched; with `on` False it exactly reverts its effect. None of
-them has the name or the row of its fault: those are in `fault_table` and in the modules of quirks.
+A function that changes the device is called when the fault is switched; with `on` False it exactly reverts the effect.
+The names of the faults are in `fault_table` and in the modules of quirks.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _S = 1_000_000_000
 
 
 def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
-    """Return a switch for every axis of the node."""
+    """Return a switch that applies `action` to every axis of the node."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         for drive in node.drives.values():
@@ -46,7 +46,7 @@ def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
 
 
 def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Switch:
-    """Return a switch for an injection point of every axis."""
+    """Return a switch that sets an injection point of every axis to `value`."""
 
     def action(drive: VirtualDrive, on: bool, _now: int) -> None:
         seam(drive).switch(on, value)
@@ -55,7 +55,7 @@ def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Swit
 
 
 def boot_after(delay_ns: int | None) -> Switch:
-    """Return a switch that sets the time from a reset to the boot-up; None: never."""
+    """Return a switch that sets the time in ns from a reset to the boot-up message; None: the node never boots."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         node.set_reset_delay(delay_ns if on else 0, now)
@@ -74,7 +74,7 @@ def drop_out(node: VirtualNode, _on: bool, now: int) -> None:
 
 
 def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
-    """Enter OPERATIONAL without a command, now and after every boot."""
+    """Make the node enter OPERATIONAL without a command, now and after every boot."""
     node.starts_itself.switch(on, True)
     if on and node.nmt.state is NmtState.PRE_OPERATIONAL:
         node.command(NmtCommand.START, now)
@@ -86,24 +86,24 @@ def short_emcy(node: VirtualNode, _on: bool, _now: int) -> None:
 
 
 def partial_reset(node: VirtualNode, _on: bool, _now: int) -> None:
-    """Send error reset while the register still shows a temperature error."""
+    """Send an EMCY "error reset" whose error register still shows a temperature error."""
     register = ErrorRegister.GENERIC | ErrorRegister.TEMPERATURE
     node.outbox.send(EmcyMessage(node.node_id, 0, register).encode(node.emcy.cob_id))
 
 
 def flood(node: VirtualNode, now: int) -> None:
-    """Send one EMCY of a flood."""
+    """Send one EMCY message of a flood, with the time in its data."""
     data = (now // _MS & 0xFFFFFFFF).to_bytes(4, "little")
     node.outbox.send(EmcyMessage(node.node_id, 0xFF80, ErrorRegister.GENERIC, data).encode(node.emcy.cob_id))
 
 
 def lasting_fault(code: int, register: int) -> Switch:
-    """Return a switch into FAULT with a cause that persists while it is on."""
+    """Return a switch that raises a fault, whose cause persists while the switch is on."""
     return _each(lambda drive, on, now: _last(drive, on, now, code, register))
 
 
 def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int, *, stubborn: bool = False) -> None:
-    """Raise a fault, and keep its cause while it is on."""
+    """Raise a fault on an axis and keep its cause, or remove the cause if `on` is False."""
     if on:
         drive.power.hold_cause(code, until_communication_reset=stubborn)
         drive.fault(code, now, register=register)
@@ -112,7 +112,7 @@ def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int, *, 
 
 
 def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
-    """Raise a communication fault that only a reset of the communication clears."""
+    """Raise a communication fault that can be cleared only after a reset of communication."""
     for drive in node.drives.values():
         _last(drive, on, now, 0x8120, ErrorRegister.COMMUNICATION, stubborn=True)
 
@@ -126,29 +126,29 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Raise a fault because of undervoltage."""
+    """Raise an undervoltage fault without supply of the power stage, or restore the supply."""
     drive.power.voltage.switch(on, False)
     _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
 
 
 def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
-    """Turn the shaft from outside; a powered motor returns to its demand."""
+    """Displace the shaft by 500 counts from outside; the demand is displaced too."""
     drive.mover.displace(500.0, now)
 
 
 def position_jump(drive: VirtualDrive, _on: bool, _now: int) -> None:
-    """Shift the encoder's count."""
+    """Shift the count of the encoder by a million."""
     drive.objects.units.lose_counts(1_000_000.0)
 
 
 def position_near_wrap(drive: VirtualDrive, _on: bool, _now: int) -> None:
-    """Count from a thousand before the 32-bit end."""
+    """Shift the count of the encoder to 1000 below the end of its 32-bit range."""
     units = drive.objects.units
     units.lose_counts(units.zero - drive.mover.plant.position + 0x7FFFFC17)
 
 
 def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Close the positive limit switch at the present position."""
+    """Close the positive limit switch at the present position, or open it again."""
     if on:
         drive.mover.switches.close_positive(drive.mover.plant.position)
         drive.limit_switch_hit(1, now)
@@ -157,7 +157,7 @@ def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Move the limit switches out of reach of homing."""
+    """Move limit and home switches out of reach of homing, or back."""
     drive.mover.switches.place(reachable=not on)
 
 
@@ -167,12 +167,12 @@ def clock_off_by(ppm: float) -> Switch:
 
 
 def rpdos_lost(one_of: int) -> Switch:
-    """Return a switch that loses one of N RPDOs."""
+    """Return a switch that makes the node lose every n-th RPDO; `one_of` is n."""
     return lambda node, on, _now: node.pdos.input.lost.switch(on, one_of)
 
 
 def wrong_entry(index: int, subindex: int, off: int) -> Switch:
-    """Return a switch that changes an identity object."""
+    """Return a switch that adds `off` to an identity object."""
 
     def turn(node: VirtualNode, on: bool, _now: int) -> None:
         step = off if on else -off
@@ -186,14 +186,14 @@ def _undefined(_word: int) -> int:
 
 
 def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Return a statusword without a valid state."""
+    """Show the statusword 0x0001, which is not a valid state, while the fault is on."""
     statusword = drive.readings.statusword
     changes = tuple(change for change in statusword.changes if change is not _undefined)
     statusword.changes = (*changes, _undefined) if on else changes
 
 
 def inputs(kind: str) -> Switch:
-    """Return a switch that fails inputs of a device other than a drive."""
+    """Return a switch for a fault (`kind`) of the inputs of a device other than a drive."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         if node.function is not None:
@@ -211,7 +211,7 @@ def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
-    """Switch the outputs off at the terminals, like overload protection, with an EMCY of CiA 401."""
+    """Switch the outputs off at the terminals, like an overload protection, and send EMCY 0x2310."""
     if node.function is not None:
         node.function.overloaded = on
     if on:
@@ -232,7 +232,7 @@ def program_lost(node: VirtualNode, on: bool, now: int) -> None:
 
 
 def _breaks_program(seam: Callable[[ProgramArea], InjectionPoint[T]], value: T) -> Switch:
-    """Return a switch for an injection point of the program area."""
+    """Return a switch that sets an injection point of the program area to `value`."""
 
     def turn(node: VirtualNode, on: bool, _now: int) -> None:
         if node.program is not None:
@@ -269,7 +269,7 @@ following_error: Switch = lasting_fault(0x8611, ErrorRegister.DEVICE_PROFILE)
 
 
 def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
-    """Report the CAN controller error passive, then recovered."""
+    """Report that the CAN controller is error passive, or clear that error."""
     if on:
         node.outbox.emergency(0x8120, ErrorRegister.COMMUNICATION)
     else:
@@ -277,7 +277,7 @@ def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
-    """Enter bus-off while on, and report the recovery."""
+    """Report the recovery from bus-off when the fault is switched off."""
     if not on:
         node.error_control.report_recovery()
 
@@ -290,11 +290,11 @@ _MUX = struct.Struct("<BHB")
 _ABORT, _SEGMENTS = 0x80, (0x00, 0x10)
 
 
-# -- which frame is it
+# -- kinds of frames
 
 
 def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is the node's heartbeat or boot-up."""
+    """Whether the frame is a heartbeat or boot-up message of the node."""
     return frame.can_id == cob_id(Service.HEARTBEAT, node.node_id)
 
 
@@ -341,14 +341,14 @@ def _wrong_mux(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def _toggled(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Invert the toggle bit of segment answers, 0x and 1x (upload) and 2x and 3x (download)."""
+    """Invert the toggle bit of SDO segment answers: 0x00 and 0x10 (upload), 0x20 and 0x30 (download)."""
     if frame.data[0] >> 5 in (0, 1):
         return _data(frame, bytes((frame.data[0] ^ 0x10,)) + frame.data[1:])
     return [(0, frame)]
 
 
 def _one_byte(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Reduce the size in an expedited upload of 2 or 4 bytes to one."""
+    """Change the size in an expedited upload answer of 2, 3 or 4 bytes to 1 byte."""
     if frame.data[0] in (0x43, 0x47, 0x4B):
         return _data(frame, b"\x4f" + frame.data[1:5] + b"\0\0\0")
     return [(0, frame)]
@@ -359,7 +359,7 @@ def _pre_operational(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
-    """Delay heartbeats by up to 60 % of their period, each by another amount."""
+    """Delay heartbeats by up to 60 % of their period, with a different delay for each heartbeat."""
     if not is_heartbeat(node, frame) or frame.data == b"\0":
         return [(0, frame)]
     period = node.heartbeat.period_ns
@@ -404,7 +404,7 @@ def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | No
 
 
 def refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
-    """Answer SDO initiates selected by `concerns` (command, index) with an abort, before the server receives them."""
+    """Return a filter that answers SDO initiate requests selected by `concerns` (command, index) with an abort."""
 
     def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
         if not is_sdo_request(node, frame):

@@ -1,9 +1,9 @@
 """Table of the faults of virtual nodes.
 
-A row has the number in the catalogue of real drives' behaviour, the name, the place (wire, node or axis), the effect,
-and how a correct master reacts. A fault acts by one or more of three hooks: on frames that leave the node, on frames
-that reach it, or on the node itself when it is switched. A fault with `once` is cleared when it has acted. Clearing
-makes the drive healthy; the master must recover from the consequences (a FAULT state, a reset).
+An entry has the row in the catalogue of real drives' behaviour, the name, the affected part (wire, node or axis), the
+effect, and how a correct master reacts. A fault has one or more of three hooks: on frames that leave the node, on
+frames that reach the node, or on the node itself when the fault is switched. A fault with `once` is cleared after its
+effect. Clearing a fault makes the drive healthy; the master must recover from the consequences (FAULT, a reset).
 """
 
 from __future__ import annotations
@@ -49,10 +49,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Row of the table; `acts` is ``wire``, ``node``, ``axis``, ``program``, ``input`` or ``output`` (not of drives).
+    """Fault of a virtual node, with its row in the catalogue, its effect and the expected reaction of the master.
 
-    Those of a ``program`` are of nodes whose program can be loaded over CANopen. One with a `quirk` is the way of other
-    healthy drives, under the name that it had before there were quirks: the quirk is switched.
+    `acts` is ``wire``, ``node``, ``axis``, ``program`` (nodes whose program can be loaded over CANopen), ``input`` or
+    ``output`` (devices other than drives). A fault with a `quirk` is normal behaviour of other drives: switching the
+    fault switches the quirk.
     """
 
     row: int
@@ -77,7 +78,7 @@ class Fault:
         return parts.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
-        """Return the description of the fault for lists."""
+        """Return the description of the fault as a message for lists."""
         return FaultListing(
             name=self.name,
             row=self.row,
@@ -167,15 +168,15 @@ _ROWS = (
     Fault(0, "following_error", "axis", "following error: FAULT 0x8611, whose cause lasts", "names it; a reset says that the cause is still present", switched=device.following_error),
 )  # fmt: skip
 FAULTS: dict[str, Fault] = {fault.name: fault for fault in _ROWS}
-"""All faults by name. Row 0: cheap extras that are not in the catalogue.
+"""All faults by name; row 0 marks faults that are not in the catalogue.
 
-Rows that are not switch: 16, 29, 35, 44 to 46 are what the drive does anyway, by its EDS, its option codes or its
-device model; 19 is 18 from the start.
+Rows 16, 29, 35 and 44 to 46 of the catalogue have no fault, because the drive behaves like that anyway, by its EDS, its
+option codes or its device model; row 19 is row 18 from the start.
 """
 
 
 def find_fault(name: str) -> Fault:
-    """Return a fault by name; ConfigError with the nearest name if it is unknown."""
+    """Return a fault by name; raise ConfigError with the nearest name if it is unknown."""
     fault = FAULTS.get(name)
     if fault is None:
         if name.partition("=")[0].partition("@")[0] in QUIRKS:
@@ -187,7 +188,7 @@ def find_fault(name: str) -> Fault:
 
 
 def parse_fault(text: str) -> tuple[Fault, int]:
-    """Return fault and delay in ns of ``name``, ``name@2.5`` or ``name@2.5s``; ConfigError for anything else."""
+    """Return fault and delay in ns of ``name``, ``name@2.5`` or ``name@2.5s``; raise ConfigError for other texts."""
     name, at, seconds = text.partition("@")
     delay = 0.0
     if at:
@@ -200,10 +201,10 @@ def parse_fault(text: str) -> tuple[Fault, int]:
     return find_fault(name), round(delay * 1e9)
 
 
-# The fault switches of one node, between it and the wire.
+# The fault switches of one node, between the node and the wire.
 #
-# With nothing switched on nothing stands in the node's way. Frames pass the hooks of all
-# faults that are on, in the order of the table; what they delay is kept here and leaves on time.
+# Without an active fault or quirk the filter is removed. Otherwise frames pass the hooks of all active faults in the
+# order of the table; delayed frames are stored here until they are due.
 
 
 _FLOOD_NS = 1_000_000
@@ -212,7 +213,7 @@ _DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F
 
 
 class FaultSwitches:
-    """Switches for the faults of `node`; `active` are the names of the active ones."""
+    """Switches of the faults of `node`, and the filter that applies faults and quirks to the node's frames."""
 
     def __init__(self, node: VirtualNode) -> None:
         self._node = node
@@ -235,14 +236,14 @@ class FaultSwitches:
         return [*self._on, *self._quirks]
 
     def schedule(self, text: str) -> None:
-        """Schedule a fault: ``name`` at start-up, ``name@seconds`` after it; ConfigError for anything else."""
+        """Schedule a fault: ``name`` at start-up, ``name@seconds`` later; raise ConfigError for other texts."""
         fault, delay_ns = parse_fault(text)
         self._require(fault)
         self._planned.append((delay_ns, fault.name))
         self._node.filter = self
 
     def _require(self, fault: Fault) -> None:
-        """Raise ConfigError for a fault that this kind of node does not support."""
+        """Raise ConfigError if this kind of node does not support the fault."""
         node = self._node
         if not fault.fits(node):
             which = _DEVICES.get(fault.acts) or f"not a drive and has a profile with {fault.acts}s"
@@ -251,7 +252,7 @@ class FaultSwitches:
             )
 
     def set_quirks(self, outgoing: tuple[Outgoing, ...], incoming: tuple[Incoming, ...]) -> None:
-        """Set the quirks that change the drive's frames."""
+        """Set the functions by which quirks change the node's frames, replacing earlier functions."""
         self._outgoing, self._incoming = outgoing, incoming
         if outgoing or incoming:
             self._node.filter = self
@@ -259,7 +260,7 @@ class FaultSwitches:
             self._retire()
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault; no-op if unchanged. ConfigError for an unknown name."""
+        """Switch a fault, if that changes anything; raise ConfigError if it is unknown or does not fit the node."""
         fault = find_fault(name)
         if on == (name in self.active):
             return
@@ -294,7 +295,7 @@ class FaultSwitches:
         self._retire()
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return the frames as received by the node."""
+        """Return the frame as the node receives it, None if it is lost."""
         received: CanFrame | None = frame
         if self._second is not None:
             self._second.receive(frame, now)
@@ -308,7 +309,7 @@ class FaultSwitches:
         return received
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that leave the node now."""
+        """Return the frames that leave the node now; delayed frames are stored."""
         leaving, self._ready = self._ready, []
         if self._second is not None:
             self._second.events()  # without a notification
@@ -323,7 +324,7 @@ class FaultSwitches:
         return leaving
 
     def tick(self, now: int) -> None:
-        """Switch scheduled faults, send delayed frames."""
+        """Switch on scheduled faults, and release delayed frames, that are due at `now`."""
         if not self._started:
             self._started = True
             self._planned = [(now + delay, name) for delay, name in self._planned]
@@ -339,7 +340,7 @@ class FaultSwitches:
             self._flood_at = max(self._flood_at + _FLOOD_NS, now - 20 * _FLOOD_NS)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`."""
+        """Return the time in ns at which `tick` is due next, None without one."""
         if not self._started or self._ready:
             return 0
         deadlines = [deadline for deadline, _ in self._planned] + [deadline for deadline, _, _ in self._held[:1]]
@@ -369,9 +370,9 @@ class FaultSwitches:
 
 
 def second_node(node: VirtualNode, now: int) -> VirtualNode:
-    """Return a second node with the same id, as caused by a wrong DIP switch.
+    """Return a second node with the same node-ID, as caused by a wrong DIP switch.
 
-    The same device with another serial number; it was just plugged in and boots by itself.
+    It is the same device with another serial number; it has just been plugged in and boots by itself.
     """
     serial = (node.store.number(0x1018, 4) + _OTHER_SERIAL) & 0xFFFFFFFF
     second = VirtualNode(node.od, node.node_id, serial=serial, model=node.model)

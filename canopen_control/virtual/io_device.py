@@ -1,10 +1,10 @@
-"""Virtual devices other than drives (CiA 401 to 419): lines set from outside, outputs with error values.
+"""Virtual I/O modules, sensors, encoders, batteries and chargers (CiA 401 to 419), with inputs set from outside.
 
 A digital input causes an event according to the masks 0x6006 (any change), 0x6007 (rising) and 0x6008 (falling) if
-0x6005 allows it; an analogue input once 0x6423 is set, as selected in 0x6421: above the upper limit (0x6424), below the
-lower one (0x6425), changed by 0x6426, fallen by 0x6427, risen by 0x6428 since the last event; 0x6422 holds the source
-until it is read. 0x6002 and 0x6202 invert the polarity of lines. A lost master and NMT stop set each output whose error
-mode is active to its error value, in the object too, where it stays until another one is written.
+0x6005 allows it. An analogue input causes an event once 0x6423 is set, as selected in 0x6421: above the upper limit
+(0x6424), below the lower limit (0x6425), changed by 0x6426, fallen by 0x6427 or risen by 0x6428 since the last event;
+0x6422 shows the source until it is read. 0x6002 and 0x6202 invert the polarity of lines. A lost master and NMT stop set
+every output whose error mode is active to its error value, also in the object, until another value is written.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ if TYPE_CHECKING:
     from canopen_control.virtual.shaft import ShaftWorld
 
 
-# Faults of a virtual device's inputs: stuck at what they show, noisy, or off by a sudden jump.
+# Faults of a virtual device's inputs: stuck at the present value, noisy, or off by a sudden jump.
 #
-# A stuck input goes on to show the value it had; noise is up to 2 % of the full scale and changes every 20 ms, each
-# time by the same course; a jump adds a quarter of the full scale, which of an encoder is a turn. Lines that are bits
-# can only be stuck.
+# A stuck input keeps its value; noise is up to 2 % of the full scale and changes every 20 ms in a fixed sequence; a
+# jump adds a quarter of the full scale. Lines that are bits can only be stuck.
 
 
 KINDS: Final = ("stuck", "noise", "jump")
@@ -41,7 +40,7 @@ _INPUT_STEPS: Final = 101  # of the course of the noise, which is the same each 
 
 
 class InputFaults:
-    """Active faults of the inputs, and their effect on values."""
+    """Active faults of the inputs of one device, and their effect on the values."""
 
     def __init__(self) -> None:
         self._on: set[str] = set()
@@ -50,7 +49,7 @@ class InputFaults:
         self._step = 0
 
     def switch(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a fault; ConfigError if it does not exist."""
+        """Switch a kind of fault on or off; raise ConfigError if there is no such kind."""
         if kind not in KINDS:
             raise ConfigError(f"no fault of inputs {kind!r}; there are: {', '.join(KINDS)}")
         if on:
@@ -61,11 +60,11 @@ class InputFaults:
         self._noise_at = now + _NOISE_NS
 
     def line(self, name: str, value: float) -> float:
-        """Return the level of an input line with the outside level `value`."""
+        """Return the level shown for an input line whose true level is `value`."""
         return value if "stuck" not in self._on else self._frozen.setdefault(name, value)
 
     def value(self, name: str, value: float, full_scale: float, now: int) -> float:
-        """Return the value of an input with the outside value `value`."""
+        """Return the value shown for an input whose true value is `value`."""
         del now
         if "stuck" in self._on:
             value = self._frozen.setdefault(name, value)
@@ -77,7 +76,7 @@ class InputFaults:
         return value
 
     def due(self, now: int) -> bool:
-        """Whether the next noise edge is due."""
+        """Advance the noise by one step if that is due; return whether it was."""
         if "noise" not in self._on or now < self._noise_at:
             return False
         self._step += 1
@@ -85,7 +84,7 @@ class InputFaults:
         return True
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next noise edge."""
+        """Return the time in ns at which the noise changes next, None without noise."""
         return self._noise_at if "noise" in self._on else None
 
 
@@ -97,12 +96,12 @@ _CHANNELS = 32  # of one subindex of 0x6422
 
 
 class IoDevice:
-    """Lines of one I/O module; see `DeviceFunction`."""
+    """Digital and analogue inputs and outputs of an I/O module (CiA 401)."""
 
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         self._store, self._outbox, self._clock = store, outbox, clock
         self._signals = {signal.name: signal for signal in signals}
-        self._set: dict[str, float] = {}  # what inputs are outside, by name
+        self._set: dict[str, float] = {}  # true values of the inputs, by name
         self._reference: dict[Address, float] = {}  # an analogue input at its last event
         self._fired: set[Address] = set()
         self.faults, self.overloaded = InputFaults(), False
@@ -117,7 +116,7 @@ class IoDevice:
     # -- from outside
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """See `DeviceFunction`."""
+        """Set inputs by name; raise ConfigError for an unknown name or an output."""
         for name in values:
             signal = self._signals.get(name)
             if signal is None:
@@ -129,7 +128,7 @@ class IoDevice:
             self._show(self._signals[name], now)
 
     def describe(self) -> tuple[SignalState, ...]:
-        """See `DeviceFunction`."""
+        """Return the state of every signal, with outputs as they are at the terminals."""
         return tuple(self._state_of(signal) for signal in self._signals.values())
 
     def _state_of(self, signal: Signal) -> SignalState:
@@ -143,7 +142,7 @@ class IoDevice:
         return SignalState(signal.name, signal.value(raw, signal.factor), output=True)
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Switch a fault of the inputs on or off; `kind` is one of `KINDS`."""
         self.faults.switch(kind, on=on, now=now)
         self._show_all(now)
 
@@ -153,7 +152,7 @@ class IoDevice:
                 self._show(signal, now)
 
     def _show(self, signal: Signal, now: int) -> None:
-        """Update an object from its line, and check whether the change is an event."""
+        """Update the object of an input from its line, and check whether the change is an event."""
         before = self._number(signal.address)
         outside = self._set.get(signal.name, 0.0)
         if signal.bit is not None:
@@ -173,13 +172,13 @@ class IoDevice:
         return value if isinstance(value, int | float) else 0
 
     def _bits(self, signal: Signal, before: float, line: float) -> int:
-        """Return the bits of an object with one line updated, with its polarity."""
+        """Return the value of a digital input object after an update of one line, with its polarity."""
         mask = 1 << (signal.bit or 0)
         shown = bool(line) != bool(self._store.number(_IN_POLARITY, signal.subindex) & mask)
         return int(before) | mask if shown else int(before) & ~mask
 
     def _held(self, signal: Signal, value: float) -> float:
-        """Return the value limited to the range of an analogue object."""
+        """Return the value of an analogue input, rounded and limited to the range of an integer object."""
         kind = self._store.od[signal.address].data_type
         return min(max(round(value), kind.minimum), kind.maximum) if kind.is_integer else value
 
@@ -222,30 +221,30 @@ class IoDevice:
         return True
 
     def _take_source(self, sub: int) -> int:
-        """Return which inputs had an event, and clear them."""
+        """Return the bits of the inputs that had an event (0x6422), and clear them."""
         return self._sources.pop(sub, 0)
 
     def starts(self, mapped: Collection[Address]) -> bool:
-        """See `DeviceFunction`: analogue inputs are silent until 0x6423 is set."""
+        """Whether a TPDO is sent when the node becomes OPERATIONAL; analogue inputs wait until 0x6423 is set."""
         analogue = [address for address in mapped if address[0] in ANALOGUE_INPUTS]
         return not analogue or len(analogue) < len(mapped) or bool(self._store.number(AI_ENABLE, 0, 1))
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """See `DeviceFunction`."""
+        """Whether changes of these objects are an event that triggers a TPDO."""
         return any(address not in self._inputs or address in self._fired for address in changed)
 
     def tpdos_checked(self) -> None:
-        """See `DeviceFunction`."""
+        """Discard the pending events, because all TPDOs have been checked for changes."""
         self._fired.clear()
 
     # -- outputs
 
     def connection_lost(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Set the outputs to their error values after a loss of communication."""
         self._fail(now)
 
     def communication_stopped(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Set the outputs to their error values at NMT STOPPED or a reset of communication."""
         self._fail(now)
 
     def _fail(self, _now: int) -> None:
@@ -255,19 +254,19 @@ class IoDevice:
     # -- life
 
     def power_on(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Discard all events, and update the input objects from the lines."""
         self._fired.clear()
         self._sources.clear()
         self._reference.clear()
         self._show_all(now)
 
     def tick(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Update the inputs if their noise changes at `now`."""
         if self.faults.due(now):
             self._show_all(now)
 
     def next_deadline(self) -> int | None:
-        """See `DeviceFunction`."""
+        """Return the time in ns at which `tick` is due next, None without one."""
         return self.faults.next_deadline()
 
 
@@ -275,7 +274,7 @@ _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
 
 
 def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
-    """Set outputs with error mode 1 to their error values; others are unchanged."""
+    """Set outputs whose error mode is active to their error values; other outputs are unchanged."""
     for address in dict.fromkeys(outputs):
         mode_index, value_index = ERROR_OBJECTS[address[0]]
         mode = store.number(mode_index, address[1], 0)
@@ -288,23 +287,23 @@ def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
 
 # Virtual sensors: values from outside, in units, shown in the objects of their profile (CiA 404, 418 and 419).
 #
-# What a value is in raw numbers follows the device's own objects (digits, resolution, steps per turn) at once when they
-# are written. A measured value (404) that its object cannot hold is an overload: bits 1 and 2 of its status (0x6150);
-# `status0` sets the others, as 1 for a broken wire. A battery (418) that is given a `battery_current` (A, negative when
-# it is discharged) counts its charge by its capacity (0x6020:02), and its voltage sags. Encoders and inclinometers are
-# made of the same. A charger (419) that misses its master forgets the current that was requested of it.
+# Raw numbers follow the scaling objects of the device (digits, resolution, steps per turn) as soon as these are
+# written. A measured value (404) beyond the range of its object is an overload: bits 1 and 2 of its status (0x6150);
+# `status0` sets the other bits, such as 1 for a broken wire. A battery (418) with a `battery_current` (A, negative
+# during discharge) integrates its charge by its capacity (0x6020:02), and its voltage falls with the discharge current.
+# A charger (419) that misses its master resets the requested current.
 
 
 _NS: Final = 1e9
 
 
 class SensorDevice:
-    """Signals of one sensor; see `DeviceFunction`. `moving` are inputs that change other signals over time."""
+    """Base of the virtual sensors; `moving` are the names and units of inputs that change others over time."""
 
     moving: Mapping[str, str] = {}  # name to unit
     begins_with: Mapping[str, float] = {}
     same_values: Mapping[int, tuple[int, ...]] = {}  # object to those that show the same in another format
-    step_ns = 10_000_000  # between two looks at what changes by time
+    step_ns = 10_000_000  # period in which values that change over time are updated
 
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
         self.store, self._outbox, self.clock = store, outbox, clock
@@ -325,7 +324,7 @@ class SensorDevice:
     # -- from outside
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """See `DeviceFunction`."""
+        """Set inputs by name; raise ConfigError for an unknown name or an output."""
         names = [*self._inputs, *self.moving]
         for name in values:
             if name in self.signals and name not in self._inputs:
@@ -337,7 +336,7 @@ class SensorDevice:
         self.show_all(now)
 
     def describe(self) -> tuple[SignalState, ...]:
-        """See `DeviceFunction`."""
+        """Return the state of every signal, with outputs as they are at the terminals."""
         signals = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
         for name, signal in self.signals.items():
             if signal.output:
@@ -348,19 +347,19 @@ class SensorDevice:
         return tuple(signals)
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Switch a fault of the inputs on or off; `kind` is one of `KINDS`."""
         self.faults.switch(kind, on=on, now=now)
         self.show_all(now)
 
     # -- from values to objects
 
     def number(self, address: Address, default: float = 0) -> float:
-        """Return the number in an object."""
+        """Return the number in an object, `default` if the object is missing or not a number."""
         value = self.store.values.get(address, default)
         return value if isinstance(value, int | float) else default
 
     def gain(self, signal: Signal) -> float:
-        """Return units per raw number by the device's present objects."""
+        """Return the units per raw number that result from the scaling objects of the device."""
         return signal.gain(self.store.values)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
@@ -368,12 +367,12 @@ class SensorDevice:
         return (value - signal.offset) / gain
 
     def full_scale(self, signal: Signal) -> float:
-        """Return the full scale, of which noise and jumps are a fraction."""
+        """Return the full scale of a signal, of which noise and jumps are a fraction."""
         kind = self.store.od[signal.address].data_type
         return abs(self.gain(signal)) * (float(kind.maximum) if kind.is_integer else 100.0)
 
     def show_all(self, now: int) -> None:
-        """Update all objects; the status of a value is updated with it."""
+        """Update the objects of all values, and the status of every value."""
         for name, signal in self._inputs.items():
             if signal.address in self._statuses:
                 continue
@@ -399,7 +398,7 @@ class SensorDevice:
                 self._outbox.values_changed()
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Mark a value as limited to its maximum or minimum, by an excess of `by`."""
+        """Note that a raw value exceeded the range of its object by `by`, 0 if it did not."""
 
     def _scale_written(self, _entry: Entry, _value: Value) -> None:
         self.show_all(self.clock.now)
@@ -407,15 +406,15 @@ class SensorDevice:
     # -- life
 
     def power_on(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Update the objects of all values after a reset."""
         self.show_all(now)
 
     def connection_lost(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Set the outputs to their error values after a loss of communication."""
         self._fail(now)
 
     def communication_stopped(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Set the outputs to their error values at NMT STOPPED or a reset of communication."""
         self._fail(now)
 
     def _fail(self, _now: int) -> None:
@@ -423,13 +422,13 @@ class SensorDevice:
         self._outbox.values_changed()
 
     def tick(self, now: int) -> None:
-        """See `DeviceFunction`."""
+        """Advance the values that change over time or by noise to `now`."""
         moved = self._move(now)
         if self.faults.due(now) or moved:
             self.show_all(now)
 
     def next_deadline(self) -> int | None:
-        """See `DeviceFunction`."""
+        """Return the time in ns at which `tick` is due next, None without one."""
         deadlines = [deadline for deadline in (self.faults.next_deadline(), self._moves_at()) if deadline is not None]
         return min(deadlines, default=None)
 
@@ -438,7 +437,7 @@ class SensorDevice:
         return (self._moved_at or 0) + self.step_ns if moving else None
 
     def _move(self, now: int) -> bool:
-        """Advance signals that change with time."""
+        """Advance the values that change over time, if that is due; return whether it was."""
         deadline = self._moves_at()
         if self._moved_at is not None and deadline is not None and now >= deadline:
             self.move((now - self._moved_at) / _NS)
@@ -449,25 +448,25 @@ class SensorDevice:
         return False
 
     def move(self, seconds: float) -> None:
-        """Update the signals that change over time."""
+        """Advance the values that change over time by `seconds`."""
 
     # -- the gate of its TPDOs
 
     def starts(self, mapped: Collection[Address]) -> bool:
-        """See `DeviceFunction`."""
+        """Return True, because every TPDO is sent when the node becomes OPERATIONAL."""
         del mapped
         return True
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """See `DeviceFunction`."""
+        """Whether changes of these objects are an event that triggers a TPDO; every change is one."""
         return bool(changed)
 
     def tpdos_checked(self) -> None:
-        """See `DeviceFunction`."""
+        """Do nothing, because there are no pending events."""
 
 
 class MeasuringDevice(SensorDevice):
-    """Measured values with status bits (CiA 404)."""
+    """Measuring device whose values have status bits (CiA 404)."""
 
     same_values: Mapping[int, tuple[int, ...]] = {
         first: tuple(other for other in (0x6130, 0x7130, 0x9130) if other != first)
@@ -475,7 +474,7 @@ class MeasuringDevice(SensorDevice):
     }  # fmt: skip
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Set the overload bits in addition to those set from outside."""
+        """Set the overload bits in the status, in addition to the bits set from outside."""
         if signal.status is not None and signal.status in self.store.values:
             status = int(self.outside.get(f"status{signal.subindex - 1}", 0.0)) | (2 if by > 0 else 4 if by < 0 else 0)
             if self.store.values[signal.status] != status:
@@ -484,7 +483,7 @@ class MeasuringDevice(SensorDevice):
 
 
 class BatteryDevice(SensorDevice):
-    """A battery with a state of charge (CiA 418)."""
+    """Battery with a state of charge (CiA 418)."""
 
     moving: Mapping[str, str] = {"battery_current": "A"}
     begins_with: Mapping[str, float] = {
@@ -496,13 +495,13 @@ class BatteryDevice(SensorDevice):
     _RESISTANCE: Final = 0.05  # Ohm
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the raw number; the voltage sags with the current."""
+        """Return the raw number of a value; the voltage falls with the discharge current."""
         if signal.name == "battery_voltage":
             value += self._RESISTANCE * self.outside["battery_current"]
         return super().raw_of(signal, value, gain)
 
     def move(self, seconds: float) -> None:
-        """Integrate the charge."""
+        """Change the state of charge by the current that flowed for `seconds`."""
         capacity = self.outside.get("battery_capacity", 0.0) or 100.0
         flowed = self.outside["battery_current"] * seconds / 3600.0 / capacity * 100.0
         present = self.outside.get("battery_percentage", 0.0)
@@ -510,10 +509,10 @@ class BatteryDevice(SensorDevice):
 
 
 class Charger(SensorDevice):
-    """Battery charger (CiA 419), controlled by received battery data."""
+    """Battery charger (CiA 419) that receives battery data, and a requested current."""
 
     def _fail(self, _now: int) -> None:
-        """Set the requested current to zero, because the battery may be gone."""
+        """Set the requested current to zero when communication is lost, because the battery may be gone."""
         requested = self.signals.get("charge_current_requested")
         if requested is not None and requested.output:
             self.store.set(*requested.address, 0)
@@ -536,7 +535,7 @@ _EVENT_TIMER: Final = (0x1800, 5)
 
 
 class Encoder(SensorDevice):
-    """Encoder of one shaft or length."""
+    """Rotary or linear encoder (CiA 406)."""
 
     moving: Mapping[str, str] = {"velocity": ""}
 
@@ -551,17 +550,17 @@ class Encoder(SensorDevice):
         store.on_write([_TIMER], self._timer_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the count of a position."""
+        """Return the raw number of a value; a position is counted in steps with preset and range."""
         if signal.name != "position":
             return super().raw_of(signal, value, gain)
         return self._counted(value, gain) + self._shift if not self._range else self._wrapped(value, gain)
 
     def full_scale(self, signal: Signal) -> float:
-        """Return one turn."""
+        """Return one turn in the unit of the signal."""
         return abs(self.gain(signal)) * (self.number((_STEPS, 0)) or 4096)
 
     def _counted(self, value: float, gain: float) -> float:
-        """Return the steps of a position before preset and range."""
+        """Return the steps of a position, without preset and range."""
         operation = int(self.number((_OPERATION, 0), _SCALING))
         single_turn = self.number((_SINGLE_TURN, 0))
         if not operation & _SCALING and single_turn:
@@ -583,18 +582,18 @@ class Encoder(SensorDevice):
             self.show_all(self.clock.now)
 
     def _timer_written(self, _entry: Entry, value: Value) -> None:
-        """Apply the cyclic timer as event timer of TPDO 1, as encoders with both objects do."""
+        """Copy the cyclic timer 0x6200 to the event timer of TPDO 1, as encoders with both objects do."""
         timer = self.store.od.get(*_EVENT_TIMER)
         if timer is not None and self.store.number(*_EVENT_TIMER) != value:
             self.store.write(timer, value)
 
     def follow(self, world: ShaftWorld, node_id: int) -> None:
-        """See `ShaftFollower`."""
+        """Follow the shaft of node `node_id` in `world` from now on."""
         self._world, self._node_id = world, node_id
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs, see `DeviceFunction`; the position is that of the shaft if there is one."""
+        """Set inputs by name; raise ConfigError for position or velocity of an encoder that a shaft turns."""
         if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
         super().set_signals(values, now)
@@ -603,7 +602,7 @@ class Encoder(SensorDevice):
         return super()._moves_at() if self._world is None else (self._moved_at or 0) + self.step_ns
 
     def move(self, seconds: float) -> None:
-        """Advance the position by the velocity."""
+        """Advance the position by the velocity, or set it to that of the shaft."""
         if self._world is not None:
             place = self._world.shaft_position(self._node_id)
             if place is not None:
@@ -612,13 +611,13 @@ class Encoder(SensorDevice):
         self.outside["position"] += self.outside["velocity"] * seconds
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Suppress changes of a value with its own timer; see `DeviceFunction`."""
+        """Whether changes are an event that triggers a TPDO; a position with an event timer is none."""
         timed = self.number((_TIMER, 0)) or self.number(_EVENT_TIMER)
         return any(address[0] != _POSITION or not timed for address in changed)
 
 
 class Inclinometer(SensorDevice):
-    """Inclinometer with two angles."""
+    """Inclinometer with two angles (CiA 410)."""
 
     same_values: Mapping[int, tuple[int, ...]] = {
         0x6010: (0x6110,),
@@ -639,14 +638,14 @@ class Inclinometer(SensorDevice):
         store.on_write([axis + 2 for axis in axes], self._preset_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the angle in steps, with the enabled offsets."""
+        """Return an angle in steps, with the inversion and the offsets that are enabled."""
         raw, axis = super().raw_of(signal, value, gain), signal.index & 0xFFF0
         operation = int(self.number((axis + 1, 0)))
         raw = -raw if operation & self._INVERT else raw
         return raw + self.number((axis + 3, 0)) + self.number((axis + 4, 0)) if operation & self._SCALE else raw
 
     def _preset_written(self, entry: Entry, value: Value) -> None:
-        """Set the offset so that the present angle equals the preset."""
+        """Set the offset so that the present angle is equal to the written preset."""
         axis = entry.index - 2
         signal = next((signal for signal in self.signals.values() if signal.index == axis), None)
         if signal is not None and isinstance(value, int):

@@ -1,6 +1,6 @@
-"""Fast start of the process of virtual drives: the bus is queried first, and imports run while it answers.
+"""Fast start of the process of virtual drives: the bus is queried first, and modules are imported meanwhile.
 
-A node id that answers on the bus already is refused.
+A node-ID at which a node already answers on the bus is refused.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
 
 # Check on the bus whether node ids are free, before virtual drives use them.
 #
-# The question is an upload of 0x1000, which every node has; a node that answers it, or sends a heartbeat, holds the
-# id.
+# The request is an upload of 0x1000, which every node has; a node that answers, or sends a heartbeat, uses the node-ID.
 
 
-PROBE_NS = 40_000_000  # how long a node that is there already may take to answer
+PROBE_NS = 40_000_000  # time that a present node has to answer
 _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 
 class NodeIdCheck:
-    """Checks whether `node_ids` are free on `port`, from its creation on.
+    """Check, started at its creation, that no node on `port` uses one of `node_ids` already.
 
-    A node without an id (255) holds none: CiA 305 lets any number of them wait for theirs on one bus.
+    The node-ID 255 (unconfigured) is not checked: by CiA 305 any number of such nodes may wait on one bus for a
+    node-ID.
     """
 
     def __init__(self, reactor: Reactor, port: Port, node_ids: Sequence[int]) -> None:
@@ -53,7 +53,7 @@ class NodeIdCheck:
         port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
 
     def finish(self) -> None:
-        """Wait for the remaining time; raise NodeIdTaken if another node answered."""
+        """Wait for the rest of the answer time; raise NodeIdTaken if another node answered."""
         self._reactor.add_reader(self._port, self._listen)
         self._reactor.run_until(lambda: self._used_id is not None, max(0, self._until - self._reactor.now()))
         self._reactor.remove_reader(self._port)
@@ -67,12 +67,11 @@ class NodeIdCheck:
 
 @dataclass(frozen=True, slots=True)
 class DriveOptions:
-    """Options of the devices: files, faults ``name`` or ``name@seconds``, and quirks ``name=value@axis``.
+    """Options of `run_drives`: files, faults, quirks and identity of the devices.
 
-    `like` is a personality, by name or a file.
-
-    `serial` is 0x1018:04, of several nodes the first one's; None: the node id. `others` are the EDS files of the nodes
-    that have another one.
+    Faults are ``name`` or ``name@seconds``, quirks ``name=value@axis``. `like` is a personality, given by name or as a
+    file. `serial` is 0x1018:04 of the first node, None for the node-ID. `others` are the EDS files of nodes that have
+    another EDS.
     """
 
     faults: Sequence[str] = ()
@@ -90,7 +89,7 @@ def run_drives(
 ) -> int:
     """Run the virtual devices of an EDS until stopped; return the exit code.
 
-    Raises EdsError and ConfigError for what cannot be started, BusError for the channel.
+    Raise EdsError or ConfigError for a device that cannot be started, and BusError for the channel.
     """
     label = f"drive {node_ids[0]}" if len(node_ids) == 1 else f"drives {node_ids[0]}-{node_ids[-1]}"
     with Reactor() as reactor:
@@ -125,9 +124,10 @@ def run_drives(
 
 
 def reopen(channel: str, label: str) -> Port | None:
-    """Reopen a lost channel, None if it is still missing. A local bus is not started for it.
+    """Reopen a lost channel; return None if the channel is still missing, or a bus inside this process.
 
-    It joins without a check, because a hub that ends may pass the check and then be gone at the opening.
+    The port joins a local bus without a check, because a hub that is about to end may pass the check and be gone when
+    the port is opened.
     """
     if parse_channel(channel).kind.in_process:
         return None

@@ -1,8 +1,8 @@
-"""Base of the modes of operation of one axis, and the parts of the axis that a mode uses.
+"""Base classes of the modes of operation of one axis, and the statistics of set-points.
 
 A mode acts only while the power state machine is `live`. `update` is called after every write that may matter and makes
-a new demand only where its inputs changed; `control` sees the controlword and its predecessor; `arrived` the end of a
-demand; `bits` gives bits 10, 12 and 13 of the statusword.
+a new demand only if an input of the mode changed. `control` gets the controlword and the previous controlword,
+`arrived` is called at the end of a demand, and `bits` returns bits 10, 12 and 13 of the statusword.
 """
 
 from __future__ import annotations
@@ -27,24 +27,23 @@ if TYPE_CHECKING:
 
 # Set-point quality of one axis: acceleration ripple, missed and doubled set-points, phase of RPDOs against SYNC.
 #
-# What a drive's own monitoring would show of a cyclic mode. The demand is looked at on a grid of 0.5 ms, as a position
-# The values of a drive's own monitoring of a cyclic mode. The demand is sampled on a grid of 0.5 ms, like in a position
-# loop: its first differences are the velocity, its second ones the acceleration. It is evaluated when the demand
-# changes, never in between, and only sums are kept: measuring allocates nothing and needs no timer. An
-# axis at rest gives no information on its set-points: a standstill counts only if the motion continues within 100 ms.
-# Positions are the plant's counts, set-points user units, times monotonic nanoseconds.
+# These are the values that a drive's own monitoring would show in a cyclic mode. The demand is sampled on a grid of
+# 0.5 ms, as in a position loop: its first differences are the velocity, its second differences the acceleration. The
+# samples are computed when the demand changes, never in between, and only sums are kept: measuring allocates nothing
+# and needs no timer. A standstill gives no information on set-points and counts only if the motion continues within
+# 100 ms. Positions are in plant counts, set-points in user units, and times in monotonic nanoseconds.
 
 
 GRID_NS = 500_000
 REST_NS = 100_000_000
 _REST_POINTS = REST_NS // GRID_NS
-_GAP_NS = 1_000_000_000  # without a look at the demand: another motion
-_SMALLEST_STEP = 2  # of set-points, in their unit: a slower motion repeats them by rounding
-_MILLI = 1e-6  # of what is left of sums by rounding
+_GAP_NS = 1_000_000_000  # after this time without a sample a new motion begins
+_SMALLEST_STEP = 2  # in units of the set-points: a slower motion repeats set-points by rounding
+_MILLI = 1e-6  # relative rounding error of the sums
 
 
 class _Sums:
-    """Count, extremes, sum, sum of magnitudes and of squares of values."""
+    """Count, minimum, maximum and sum of values, and the sums of their magnitudes and of their squares."""
 
     __slots__ = ("count", "high", "low", "magnitudes", "squares", "total")
 
@@ -52,13 +51,13 @@ class _Sums:
         self.clear()
 
     def clear(self) -> None:
-        """Reset."""
+        """Remove all values."""
         self.count = 0
         self.total = self.magnitudes = self.squares = 0.0
         self.low, self.high = math.inf, -math.inf
 
     def add(self, value: float, times: int = 1) -> None:
-        """Add a value."""
+        """Add `value` as often as `times` says."""
         self.count += times
         self.total += value * times
         self.magnitudes += abs(value) * times
@@ -75,18 +74,21 @@ class _Sums:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation; 0 below the rounding of the sums."""
+        """Standard deviation of the values; 0 if it is below the rounding error of the sums."""
         variance = self.squares / self.count - self.mean * self.mean
         return math.sqrt(variance) if variance > _MILLI * _MILLI * self.squares / self.count else 0.0
 
     def spread(self, unit: float) -> Spread:
-        """Return extremes and mean, times `unit`, whose sign may exchange the extremes."""
+        """Return the minimum, mean and maximum, multiplied by `unit`, which may be negative."""
         ends = self.low * unit, self.high * unit
         return Spread(min(ends), self.mean * unit, max(ends))
 
 
 class SetpointStatistics:
-    """Statistics of set-points; `used` once there were any. The caller counts `missed` and `overwritten`."""
+    """Statistics of the set-points of one axis in the cyclic modes.
+
+    `used` is set when a cyclic mode first starts. The modes themselves count `missed` and `overwritten`.
+    """
 
     __slots__ = (
         "_accelerations",
@@ -114,7 +116,7 @@ class SetpointStatistics:
         self.restart()
 
     def restart(self) -> None:
-        """Reset the statistics."""
+        """Remove all counts and samples; `used` is unchanged."""
         self.taken = self.missed = self.doubled = self.overwritten = 0
         for sums in (self._velocities, self._accelerations, self._phases):
             sums.clear()
@@ -126,11 +128,11 @@ class SetpointStatistics:
     # -- set-points
 
     def received(self, after_sync_ns: int) -> None:
-        """Record the delay between a SYNC and the RPDO with a set-point."""
+        """Record the delay in ns between a SYNC and the RPDO with a set-point."""
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
-        """Count a set-point; a position is compared with the previous one, None is not."""
+        """Count a set-point, and check whether it repeats the previous position; None skips the check."""
         self.taken += 1
         if set_point is None:
             return
@@ -148,12 +150,12 @@ class SetpointStatistics:
     # -- the demand
 
     def pause(self) -> None:
-        """End the measured motion: the next demand starts a new one."""
+        """End the measured motion; the next demand starts a new measurement."""
         self._grid = self._points = self._resting = 0
         self._position = self._way = 0.0
 
     def follow(self, demand: DemandCurve, now: int) -> None:
-        """Sample `demand`, which was active until now."""
+        """Sample the active demand on the grid of 0.5 ms, from the last sampled point up to `now`."""
         grid = self._grid
         if not grid or now - grid > _GAP_NS:
             self.pause()
@@ -170,7 +172,7 @@ class SetpointStatistics:
         self._grid = grid
 
     def _sample(self, position: float) -> None:
-        """Sample the demanded position at the next point of the grid."""
+        """Record the demanded position at the next point of the grid."""
         way, self._position = position - self._position, position
         self._points += 1
         if self._points == 1:  # the first point has no way
@@ -187,7 +189,7 @@ class SetpointStatistics:
             self._accelerations.add(change)
 
     def _go_on_evenly(self, position: float, points: int) -> None:
-        """Sample several points up to a position, each at the same distance."""
+        """Record `points` further grid points at constant velocity, the last of them at `position`."""
         self._position = position
         self._points += points
         if self._way == 0.0:
@@ -197,7 +199,7 @@ class SetpointStatistics:
             self._accelerations.add(0.0, points)
 
     def _goes_on(self, way: float) -> None:
-        """Count an interruption of motion caused by a late set-point, and the travel after it."""
+        """Record a step of the motion; a short standstill before it counts as the effect of a late set-point."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
             if self._resting > 1:  # the first point of it had an acceleration, and was counted
@@ -208,7 +210,7 @@ class SetpointStatistics:
     # -- for people
 
     def quality(self, velocity_unit: float) -> SetPointQuality | None:
-        """Return the statistics in units of `velocity_unit` counts; None without a cyclic mode."""
+        """Return the statistics, None if no cyclic mode was used; `velocity_unit` is one velocity unit in counts/s."""
         if not self.used:
             return None
         velocities, accelerations = self._velocities, self._accelerations
@@ -252,9 +254,9 @@ class AxisParts:
 
 
 class Mode:
-    """Base of all modes, and the mode without a motion: it stops and stands still.
+    """Base of all modes of operation, and by itself the mode without motion, which stops the axis.
 
-    `set_point` is the object whose RPDOs are its set-points, 0: they do not come in a stream.
+    `set_point` is the index of the object whose values in RPDOs are set-points, 0 if the mode has no stream of them.
     """
 
     set_point = 0
@@ -270,14 +272,14 @@ class Mode:
         self.model = model
 
     def reset(self) -> None:
-        """Reset the mode: the axis is not enabled, or in another mode."""
+        """Reset the mode when the axis is disabled or changes to another mode."""
 
     def start(self, now: int) -> None:
-        """Start in operation from the present motion; also after a halt."""
+        """Start the mode in OPERATION ENABLED from the present motion; also called at the end of a halt."""
         self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Stop the motor by the reaction."""
+        """Stop the motor with the ramp of `reaction`, or at once if the reaction has no ramp."""
         position, velocity = self.mover.state(now)
         deceleration = INFINITE
         if reaction is Reaction.SLOW_DOWN_RAMP:
@@ -294,7 +296,7 @@ class Mode:
         self.update(now)
 
     def missed(self) -> None:
-        """Count a SYNC without a set-point."""
+        """Process a SYNC at which no set-point arrived."""
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Process the mode-specific bits of the controlword."""
@@ -306,7 +308,7 @@ class Mode:
         """Continue after the end of a demand."""
 
     def bits(self) -> int:
-        """Return the mode's bits of the statusword; without a mode bit 10 at standstill."""
+        """Return bits 10, 12 and 13 of the statusword; without a mode, bit 10 at standstill."""
         return REACHED if self.mover.at_standstill else 0
 
     def unpowered_bits(self) -> int:
@@ -318,11 +320,11 @@ class Mode:
         return self.mover.plant.velocity
 
     def deceleration(self) -> float:
-        """Return the slow-down ramp in counts/s^2: 0x6084."""
+        """Return the slow-down ramp in counts/s^2, from 0x6084."""
         return self.objects.ramp(o.PROFILE_DECELERATION)
 
     def quick_stop_deceleration(self) -> float:
-        """Return the quick-stop ramp in counts/s^2: 0x6085."""
+        """Return the quick-stop ramp in counts/s^2, from 0x6085."""
         return self.objects.ramp(o.QUICK_STOP_DECELERATION)
 
     def can_halt(self) -> bool:
@@ -331,10 +333,10 @@ class Mode:
 
 
 class ModeGate:
-    """Gate before the modes of one axis: set-points are ignored while `closed_by` is not empty.
+    """Gate before the modes of one axis; set-points are ignored while `closed_by` is not empty.
 
-    `brake_ns` is the time after an enable in which the brake keeps it closed.
-    Of the controlword only that is passed on which all of `takes` (word, previous word, time) let pass.
+    `brake_ns` is the time after an enable for which the brake keeps the gate closed.
+    A controlword is passed to the mode only if every filter in `takes` (word, previous word, time) returns True.
     """
 
     def __init__(self) -> None:
@@ -344,7 +346,7 @@ class ModeGate:
 
 
 class GatedMode(Mode):
-    """Mode `inner` behind a gate: while it is closed the motor holds its position."""
+    """Mode that passes set-points and controlwords to the mode `inner` only while a gate is open."""
 
     def __init__(self, inner: Mode, gate: ModeGate) -> None:
         self.inner, self.gate, self.set_point = inner, gate, inner.set_point
@@ -353,41 +355,41 @@ class GatedMode(Mode):
         self.outbox, self.clock, self.meter = inner.outbox, inner.clock, inner.meter
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model."""
+        """Apply another device model to this mode and to the inner mode."""
         self.model = model
         self.inner.set_model(model)
 
     def reset(self) -> None:
-        """Reset the statistics."""
+        """Reset the inner mode."""
         self.inner.reset()
 
     def start(self, now: int) -> None:
-        """Start, or hold while the gate is closed."""
+        """Start the inner mode, or stop the axis while the gate is closed."""
         if self.gate.closed_by:
             super().start(now)
         else:
             self.inner.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Stop the motor."""
+        """Stop the motor with the ramp that the inner mode has for `reaction`."""
         self.inner.stop(now, reaction)
 
     def update(self, now: int) -> None:
-        """Apply set-points."""
+        """Apply changed set-points while the gate is open."""
         if not self.gate.closed_by:
             self.inner.update(now)
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO."""
+        """Apply the set-point of an RPDO while the gate is open."""
         if not self.gate.closed_by:
             self.inner.take(now)
 
     def missed(self) -> None:
-        """Count a SYNC without a set-point."""
+        """Process a SYNC at which no set-point arrived."""
         self.inner.missed()
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Process the mode-specific bits of the controlword."""
+        """Pass the controlword to the inner mode if the gate is open and every filter in `takes` agrees."""
         if not self.gate.closed_by and all(takes(word, previous, now) for takes in self.gate.takes):
             self.inner.control(word, previous, now)
 
@@ -400,7 +402,7 @@ class GatedMode(Mode):
         self.inner.arrived(now)
 
     def bits(self) -> int:
-        """Return the mode's own bits of the statusword."""
+        """Return bits 10, 12 and 13 of the statusword from the inner mode."""
         return self.inner.bits()
 
     def unpowered_bits(self) -> int:
@@ -408,15 +410,15 @@ class GatedMode(Mode):
         return self.inner.unpowered_bits()
 
     def measured_velocity(self) -> float:
-        """Return the velocity measured by the drive."""
+        """Return the velocity measured by the drive, in counts/s."""
         return self.inner.measured_velocity()
 
     def deceleration(self) -> float:
-        """Return the slow-down ramp."""
+        """Return the slow-down ramp of the inner mode in counts/s^2."""
         return self.inner.deceleration()
 
     def quick_stop_deceleration(self) -> float:
-        """Return the quick-stop ramp."""
+        """Return the quick-stop ramp of the inner mode in counts/s^2."""
         return self.inner.quick_stop_deceleration()
 
     def can_halt(self) -> bool:
@@ -425,7 +427,7 @@ class GatedMode(Mode):
 
 
 class FollowingMode(Mode):
-    """Mode that follows its target without a handshake: `update` acts on changed inputs."""
+    """Base of the modes that follow a target without a handshake; `update` acts only on changed inputs."""
 
     def reset(self) -> None:
         """Reset the last target."""
@@ -439,12 +441,12 @@ class FollowingMode(Mode):
             self.update(now)
 
     def inputs_may_change(self) -> bool:
-        """Whether inputs may have changed since the last update; a limit switch may change at any time."""
+        """Whether inputs may have changed since the last update; always True if limit switches are wired."""
         looked = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
         before, self._looked = self._looked, looked
         return looked is None or looked != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
-        """Whether `inputs`, the target and its limits, differ from the last ones; stores them."""
+        """Store `inputs`, the target and its limits; return whether they differ from the previous inputs."""
         differs, self._inputs = inputs != self._inputs, inputs
         return differs

@@ -37,17 +37,17 @@ _PERIOD = "CiA 402-2, object 0x60C2"
 
 
 def _word(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
-    """Return an act that changes the statusword."""
+    """Return a quirk action that applies `change` to the statusword."""
     return lambda hooks, drive, _strength: hooks.word(drive, lambda word: change(drive, word))
 
 
 def _flickers(period_ns: int, duty: int, bits: int) -> Callable[[VirtualDrive, int], int]:
-    """Return a change that inverts bits in one of `duty` periods."""
+    """Return a change of the statusword that inverts `bits` during one of every `duty` periods."""
     return lambda drive, word: word ^ bits if drive.mover.time // period_ns % duty == 0 else word
 
 
 def _in_pp(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
-    """Return an act that changes the statusword of an enabled axis in PP."""
+    """Return a quirk action that applies `change` to the statusword of an enabled axis in PP."""
     return _word(
         lambda drive, word: (
             change(drive, word)
@@ -58,7 +58,7 @@ def _in_pp(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
 
 
 def _in_homing(cleared: int) -> AxisAct:
-    """Return an act that clears a bit of the statusword in homing."""
+    """Return a quirk action that clears the bits `cleared` of the statusword in homing mode."""
     return _word(lambda drive, word: word & ~cleared if drive.modes.number == OperationMode.HM else word)
 
 
@@ -138,7 +138,7 @@ _STATUSWORD: Final[tuple[Quirk, ...]] = (
 
 
 def _model(change: Callable[[float], dict[str, Any]]) -> AxisAct:
-    """Return an act that changes the device model."""
+    """Return a quirk action that changes the device model."""
     return lambda hooks, drive, strength: hooks.model(drive, **change(strength))
 
 
@@ -150,7 +150,7 @@ def _inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None
 
 
 def _takes(passes: Callable[[VirtualDrive, int, int], bool]) -> AxisAct:
-    """Return an act that accepts a PP set-point only under a condition."""
+    """Return a quirk action that accepts a PP set-point only under a condition."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         def takes(word: int, previous: int, now: int) -> bool:

@@ -1,9 +1,9 @@
-"""Host of virtual nodes on one port: many nodes in one process, each frame routed to its receivers.
+"""Host of virtual nodes on one port: many nodes in one process, with frames routed to their receivers.
 
-A turn takes everything the port has, hands each frame to the nodes of its identifier, and sends what they answer in one
-go. One timer serves all nodes; an idle drive costs nothing but its heartbeat. Nodes of one host hear each other as on a
-wire, although a sender does not get its own frames back. Without a bus the nodes live on, and react as drives that are
-off the bus do, until they are given another port.
+In one turn the host reads all frames of the port, passes them to the nodes that receive their identifiers, and sends
+all answers together. One timer is used for all nodes; an idle drive costs only its heartbeat. Nodes of one host receive
+each other's frames as on a wire, although a port does not receive its own frames. Without a bus the nodes continue to
+run and react like drives that are off the bus, until they get another port.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
-_ECHOES = 64  # frames between nodes of one host, for each turn; more is a storm
+_ECHOES = 64  # deliveries between nodes of one host in one turn; more would be a storm
 
 
 def _ignore(*_arguments: object) -> None:
@@ -33,7 +33,7 @@ def _ignore(*_arguments: object) -> None:
 
 
 class NodeIdTaken(BusError):
-    """Error: another node answers with the id."""
+    """Error: another node on the bus already answers with the node-ID."""
 
     def __init__(self, node_id: int, channel: str) -> None:
         self.node_id = node_id
@@ -41,10 +41,10 @@ class NodeIdTaken(BusError):
 
 
 class NodeHost:
-    """Runs `nodes` on `port`; they are powered on in the reactor's next turn. The caller closes the port.
+    """Host that runs `nodes` on `port`; the nodes are powered on in the next turn of the reactor.
 
-    `on_event(node, event)` hears what happens to a node, `on_bus_event` what happens to the channel, `on_closed` that
-    the port is gone; `rejoin` gives another one.
+    `on_event(node, event)` is called for events of a node, `on_bus_event` for events of the channel, and `on_closed`
+    when the port is lost; `rejoin` then sets another port. The caller closes the port.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class NodeHost:
         self._routes: dict[int, tuple[VirtualNode, ...]] = {}
         self._versions = dict.fromkeys(self.nodes, -1)
         self._deadlines: dict[VirtualNode, int | None] = dict.fromkeys(self.nodes, 0)
-        self._touched: dict[VirtualNode, None] = {}  # by what the port gives now
+        self._touched: dict[VirtualNode, None] = {}  # nodes that received a frame or event in this turn
         self._timer: Timer | None = None
         self._timer_at: int | None = None
         self._writing = self._closed = self._off = False
@@ -70,7 +70,7 @@ class NodeHost:
         reactor.call_soon(self._on_timer)
 
     def close(self) -> None:
-        """Remove the nodes from the reactor; a second call does nothing."""
+        """Remove the nodes from the reactor; further calls have no effect."""
         if self._closed:
             return
         self._closed = True
@@ -79,7 +79,7 @@ class NodeHost:
             self._timer.cancel()
 
     def _release(self) -> None:
-        """Release the port."""
+        """Stop using the port."""
         if self._off:
             return
         self._off = True
@@ -89,7 +89,7 @@ class NodeHost:
             self._writing = False
 
     def rejoin(self, port: Port) -> None:
-        """Continue on another port of the channel; no-op while the present one works."""
+        """Continue on another port of the channel; no effect while the present port works."""
         if self._closed or not self._off:
             return
         self.port, self._off = port, False
@@ -98,7 +98,7 @@ class NodeHost:
         self._notify_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
-        """Serve a node changed from outside: send its frames, update its timer."""
+        """Send the frames of a node that was changed from outside, and update its timer."""
         if not self._closed:
             self._finish({node: None})
 
@@ -124,7 +124,7 @@ class NodeHost:
         self._deliver(frame, now, self._touched)
 
     def _take_run(self, records: bytes, start: int, now: int) -> int:
-        """Pass a run of records from `start` to the only receiver of their identifier."""
+        """Pass SDO records from `start` on to the only receiver of their identifier; return how many it processed."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:
@@ -169,7 +169,7 @@ class NodeHost:
         self._set_timer()
 
     def _collect(self, touched: dict[VirtualNode, None]) -> list[CanFrame]:
-        """Return the frames of the nodes, delivered to each other."""
+        """Deliver the frames of the nodes to the other nodes of this host, and return all frames to send."""
         outgoing: list[CanFrame] = []
         waiting = list(touched)
         echoes = 0

@@ -1,7 +1,7 @@
-"""Clock and outbox of one node: frames, events and errors of its services.
+"""Clock, SYNC timing and outbox of one node: frames, events and errors of its services.
 
 An error goes to the EMCY producer and to the events. `changed` means that values changed without being written; the
-node lets the event-driven PDOs compare them at the end of the current event.
+node then compares the values of event-driven TPDOs at the end of the current event.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 # Events of a virtual node in `VirtualNode.events`, next to `NmtStateChanged`.
 #
-# `in_words` makes each the line of a log, in the standard's terms; a message without a reader has no words.
+# `in_words` turns an event into a line of the log, in the terms of the standard.
 
 
 @dataclass(frozen=True, slots=True)
 class DriveStateChanged:
-    """The power state machine moved."""
+    """Event: the power state machine of an axis has changed its state."""
 
     axis: int
     previous: State
@@ -39,7 +39,7 @@ class DriveStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class DriveFaulted:
-    """Fault with its EMCY `code`."""
+    """Event: an axis has a fault with the EMCY `code`."""
 
     axis: int
     code: int
@@ -47,7 +47,7 @@ class DriveFaulted:
 
 @dataclass(frozen=True, slots=True)
 class ControlwordIgnored:
-    """Controlword for a transition that the axis refuses, and the reason."""
+    """Event: a controlword had no effect; `why` is the reason."""
 
     axis: int
     controlword: int
@@ -56,7 +56,7 @@ class ControlwordIgnored:
 
 @dataclass(frozen=True, slots=True)
 class ModeChanged:
-    """Change of the mode in 0x6061."""
+    """Event: the mode of operation (0x6061) of an axis has changed."""
 
     axis: int
     mode: int
@@ -64,7 +64,7 @@ class ModeChanged:
 
 @dataclass(frozen=True, slots=True)
 class EmergencyRaised:
-    """The node reports an error; 0: error reset."""
+    """Event: the node has reported the error `code`; 0 is an error reset."""
 
     code: int
     data: bytes = b""
@@ -72,7 +72,7 @@ class EmergencyRaised:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatMissed:
-    """Missing or returned heartbeat of a node in 0x1016 (0: of the guarding master)."""
+    """Event: the heartbeat of a node in 0x1016 is missing or back (node 0: guarding by the master)."""
 
     node_id: int
     missed: bool
@@ -80,7 +80,7 @@ class HeartbeatMissed:
 
 @dataclass(frozen=True, slots=True)
 class FaultSwitched:
-    """Fault switched on or off."""
+    """Event: a fault was switched on or off."""
 
     name: str
     on: bool
@@ -88,7 +88,7 @@ class FaultSwitched:
 
 @dataclass(frozen=True, slots=True)
 class QuirkSwitched:
-    """Quirk switched on or off; `text` includes strength and axis."""
+    """Event: a quirk was switched on or off; `text` includes strength and axis."""
 
     text: str
     on: bool
@@ -96,21 +96,21 @@ class QuirkSwitched:
 
 @dataclass(frozen=True, slots=True)
 class NodeIdChanged:
-    """Change of the node id by LSS."""
+    """Event: LSS has changed the node-ID."""
 
     node_id: int
 
 
 @dataclass(frozen=True, slots=True)
 class BitRateActivated:
-    """Change of the bit rate by LSS, in bit/s; 0: automatic detection."""
+    """Event: LSS has changed the bit rate, in bit/s; 0 is automatic detection."""
 
     bitrate: int
 
 
 @dataclass(frozen=True, slots=True)
 class PdoLeftOff:
-    """PDO marked valid in its record but disabled for an invalid COB-ID; `kind` is RPDO or TPDO."""
+    """Event: a PDO is valid in its record but disabled, because its COB-ID is reserved or in use."""
 
     kind: str
     number: int
@@ -152,16 +152,16 @@ _WORDS: dict[type, Callable[..., str]] = {
 
 
 def in_words(event: object) -> str | None:
-    """Return the line of an event, None for one without text."""
+    """Return an event as a line of the log, None for an event without text."""
     words = _WORDS.get(type(event))
     return None if words is None else words(event)
 
 
-# The rhythm of SYNC as the phase lock (PLL) of a drive recovers it from SYNCs that come early and late.
+# The period of SYNC as the phase lock (PLL) of a drive recovers it from SYNCs that come early or late.
 #
-# A filter of growing memory, up to `_MEMORY` SYNCs: the least-squares line through the times at which they came, the
-# way a drive's own clock is pulled to SYNC. A SYNC off by almost half a period, or after a long silence, begins it
-# again. SYNCs that come in time are taken as they are, to the nanosecond. Times are monotonic nanoseconds.
+# A filter with growing memory, up to `_MEMORY` SYNCs, fits a least-squares line to the times of the SYNCs, like a drive
+# whose clock is locked to SYNC. A SYNC that is off by almost half a period, or comes after a long pause, restarts the
+# filter. Times are monotonic nanoseconds.
 
 
 _MEMORY: Final = 256  # SYNCs: 2.6 s at 100 Hz
@@ -173,9 +173,9 @@ _MARGIN: Final = 1.25  # the next one may be later than any before
 
 
 class SyncPll:
-    """SYNC timing: `late_ns` is the delay of the newest SYNC (negative: early), `period_ns` the recovered period.
+    """Recovery of the SYNC period by a phase lock.
 
-    `slack_ns` is how late the next one may be, by those before: 0 where all came in time.
+    `late_ns` is the delay of the newest SYNC (negative if early), `period_ns` the recovered period.
     """
 
     __slots__ = ("_count", "_edge", "_latest", "_missed", "late_ns", "period_ns")
@@ -190,15 +190,15 @@ class SyncPll:
 
     @property
     def slack_ns(self) -> float:
-        """Maximum delay at which the next SYNC still belongs to its period."""
+        """Expected maximum delay of the next SYNC in ns, from earlier delays; 0 if all SYNCs came in time."""
         return min(self._latest * _MARGIN, 0.5 * self.period_ns)
 
     def has_period(self, seconds: float) -> bool:
-        """Whether the SYNC period equals the interpolation time period."""
+        """Whether the recovered period equals `seconds` within 2 %."""
         return self._count >= _LOCKED and abs(self.period_ns * 1e-9 - seconds) <= _SAME * seconds
 
     def receive_sync(self, now: int) -> None:
-        """Process a received SYNC."""
+        """Update the period and the delay with a SYNC received at `now`."""
         gap, period = now - self._edge, self.period_ns
         if not period and self._count and gap > 0:
             self._edge, self.period_ns, self._count = float(now), gap, 2
@@ -230,10 +230,10 @@ _MOST_WAITING = 1000  # events, and frames of injected faults
 
 
 class NodeClock:
-    """Time of the node and of its last SYNC (None without one), in monotonic ns.
+    """Time of the node, and time of its last SYNC (None before the first SYNC), in monotonic ns.
 
-    `rhythm` is that of the SYNCs.
-    Seam `drift_ppm`: how much faster than the master's it is.
+    `rhythm` recovers the period of the SYNCs. Injection point `drift_ppm`: how much faster than the master's clock this
+    clock is.
     """
 
     __slots__ = ("drift_ppm", "now", "rhythm", "sync_ns")
@@ -246,9 +246,9 @@ class NodeClock:
 
 
 class NodeOutbox:
-    """Collects frames and events of a node's services, bounded in size.
+    """Outbox for the frames and events of a node's services, limited in size.
 
-    `happened` are the waiting events, for a check without taking them.
+    `happened` are the waiting events, for a check that does not remove them.
     """
 
     def __init__(self, emcy: EmcyProducer, clock: NodeClock) -> None:
@@ -259,15 +259,15 @@ class NodeOutbox:
         self.changed = False
 
     def values_changed(self) -> None:
-        """Report values that changed without a write."""
+        """Note that values changed without a write, so that event-driven TPDOs are checked."""
         self.changed = True
 
     def publish(self, event: object) -> None:
-        """Record an event."""
+        """Append an event."""
         self._events.put(event)
 
     def send(self, frame: CanFrame) -> None:
-        """Send a frame that belongs to no service."""
+        """Append a frame that no service creates, such as a frame of an injected fault."""
         self.outgoing.put(frame)
 
     def events(self) -> list[object]:
@@ -277,25 +277,25 @@ class NodeOutbox:
     # -- errors
 
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
-        """Raise an error until it is cleared; an active one is not reported again."""
+        """Raise an error until it is cleared; an active error is not reported again."""
         if self._emcy.raise_error(code, int(register), self._clock.now, data):
             self.publish(EmergencyRaised(code, data))
         self.changed = True
 
     def report(self, code: int, register: int, data: bytes = b"") -> None:
-        """Report an error without duration; an active one is not reported again."""
+        """Report an error once, without a duration; nothing is reported while the error is active."""
         if code not in self._emcy.active:
             self._emcy.report(code, self._clock.now, data, register=int(register))
             self.publish(EmergencyRaised(code, data))
 
     def clear_error(self, code: int) -> None:
-        """Clear one error; no-op if it is not active."""
+        """Clear an error; no effect if the error is not active."""
         if self._emcy.clear_error(code, self._clock.now):
             self.publish(EmergencyRaised(0))
             self.changed = True
 
     def clear_errors(self) -> None:
-        """Clear every error except that of a lost communication (transition 15)."""
+        """Clear every error except lost communication (0x8130), as transition 15 does."""
         for code in self._emcy.active:
             if code != HEARTBEAT_ERROR:
                 self.clear_error(code)

@@ -1,9 +1,9 @@
 """Process data of a node: its RPDOs and TPDOs, created from the records 0x1400 to 0x1BFF.
 
-The records are authoritative; an accepted write to one rebuilds its PDO at once. An RPDO is applied as a whole
-before its values are read, and of an axis the controlword last. At SYNC the TPDOs are sampled before the held
-RPDOs are applied, so that the reaction to a set-point shows at the next SYNC. A value that a limit or a guard refuses
-leaves its object unchanged and is reported. An invalid RPDO is an error of the node until that RPDO arrives
+The records are authoritative: an accepted write to a record rebuilds its PDO at once. All values of an RPDO are written
+before any of them is used, and the controlword of an axis is used last. At SYNC the TPDOs are sampled before the
+waiting RPDOs are applied, so that the reaction to a set-point shows at the next SYNC. A value that a limit or a guard
+refuses leaves its object unchanged and is reported. An invalid RPDO is an error of the node until that RPDO arrives
 correctly.
 """
 
@@ -58,27 +58,27 @@ if TYPE_CHECKING:
 
 
 class AxisPorts(Protocol):
-    """Interface of an axis for process data."""
+    """Interface of an axis that PDOs use."""
 
     def advance(self, now: int) -> None:
         """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Process written objects."""
+        """Process written objects; the flags say whether the controlword or the set-point is among them."""
 
     @property
     def set_point(self) -> int:
-        """Object whose RPDOs are set-points of the active mode, 0 for none."""
+        """Index of the object whose values in RPDOs are set-points of the active mode, 0 for none."""
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Record that an RPDO with a set-point arrived, and whether it replaces a waiting one."""
+        """Record that an RPDO with a set-point arrived, and whether it replaces one that waited for SYNC."""
 
     def set_point_missed(self) -> None:
-        """Count a SYNC without a set-point."""
+        """Count a SYNC at which no set-point arrived."""
 
 
 class Concern(NamedTuple):
-    """Axis to which an RPDO writes: whether its controlword, and its other objects as those of axis 0."""
+    """Axis to which an RPDO writes; `objects` are the written indices, converted to those of axis 0."""
 
     axis: AxisPorts
     controlword: bool
@@ -86,25 +86,25 @@ class Concern(NamedTuple):
 
 
 class MappedRpdo:
-    """RPDO: its mapped entries and the affected axes."""
+    """RPDO with its mapped entries and the axes that it affects."""
 
     def __init__(self, number: int) -> None:
         self.number = number
         self.codec = PdoCodec(())
         self.entries: tuple[Entry | None, ...] = ()  # None: a gap
-        self.shared: tuple[int, ...] = ()  # whose values the last entries, objects of further axes, take too
+        self.shared: tuple[int, ...] = ()  # positions of the values that the last entries, on further axes, copy
         self.consumer = RpdoConsumer(PdoParameters(0, enabled=False), 0)
-        self.wrong: set[RpdoEventKind] = set()  # of what came last
+        self.wrong: set[RpdoEventKind] = set()  # errors of the last RPDO
         self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
         self.cyclic = False  # expected at every SYNC
-        self.concerns: tuple[Concern, ...] = ()  # the axes, if no other service reads their objects
-        self.by_values = False  # whether the values alone decide what is taken
-        self.applied = b""  # what was taken last as a whole, and the version of the values since
+        self.concerns: tuple[Concern, ...] = ()  # the axes, if all objects belong to axes
+        self.by_values = False  # whether the values alone decide what is accepted
+        self.applied = b""  # data last accepted as a whole, and the version of the values since then
         self.version = -1
 
 
 class MappedTpdo:
-    """TPDO: the sources of its values, and the last sampled bytes."""
+    """TPDO with the sources of its values and the last sampled data."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -116,7 +116,7 @@ class MappedTpdo:
         self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
 
     def sample(self) -> bytes:
-        """Return the packed present values."""
+        """Return the present values of the mapped objects as PDO data."""
         try:
             self.last = self.codec.pack([source() for source in self.sources])
         except LocalProtocolError:  # a file that maps an object narrower than its type
@@ -132,7 +132,7 @@ class MappedTpdo:
 
 
 def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) -> tuple[Concern, ...]:
-    """Return the axes to which an RPDO writes, in the order of its objects; none if an object has other watchers."""
+    """Return the axes to which an RPDO writes, in the order of its objects; empty if an object belongs to no axis."""
     bases: dict[int, set[int]] = {}
     for entry in entries:
         if entry is None:  # a gap
@@ -146,9 +146,9 @@ def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) 
 
 # The PDO records of a node, 0x1400 to 0x1BFF: the rules for writing them, and their meaning.
 #
-# A forbidden write is an abort code (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names a missing object, or an
-# impossible mapping, maps nothing. A CAN identifier has one user in the node: the services come first, then the RPDOs
-# and the TPDOs by their number; a record with an identifier in use, or with one that a PDO must not have, is off.
+# A forbidden write is aborted (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names a missing object, or an
+# impossible mapping, maps nothing. A CAN identifier has one user in the node: SYNC and EMCY come first, then the RPDOs
+# and the TPDOs by their number; a record whose identifier is in use is disabled.
 
 RPDO, TPDO = 0x1400, 0x1800
 _SYNC, _EMCY = 0x1005, 0x1014
@@ -160,9 +160,10 @@ def mapping_of(communication: int) -> int:
 
 
 class PdoRecords:
-    """The records in `store`; `rtr_supported` false: the COB-IDs of TPDOs must keep bit 30.
+    """PDO communication and mapping records in `store`, and the checks of writes to them.
 
-    `remaps_valid`: a PDO need not be invalid for another mapping.
+    Without `rtr_supported` the COB-IDs of TPDOs must keep bit 30. With `remaps_valid` a PDO may be remapped while it is
+    valid.
     """
 
     def __init__(self, store: VirtualStore, motors: MotorMap | None = None, *, rtr_supported: bool) -> None:
@@ -176,7 +177,7 @@ class PdoRecords:
         return sorted({entry.index - base for entry in self._store.od if base <= entry.index < base + 512})
 
     def guard(self, base: int, communication: int) -> None:
-        """Guard a communication record and its mapping record."""
+        """Check all further writes to a communication record and to its mapping record."""
         mapping = mapping_of(communication)
         rules = self._rules(base, mapping)
         self._store.guard([communication], self._communication_guard(rules))
@@ -211,7 +212,7 @@ class PdoRecords:
 
     def _mapping_guard(self, rules: PdoRules, communication: int) -> Guard:
         cob_id = self._store.od.get(communication, 1)
-        fixed = cob_id is not None and not cob_id.writable  # its mapping can be written while it is valid, as Elmo's
+        fixed = cob_id is not None and not cob_id.writable  # the mapping is writable while the PDO is valid (Elmo)
 
         def judge(entry: Entry, value: Value) -> Value:
             present, count = self.parameters(communication), self._store.number(entry.index)
@@ -227,7 +228,7 @@ class PdoRecords:
         return judge
 
     def _users(self) -> dict[int, int]:
-        """Return the record that uses an 11-bit identifier, by its index: 0x1005 and 0x1014, else the first PDO."""
+        """Return the index of the record that uses an 11-bit identifier; 0x1005 and 0x1014 come before the PDOs."""
         store = self._store
         users: dict[int, int] = {}
         for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
@@ -245,7 +246,7 @@ class PdoRecords:
         return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
 
     def parameters(self, communication: int) -> PdoParameters:
-        """Return the parameters in a communication record."""
+        """Return the parameters in a communication record; disabled if another record uses the identifier."""
         number = self._store.number
         params = PdoParameters.from_value(
             number(communication, 1, INVALID_BIT),
@@ -258,7 +259,7 @@ class PdoRecords:
         return replace(params, enabled=False) if is_free else params
 
     def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
-        """Return the mapped objects; a record with a missing object maps nothing."""
+        """Return the mapped objects and their entries; an empty list if a mapped object does not exist."""
         objects: list[tuple[MappedObject, Entry | None]] = []
         for sub in range(1, min(64, self._store.number(record)) + 1):
             index, subindex, bits = parse_mapping_entry(self._store.number(record, sub))
@@ -275,7 +276,7 @@ class PdoRecords:
         return objects
 
     def shared(self, entries: Sequence[Entry | None]) -> tuple[tuple[int, Entry], ...]:
-        """Return the objects of further axes that entries of an RPDO are too, each with the position of its value."""
+        """Return the copies of shared objects on further axes, each with the position of its value in the RPDO."""
         copies = {} if self._motors is None else self._motors.shared
         return tuple(
             (position, self._store.od[copy])
@@ -284,7 +285,7 @@ class PdoRecords:
         )
 
     def codec(self, record: int) -> tuple[PdoCodec, tuple[Entry | None, ...]]:
-        """Return the codec of a mapping record, and the mapped entries; None: a gap."""
+        """Return the codec of a mapping record and the mapped entries, None for a gap; empty if it is impossible."""
         objects = self._mapping(record)
         try:
             return PdoCodec([mapped for mapped, _ in objects]), tuple(entry for _, entry in objects)
@@ -292,15 +293,16 @@ class PdoRecords:
             return PdoCodec(()), ()
 
 
-# What comes between the wire and the RPDOs of a node when a fault is on: RPDOs that arrive late, or not at all.
+# The input of the RPDOs of a node, where a fault makes RPDOs arrive late or not at all.
 #
-# Healthy, it hands every frame on at once and keeps nothing.
+# Without a fault every frame is passed on at once.
 
 
 class RpdoInput:
-    """Passes RPDO frames on. Injection points: `delay_ns`; `lost`: one of this many RPDOs is lost, 0: none.
+    """Input of a node's RPDOs, where faults delay or drop frames.
 
-    `delayed` are those that wait to be handed on, with the time of that; `received` counts what came.
+    Injection points: `delay_ns`, and `lost` = n, which drops every n-th RPDO (0: none). `delayed` are the delayed
+    frames with the times at which they are passed on; `received` counts the received RPDOs.
     """
 
     def __init__(self) -> None:
@@ -310,7 +312,7 @@ class RpdoInput:
         self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 
     def receiver(self, receive: Receive) -> Receive:
-        """Return the handler of frames from the wire, which calls `receive`."""
+        """Return a handler that passes frames to `receive`, subject to the injected delay and loss."""
 
         def take(frame: CanFrame, now: int) -> None:
             self.received += 1
@@ -325,24 +327,24 @@ class RpdoInput:
         return take
 
     def tick(self, now: int) -> None:
-        """Pass delayed frames on."""
+        """Pass on the delayed frames that are due."""
         delayed = self.delayed
         while delayed and delayed[0][0] <= now:
             _, receive, frame = delayed.popleft()
             receive(frame, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next delayed frame."""
+        """Return the time in ns at which the next delayed frame is due, None without one."""
         return self.delayed[0][0] if self.delayed else None
 
 
 _SET_POINTS = frozenset((o.TARGET_POSITION, o.TARGET_VELOCITY, o.TARGET_TORQUE, o.INTERPOLATION_DATA))
-_CONTROLWORD, _SET_POINT = 1, 2  # what an RPDO brings an axis
+_CONTROLWORD, _SET_POINT = 1, 2  # flags: what an RPDO wrote to an axis
 _NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE))  # change without motion
 
 
 class EventGate(Protocol):
-    """Interface of a device that decides which changes are events."""
+    """Interface of a device that decides which changes of objects trigger TPDOs."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
@@ -351,14 +353,14 @@ class EventGate(Protocol):
         """Whether changes of these objects are an event that triggers a TPDO."""
 
     def tpdos_checked(self) -> None:
-        """Process the end of a check of all TPDOs."""
+        """Discard the pending events, because all TPDOs have been checked for changes."""
 
 
 class PdoExchange:
-    """PDOs of a node; `refused` counts refused RPDO values.
+    """RPDOs and TPDOs of a node.
 
-    `rebuilt` is called when a record was written: identifiers may be others. `input` is what faults do to RPDOs.
-    `outgoing` are the TPDOs to be sent; the sender takes them.
+    `rebuilt` is called after a PDO was rebuilt, because the identifiers may have changed. `input` injects faults into
+    RPDOs, `refused` counts refused RPDO values. `outgoing` are the queues of TPDOs to send, which the sender empties.
     """
 
     def __init__(
@@ -412,7 +414,7 @@ class PdoExchange:
     def _rebuilt(self, base: int, number: int, _entry: Entry, _value: Value) -> None:
         before = self._is_valid(base, number)
         if not (before or self.records.is_valid(base + number)):
-            return  # what becomes valid is made of all of its record
+            return  # a PDO is created from its whole record when it becomes valid
         if base == RPDO:
             self._make_rpdo(number)
         else:
@@ -422,7 +424,7 @@ class PdoExchange:
         self._tell_rebuilt()
 
     def _make_those_that_waited(self) -> None:
-        """Create the PDOs whose identifier was in use by another one until now."""
+        """Create the PDOs whose identifier was in use by another PDO until now."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
@@ -468,7 +470,7 @@ class PdoExchange:
         return lambda: values[address]
 
     def rules_changed(self) -> None:
-        """Update sources and guards of the mapped objects."""
+        """Update the value sources and write checks of the mapped objects after quirks changed."""
         for number, tpdo in self.tpdos.items():
             entries = self.records.codec(mapping_of(TPDO + number))[1]
             tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
@@ -490,7 +492,7 @@ class PdoExchange:
     # -- in operation
 
     def start(self, now: int) -> None:
-        """Begin: the node became OPERATIONAL."""
+        """Start all PDOs when the node becomes OPERATIONAL."""
         for rpdo in self.rpdos.values():
             rpdo.consumer.start()
         gate = self.gate
@@ -498,14 +500,14 @@ class PdoExchange:
             tpdo.producer.start(now, shows=gate is None or gate.starts(tpdo.mapped))
 
     def stop(self) -> None:
-        """End: the node left OPERATIONAL."""
+        """Stop all PDOs when the node leaves OPERATIONAL."""
         for rpdo in self.rpdos.values():
             rpdo.consumer.stop()
         for tpdo in self.tpdos.values():
             tpdo.producer.stop()
 
     def routes(self) -> list[tuple[int, Callable[[CanFrame, int], None]]]:
-        """Return the identifiers received by the valid PDOs, with the flags of linux/can.h."""
+        """Return the identifiers received by the valid PDOs, with the flags of linux/can.h, and the receivers."""
         receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
         handlers = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
         for producer in (tpdo.producer for tpdo in self.tpdos.values()):
@@ -514,7 +516,7 @@ class PdoExchange:
         return handlers
 
     def sync_rpdo_handlers(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
-        """Return the handlers of RPDOs that wait for SYNC, by identifier; False: `routes` must process it."""
+        """Return handlers that store RPDOs until SYNC, by identifier; False: not stored, use `routes` instead."""
         parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
         return [(_can_id(params), self._holder(rpdo)) for rpdo, params in parameters if params.enabled]
 
@@ -566,7 +568,7 @@ class PdoExchange:
                 self._check(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
 
     def _check(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
-        """Raise an RPDO's error, and clear an error that no RPDO has any more."""
+        """Send EMCYs for the errors of an RPDO, and clear the errors that no RPDO has any more."""
         cleared, rpdo.wrong = rpdo.wrong - wrong, wrong
         for kind in wrong:
             self._outbox.emergency(EMCY_OF[kind], ErrorRegister.COMMUNICATION)
@@ -575,7 +577,7 @@ class PdoExchange:
                 self._outbox.clear_error(EMCY_OF[kind])
 
     def _apply(self, rpdo: MappedRpdo, data: bytes, now: int) -> None:
-        """Apply all values, then run axes and watchers."""
+        """Write all values of an RPDO to their objects, then update the axes and notify the watchers."""
         for axis in self._axes.values():
             axis.advance(now)
         store = self._store
@@ -603,12 +605,12 @@ class PdoExchange:
             self._act_on(applied, now)
 
     def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
-        """Run the axes of an RPDO after all its values were applied."""
+        """Update the axes of an RPDO whose values are all in place."""
         for axis, controlword, objects in rpdo.concerns:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
     def _act_on(self, applied: list[tuple[Entry, Value]], now: int) -> None:
-        """Process the complete values of one RPDO: each axis once, its controlword last."""
+        """Update each axis once for the written values of an RPDO, and notify the watchers of other objects."""
         axes: dict[int, int] = {}
         for entry, value in applied:
             base, axis = o.axis_of(entry.index)
@@ -622,7 +624,7 @@ class PdoExchange:
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
     def _report_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
-        """Raise an error for a refused value, if the device reports it, until all values are accepted."""
+        """Report an error while values of RPDOs are refused, if the device model has one for that."""
         error = self._model.rpdo_error
         if refused:
             self._refusing.add(rpdo.number)
@@ -634,7 +636,7 @@ class PdoExchange:
                 self._outbox.clear_error(error[0])
 
     def sync(self, counter: int | None, now: int) -> None:
-        """Process a SYNC; a missing set-point is counted."""
+        """Send the TPDOs and apply the RPDOs that a SYNC triggers, and count missing set-points."""
         self._clock.sync_ns = now
         self._clock.rhythm.receive_sync(now)
         for tpdo in self._valid_tpdos:
@@ -652,7 +654,7 @@ class PdoExchange:
                 self._axes[axis].set_point_missed()
 
     def send_changed(self, now: int) -> None:
-        """Send the event-driven TPDOs with changed values, unless the profile suppresses them."""
+        """Send the event-driven TPDOs with changed values, unless the device profile suppresses them."""
         gate = self.gate
         for tpdo in self._event_tpdos:
             before = tpdo.last
@@ -663,7 +665,7 @@ class PdoExchange:
             gate.tpdos_checked()
 
     def tick(self, now: int) -> None:
-        """Serve event timers, inhibit times and deadlines, and RPDOs that a fault delays."""
+        """Run event timers, inhibit times and RPDO deadlines, and pass on RPDOs that a fault delayed."""
         self.input.tick(now)
         for tpdo in self._event_tpdos:
             tpdo.producer.tick(now)
@@ -672,7 +674,7 @@ class PdoExchange:
             self._serve(rpdo, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`."""
+        """Return the time in ns at which `tick` is due next, None if no timer runs."""
         first = self.input.next_deadline() if self.input.delayed else None
         for part in self._timed:
             deadline = part.next_deadline()

@@ -1,13 +1,13 @@
 """Values of a node's object dictionary, and rules for reading and writing them (CiA 301, 7.2.4 and 7.4).
 
-The dictionary gives the objects, their access, the length of a value and its limits; every violation is
-an abort code and changes nothing. What the device itself does with an object is hooked on:
+The dictionary gives the objects, their access, the length of a value and its limits; every violation is an abort code
+and changes nothing. The device adds hooks to its objects:
 
-- a source gives the value at the moment of reading (a statusword, a position);
-- a guard judges a value before it is taken, and may refuse it with an abort code or take another one;
-- a watcher hears of a value that was taken.
+- a source returns the value when an object is read (a statusword, a position);
+- a guard checks a value before it is accepted, and may refuse it with an abort code or replace it;
+- a watcher is called with an accepted value.
 
-Guards and watchers belong to an index. The device itself reads and writes with `get` and `set`, past all rules.
+Guards and watchers belong to an index. The device itself reads and writes with `get` and `set`, without checks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _OPEN_ENDED = frozenset((DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataTyp
 
 
 def check_limits(entry: Entry, value: Value) -> None:
-    """Raise the abort code of a value outside the limits of its entry."""
+    """Raise SdoServerAbort if a value is outside the limits of its entry."""
     if isinstance(value, str | bytes):
         return
     if entry.high is not None and above_limit(entry, value):
@@ -46,16 +46,17 @@ def check_limits(entry: Entry, value: Value) -> None:
 
 
 def refuse(code: int | None) -> None:
-    """Raise the abort code of a rule; None: no violation."""
+    """Raise SdoServerAbort with `code`, unless it is None."""
     if code is not None:
         raise SdoServerAbort(code)
 
 
 class VirtualStore:
-    """Typed values of all entries of `od`; an SDO server uses `upload` and `download`.
+    """Typed values of all entries of `od`, with `upload` and `download` for an SDO server.
 
-    `power_on` holds what differs from the file's defaults after a reset: identity, and what 0x1010 stored. Seam
-    `ceilings`: by index the most that is taken, silently. `version` grows when a value becomes another one, or a rule.
+    `power_on` are the values after a reset that differ from the file's defaults: identity, and values stored by 0x1010.
+    The injection point `ceilings` silently limits accepted values, by index. `version` grows when a value or a rule
+    changes.
     """
 
     def __init__(self, od: ObjectDictionary) -> None:
@@ -64,14 +65,14 @@ class VirtualStore:
         self.values: dict[Address, Value] = self._initial.copy()
         self.power_on: dict[Address, Value] = {}
         self.ceilings: InjectionPoint[dict[int, int]] = InjectionPoint({})
-        self.beyond_limits: set[tuple[int, Value]] = set()  # accepted by a quirk against the EDS
+        self.beyond_limits: set[tuple[int, Value]] = set()  # values that a quirk accepts beyond the limits of the EDS
         self.version = 0
         self._presets: dict[Address, Value] = {}
         self._indices = frozenset(entry.index for entry in od)
         self._sources: dict[Address, Source] = {}
         self._guards: dict[int, Guard] = {}
         self._gates: dict[int, Callable[[], None]] = {}
-        self._moody: set[int] = set()  # indices whose guards judge by more than the values
+        self._moody: set[int] = set()  # indices whose guards depend on more than the values
         self._watchers: dict[int, list[Watcher]] = {}
 
     # -- the device's side
@@ -81,23 +82,23 @@ class VirtualStore:
         return (index, subindex) in self.values
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value; KeyError without an entry."""
+        """Return the present value of an entry; raise KeyError if there is no such entry."""
         source = self._sources.get((index, subindex))
         return self.values[index, subindex] if source is None else source()
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return an integer, `default` for a missing or other value; sources are not used."""
+        """Return the stored integer of an entry, `default` if it is missing or no integer; sources are not used."""
         value = self.values.get((index, subindex), default)
         return value if isinstance(value, int) else default
 
     def set(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value without checks; no-op without an entry."""
+        """Set a value without checks; no effect if there is no such entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = value
             self.version += 1
 
     def preset(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value now and after every reset; no-op without an entry."""
+        """Set a value now and after every reset; no effect if there is no such entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = self.power_on[index, subindex] = value
             self._presets[index, subindex] = value
@@ -112,12 +113,12 @@ class VirtualStore:
                 values[address] = power_on.get(address, value)
 
     def rebase(self, od: ObjectDictionary) -> None:
-        """Use the defaults and limits of the dictionary for another node id, from the next reset on."""
+        """Replace the dictionary; its default values are used from the next reset on."""
         self.od = od
         self._initial = {entry.address: default_of(entry) for entry in od}
 
     def saved(self) -> dict[Address, Value]:
-        """Return the stored power-on values (0x1010), without those of the file and of `preset`."""
+        """Return the power-on values stored by 0x1010, without the defaults of the file and without presets."""
         nothing = object()
         return {
             address: value
@@ -130,7 +131,7 @@ class VirtualStore:
         self.power_on.update({address: self.values[address] for address in addresses})
 
     def forget(self, addresses: Iterable[Address]) -> None:
-        """Restore the power-on values of `preset`, or else of the file (0x1011)."""
+        """Discard the stored values of `addresses` (0x1011), so that presets or defaults apply after a reset."""
         for address in addresses:
             self.power_on.pop(address, None)
             if address in self._presets:
@@ -139,14 +140,14 @@ class VirtualStore:
     # -- hooks
 
     def on_read(self, index: int, subindex: int, source: Source) -> None:
-        """Use `source` as the value of an entry; no-op without an entry."""
+        """Call `source` for the value of an entry when it is read; no effect if there is no such entry."""
         if (index, subindex) in self.values:
             self._sources[index, subindex] = source
 
     def guard(self, indices: Iterable[int], guard: Guard, *, by_values: bool = False) -> None:
         """Check writes to `indices` by `guard`, which returns the accepted value or raises SdoServerAbort.
 
-        With `by_values` it judges by the values of this store alone, the same as long as they are the same.
+        With `by_values` the decision of the guard depends only on the values of this store.
         """
         added = dict.fromkeys(indices, guard)
         self._guards.update(added)
@@ -156,11 +157,11 @@ class VirtualStore:
         self.version += 1
 
     def guard_of(self, index: int) -> tuple[Guard | None, bool]:
-        """Return the guard of writes to an index (None without one), and whether it depends on values alone."""
+        """Return the guard of an index (None without one), and whether it depends only on the store's values."""
         return self._guards.get(index), index not in self._moody
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
-        """Set the guard of an index, None for none."""
+        """Set the guard of an index; None removes the guard."""
         if guard is not None:
             self.guard([index], guard, by_values=by_values)
             return
@@ -169,7 +170,7 @@ class VirtualStore:
         self.version += 1
 
     def gate(self, index: int, check: Callable[[], None]) -> None:
-        """Call `check` before the data of a segmented download; it may raise SdoServerAbort."""
+        """Call `check`, which may raise SdoServerAbort, when a download to an index is initiated."""
         self._gates[index] = check
 
     def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
@@ -178,7 +179,7 @@ class VirtualStore:
             self._watchers.setdefault(index, []).append(watcher)
 
     def set_source(self, index: int, subindex: int, source: Source | None) -> None:
-        """Set the source of an entry's value; None: the stored value."""
+        """Set the source of an entry's value; None restores the stored value."""
         if source is None:
             self._sources.pop((index, subindex), None)
         else:
@@ -189,7 +190,7 @@ class VirtualStore:
         self._watchers[index].remove(watcher)
 
     def unset_preset(self, index: int, subindex: int, preset: Value | None, power_on: Value | None) -> None:
-        """Restore former presets and power-on values, None for those of the file."""
+        """Restore former presets and power-on values; None stands for the defaults of the file."""
         for values, value in ((self._presets, preset), (self.power_on, power_on)):
             if value is None:
                 values.pop((index, subindex), None)
@@ -197,7 +198,7 @@ class VirtualStore:
                 values[index, subindex] = value
 
     def preset_of(self, index: int, subindex: int) -> tuple[Value | None, Value | None]:
-        """Return preset and power-on value of an entry, None: the file's."""
+        """Return the preset and the power-on value of an entry, None for the default of the file."""
         return self._presets.get((index, subindex)), self.power_on.get((index, subindex))
 
     def source_of(self, index: int, subindex: int) -> Source | None:
@@ -205,13 +206,13 @@ class VirtualStore:
         return self._sources.get((index, subindex))
 
     def judges_by_values(self, index: int) -> bool:
-        """Whether a value taken at `index` is taken once more while the `version` is the same and nothing is capped."""
+        """Whether a value accepted at `index` is accepted again as long as `version` is unchanged."""
         return index not in self._moody and not self.ceilings.value
 
     # -- the bus's side
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Return the bytes of an entry; SdoServerAbort if it is missing or not readable."""
+        """Return the bytes of an entry; raise SdoServerAbort if it is missing or not readable."""
         entry = self._entry(index, subindex)
         if not entry.readable:
             raise SdoServerAbort(AbortCode.WRITE_ONLY)
@@ -223,8 +224,8 @@ class VirtualStore:
     def size_of(self, index: int, subindex: int) -> int | None:
         """Return the required length of a download to an entry in bytes, None if it is variable.
 
-        SdoServerAbort if the entry is missing, it cannot be written or a gate is closed: the initiation is refused then
-        (CiA 301, 7.2.4.3.3).
+        Raise SdoServerAbort if the entry is missing or not writable, or if its gate refuses, because the initiation is
+        refused then (CiA 301, 7.2.4.3.3).
         """
         entry = self._entry(index, subindex)
         if not entry.writable:
@@ -235,18 +236,18 @@ class VirtualStore:
         return None if bits is None else (bits + 7) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an entry; SdoServerAbort, and no change, if a rule forbids it."""
+        """Write the bytes of an entry; raise SdoServerAbort, without a change, if a rule forbids it."""
         entry = self._entry(index, subindex)
         if not entry.writable:
             raise SdoServerAbort(AbortCode.READ_ONLY)
         self.write(entry, _decoded(entry, data))
 
     def write(self, entry: Entry, value: Value) -> None:
-        """Write a value within limits and guards, and call the watchers."""
+        """Write a value that passes limits and guards, and call the watchers; raise SdoServerAbort otherwise."""
         self.notify(entry, self.place(entry, value))
 
     def place(self, entry: Entry, value: Value) -> Value:
-        """Write a value within limits and guards, without watchers; return the accepted value."""
+        """Write a value like `write`, but without the watchers; return the accepted value."""
         try:
             check_limits(entry, value)
         except SdoServerAbort:
@@ -265,7 +266,7 @@ class VirtualStore:
         return value
 
     def notify(self, entry: Entry, value: Value) -> None:
-        """Call the watchers of an accepted value."""
+        """Call the watchers of an entry with an accepted value."""
         for watcher in self._watchers.get(entry.index, ()):
             watcher(entry, value)
 
@@ -293,13 +294,13 @@ def _decoded(entry: Entry, data: bytes) -> Value:
 
 
 class DeviceStore:
-    """Objects of the device `motors` with the values of `store`."""
+    """Objects of a device with several motors in one object set, with the values of `store`."""
 
     def __init__(self, store: VirtualStore, motors: MotorMap) -> None:
         self._store, self._motors = store, motors
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Return the bytes of an object; SdoServerAbort if it is missing or not readable."""
+        """Return the bytes of an object; raise SdoServerAbort if it is missing or not readable."""
         entry = self._entry(index, subindex)
         if entry is None:
             return self._store.upload(index, subindex)
@@ -310,7 +311,7 @@ class DeviceStore:
         return b"".join(self._store.upload(*address)[:size] for address in parts)
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the size of a download in bytes, None if it is variable; SdoServerAbort as `VirtualStore` has it."""
+        """Return the length of a download in bytes, None if variable; raise SdoServerAbort like `VirtualStore`."""
         entry = self._entry(index, subindex)
         if entry is None:
             return self._store.size_of(index, subindex)
@@ -319,7 +320,7 @@ class DeviceStore:
         return (entry.data_type.bits or 0) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an object to all axes that it belongs to; SdoServerAbort if a rule forbids it."""
+        """Write the bytes of an object to all axes to which it belongs; raise SdoServerAbort if refused."""
         entry = self._entry(index, subindex)
         if entry is None:
             for address in ((index, subindex), *self._motors.shared.get((index, subindex), ())):
@@ -338,7 +339,7 @@ class DeviceStore:
             self._store.download(*address, encode(value, kind))
 
     def _entry(self, index: int, subindex: int) -> Entry | None:
-        """Return the device's entry of an object that is elsewhere in the store, None if it is not."""
+        """Return the device's entry of an object that has another address in the store, else None."""
         entry = self._motors.device.get(index, subindex)
         if entry is None and (index, subindex) in self._motors.places:  # an address of the view alone
             present = index in self._motors.device.objects

@@ -4,7 +4,7 @@ Both are Protocols, so that another engine can replace the built-in one: it retu
 then follows the commands of the drives. A plant moves from one time to another along the demand of the drive, in closed
 form if its equation has one, otherwise in fixed steps, so that the result does not depend on when it is read. Its
 quantities are counts, seconds and per mille of the rated torque; it does not depend on CANopen. The position is that of
-the motor, never offset by a homing.
+the motor, and homing does not change it.
 """
 
 from __future__ import annotations
@@ -21,32 +21,36 @@ if TYPE_CHECKING:
 
 
 WORLD_NOTE: Final = "world: "
-"""Prefix of the output lines of a drive process that state an assumption of its world."""
+"""Prefix of the lines in which a drive process reports an assumption of its world."""
 
 
 class Plant(Protocol):
-    """Plant of one axis. Times are monotonic nanoseconds; each call advances it from `start_ns` to `end_ns`."""
+    """Mechanics of one axis; a call advances the plant from `start_ns` to `end_ns`, in monotonic ns."""
 
     position: float  # counts
     velocity: float  # counts/s
     torque: float  # per mille of the rated torque
-    stiff: bool  # whether its position always equals the demand, so that it need not be read in between
+    stiff: bool  # whether the position always equals the demand, so that it need not be read in between
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by the position and velocity loops of a drive."""
+        """Move along the demand by the position and velocity loops of a drive."""
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Advance with a torque in per mille, whose curve over time is `torque`."""
+        """Move by a torque in per mille of the rated torque, given as the velocity of the curve `torque`."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Move without power; the feed-forward is cleared."""
+        """Move without power, and clear the feed-forward."""
 
     def feed_forward(self, velocity: float, torque: float) -> None:
         """Set the feed-forward of the loops: 0x60B1 in counts/s and 0x60B2 in per mille."""
 
 
 class ServoGains(NamedTuple):
-    """`velocity_p` in per mille s/count, `velocity_i` in per mille/count, `position_p` in 1/s, a feed-forward share."""
+    """Gains of the control loops of a drive.
+
+    `velocity_p` is in per mille s/count, `velocity_i` in per mille/count, `position_p` in 1/s; `feed_forward` is a
+    share of the demanded velocity.
+    """
 
     velocity_p: float
     velocity_i: float
@@ -55,35 +59,35 @@ class ServoGains(NamedTuple):
 
 
 class AxisOwner(Protocol):
-    """Axis of a drive for a coupled plant: its present demand and its timers."""
+    """Interface of a drive's axis to its coupled plant: the demand, the limits and the timers."""
 
     powered: bool
-    torque: DemandCurve | None  # set: pushed, in per mille; else led along `demand`
+    torque: DemandCurve | None  # torque to apply, in per mille; None: follow `demand`
     demand: DemandCurve
-    torque_limit: float  # per mille of the rated torque that the drive lets its motor have
-    velocity_mode: bool  # the loops follow the velocity of the demand alone
-    gains: ServoGains | None  # of the drive's loops, None: they are tuned by themselves
+    torque_limit: float  # torque limit of the drive in per mille of the rated torque
+    velocity_mode: bool  # the loops follow only the velocity of the demand
+    gains: ServoGains | None  # of the drive's loops, None: the loops are tuned automatically
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, each timer at its own time."""
+        """Advance the axis to `now`, processing each timer at its own time."""
 
     def next_event(self) -> int | None:
-        """Return the time of the next timer, None without one."""
+        """Return the time in ns of the next timer, None without one."""
 
 
 @runtime_checkable
 class CoupledPlant(Plant, Protocol):
-    """Plant of a world that advances all its axes together; it reads the demand of its drive at any time."""
+    """Plant in a world that advances all axes together and reads the demand of a drive at any time."""
 
     rated_torque: float  # N m, or N
-    follow_ns: int  # how often its drive judges position and load; it need not be woken for that
+    follow_ns: int  # period at which the drive checks position and load, without a timer of its own
 
     def set_owner(self, owner: AxisOwner) -> None:
-        """Set the axis with the demand to follow; called once."""
+        """Set the axis whose demand the plant follows; called once."""
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
-    """Return distance and velocity after a piece, with a first-order lag behind the piece's velocity."""
+    """Return the distance and the end velocity of a piece for a plant with a first-order lag behind its velocity."""
     seconds, demand, slope = piece
     decay = math.exp(-seconds / time_constant)
     offset = velocity - demand + slope * time_constant
@@ -92,7 +96,7 @@ def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, fl
 
 
 def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_ns: int, time_constant: float) -> None:
-    """Move a plant towards the velocity that corresponds to the torque."""
+    """Move a plant towards the velocity that corresponds to the torque, with a first-order lag."""
     gain = plant.rated_velocity / 1000.0
     for piece in torque.slices(start_ns, end_ns):
         scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
@@ -103,10 +107,10 @@ def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_
 
 @dataclass(slots=True)
 class IdealPlant:
-    """Ideal plant at the demanded position; it stands still without power, like a small stepper.
+    """Plant that is always at the demanded position, and stands still without power like a small stepper.
 
-    In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque,
-    `torque_time_constant` how long it takes to get there.
+    In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque, and
+    `torque_time_constant` the time constant with which it approaches that velocity.
     """
 
     position: float = 0.0
@@ -117,7 +121,7 @@ class IdealPlant:
     stiff: bool = True
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end is enough
-        """Set the position to the demand."""
+        """Set position and velocity to the demand at `end_ns`."""
         self.position, self.velocity = demand.at(end_ns)
         self.torque = 0.0
 
@@ -125,8 +129,8 @@ class IdealPlant:
         """Approach the velocity that corresponds to the torque."""
         _push(self, torque, start_ns, end_ns, self.torque_time_constant)
 
-    def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # it stands, however long
-        """Stop."""
+    def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # a standstill needs no times
+        """Stop at once."""
         self.velocity = self.torque = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:
@@ -137,8 +141,8 @@ class IdealPlant:
 class LagPlant:
     """Plant whose velocity follows the demand with a time constant, and decays without power.
 
-    The position error while moving is `time_constant` times the velocity, and nothing at rest: a proportional position
-    loop. A velocity that is fed forward goes past that loop, so that only the rest of the velocity has an error.
+    The position error while moving is `time_constant` times the velocity, and 0 at standstill, as with a proportional
+    position loop. A velocity fed forward bypasses that loop, so that only the rest of the velocity causes an error.
     """
 
     position: float = 0.0
@@ -162,13 +166,13 @@ class LagPlant:
         _push(self, torque, start_ns, end_ns, self.coast_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Coast."""
+        """Coast with a velocity that decays exponentially."""
         decay = math.exp(-(end_ns - start_ns) * 1e-9 / self.coast_time_constant)
         self.position += self.velocity * self.coast_time_constant * (1.0 - decay)
         self.velocity = 0.0 if abs(self.velocity) < 1e-3 else self.velocity * decay
         self.torque = self.fed_velocity = 0.0
 
-    def feed_forward(self, velocity: float, torque: float) -> None:  # noqa: ARG002 # a torque does not lessen the lag
+    def feed_forward(self, velocity: float, torque: float) -> None:  # noqa: ARG002 # a torque does not reduce the lag
         """Change the velocity immediately by the feed-forward; the loop corrects the excess."""
         self.velocity += velocity - self.fed_velocity
         self.fed_velocity = velocity
@@ -176,13 +180,14 @@ class LagPlant:
 
 @dataclass(slots=True)
 class LoadedPlant:
-    """Motor with torque limit, inertia, friction, external torque, backlash and stall, in fixed steps.
+    """Motor with torque limit, inertia, friction, external torque, backlash and stall, simulated in fixed steps.
 
-    Torques are per mille of the rated one. The rated torque alone accelerates the unloaded motor by `acceleration`
-    counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` pulls in the positive direction (gravity on
-    a vertical axis), `friction` against the motion. The position the encoder shows is the motor's: with a `backlash`
-    the load stays up to that many counts behind (`load_position`). `stalled` blocks the shaft. The velocity loop gets
-    `velocity_feed_forward` of the demand's velocity beside the position loop, or instead what 0x60B1 feeds forward.
+    Torques are in per mille of the rated torque. The rated torque alone accelerates the unloaded motor by
+    `acceleration` counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` acts in the positive
+    direction (gravity on a vertical axis), `friction` against the motion. The position is that of the motor: with a
+    `backlash` the load (`load_position`) stays up to half of that many counts behind or ahead. `stalled` blocks the
+    shaft. The velocity loop gets `velocity_feed_forward` of the demanded velocity in addition to the position loop, or
+    the velocity 0x60B1 instead.
     """
 
     position: float = 0.0
@@ -206,7 +211,7 @@ class LoadedPlant:
     _STEP_NS = 500_000
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Follow with a position loop over a velocity loop, within the torque limit."""
+        """Follow the demand with a position loop over a velocity loop, within the torque limit."""
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
             fed = self.fed_velocity or velocity * self.velocity_feed_forward
@@ -217,35 +222,35 @@ class LoadedPlant:
             self._step(max(-self.torque_limit, min(self.torque_limit, need)))
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by the torque alone."""
+        """Move by the torque alone, within the torque limit."""
         for clock in self._steps(start_ns, end_ns):
             self._step(max(-self.torque_limit, min(self.torque_limit, torque.at(clock)[1])))
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Coast with load, friction and external torque."""
+        """Coast without motor torque, under friction and external torque."""
         self.feed_forward(0.0, 0.0)
         for _ in self._steps(start_ns, end_ns):
             self._step(0.0)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the velocity and the torque loop."""
+        """Set the feed-forward of the velocity loop and of the torque."""
         self.fed_velocity, self.fed_torque = velocity, torque
 
     def _steps(self, start_ns: int, end_ns: int) -> range:
-        """Return the ends of the steps within a time: a fixed grid, independent of the calls."""
+        """Return the end times of the steps between two times, on a fixed grid that does not depend on the calls."""
         step = self._STEP_NS
         return range((start_ns // step + 1) * step, end_ns + 1, step)
 
     def _correction(self, error: float) -> float:
-        """Return the velocity that corrects a position error, limited by the stopping ability of the torque limit.
+        """Return the velocity that corrects a position error, limited so that the torque limit can stop the motor.
 
-        Without that bound a motor that is weak for its load swings between both torque limits for ever.
+        Without that bound a motor that is weak for its load oscillates between both torque limits for ever.
         """
         braked = math.sqrt(self.torque_limit / self._mass() * abs(error))  # at half of the limit
         return max(-braked, min(braked, self.position_gain * error))
 
     def _mass(self) -> float:
-        """Torque in per mille per count/s^2."""
+        """Return the torque in per mille for an acceleration of 1 count/s^2."""
         return 1000.0 * (1.0 + self.inertia) / self.acceleration
 
     def _step(self, torque: float) -> None:
@@ -266,49 +271,49 @@ class LoadedPlant:
 
 
 class World(Protocol):
-    """Common simulation: creates the plant of each axis and holds their common state."""
+    """Common simulation of the axes of a process, which creates the plant of each axis."""
 
     period_ns: int | None
-    """How often every axis is advanced although nothing happens; None: never."""
+    """Period in ns at which every axis is advanced even without an event; None if that is not needed."""
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis; called once per axis."""
 
     def describe(self) -> WorldState:
-        """Return the state beyond the axes: the true pose of the base at the time reached by all of its axes."""
+        """Return the state beyond the axes, such as the true pose of a base at the time reached by all its axes."""
 
     def close(self) -> None:
-        """Close the world."""
+        """Release the resources of the world."""
 
 
 @runtime_checkable
 class ReportsAssumptions(World, Protocol):
-    """World that reports assumptions made while it was built, as sentences in `notes`."""
+    """World that reports, as sentences in `notes`, the assumptions made while it was built."""
 
     notes: tuple[str, ...]
 
 
 @runtime_checkable
 class HasScenery(World, Protocol):
-    """World that contains more than robots."""
+    """World with shapes that do not belong to a robot."""
 
     def shapes(self) -> tuple[WorldShape, ...]:
-        """Return the shapes of its scenery at their present poses."""
+        """Return the shapes of the scenery at their present poses."""
 
 
 class SharedWorld(ReportsAssumptions, Protocol):
     """World shared by several buses, of one robot or of several."""
 
     def side(self, robot: str, bus: str = "") -> World:
-        """Return the world for the drives of a robot on one of its buses; KeyError for an unknown robot."""
+        """Return the part of the world for a robot's drives on one bus; raise KeyError for an unknown robot."""
 
 
 @runtime_checkable
 class AcceptsEvents(World, Protocol):
-    """World that accepts events other than those of drives."""
+    """World in which disturbances can be applied, such as a payload, a push or a blocked joint."""
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply an event now; ConfigError for an unknown link or joint."""
+        """Apply a disturbance now; raise ConfigError for an unknown link or joint."""
 
 
 class IndependentPlants:
@@ -321,8 +326,8 @@ class IndependentPlants:
         return IdealPlant()
 
     def describe(self) -> WorldState:
-        """Return nothing."""
+        """Return an empty state."""
         return WorldState()
 
     def close(self) -> None:
-        """Do nothing."""
+        """Do nothing, because there are no resources to release."""

@@ -80,7 +80,7 @@ class WorldError(ConfigError):
 
 @dataclass(frozen=True)
 class AxisFile:
-    """Axis of the file; None uses the default of the plant."""
+    """Section of an axis in the plant file; None stands for the default of the plant."""
 
     kind: Literal["ideal", "lag", "loaded"] = "loaded"
     rated_velocity: float | None = setting(None, low=0.0)
@@ -101,24 +101,24 @@ class AxisFile:
     here: Node = position()  # noqa: RUF009 - makes a field
 
     def parameters(self) -> dict[str, float]:
-        """Return the plant's numbers in the file."""
+        """Return the parameters of the plant that the file sets."""
         names = [field.name for field in dataclasses.fields(self) if field.name not in ("kind", "here")]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
-        """Report parameters that this kind of plant lacks."""
+        """Report parameters that this kind of plant does not have."""
         fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
         for name in self.parameters().keys() - fields:
             self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(fields))}")
 
     def make(self) -> Plant:
-        """Create the plant."""
+        """Create the plant of this axis."""
         return _KINDS[self.kind](**self.parameters())
 
 
 @dataclass(frozen=True)
 class BaseFile:
-    """The base of the file; lengths in metres."""
+    """Section of the differential-drive base in the plant file, with lengths in metres."""
 
     left: int = setting(low=1, high=MAX_NODE_ID)
     right: int = setting(low=1, high=MAX_NODE_ID)
@@ -140,7 +140,7 @@ class BaseFile:
 
 @dataclass(frozen=True)
 class EncoderFile:
-    """Encoder in the file, with its axis."""
+    """Section of an encoder in the plant file, with the axis that turns the encoder."""
 
     axis: str = setting()
     counts_per_revolution: float = setting(low=1e-6)
@@ -152,13 +152,13 @@ class EncoderFile:
 
     @property
     def coupling(self) -> Coupling:
-        """Coupling of the axis to the encoder."""
+        """Coupling between the axis and the encoder."""
         return Coupling(self.counts_per_revolution, self.gear, self.reversed, self.lead)
 
 
 @dataclass(frozen=True)
 class WorldFile:
-    """Contents of the file."""
+    """Contents of a plant file."""
 
     seed: int = 0
     default: AxisFile = dataclasses.field(default_factory=lambda: AxisFile(kind="ideal"))
@@ -168,7 +168,7 @@ class WorldFile:
 
 
 class OwnWorld:
-    """The engine of this package."""
+    """Default engine: independent plants, an optional differential-drive base, and encoders on shafts."""
 
     def __init__(self, file: WorldFile) -> None:
         self._file = file
@@ -186,7 +186,7 @@ class OwnWorld:
             self._base = SharedBase(separation, shared_path(share)) if share else DiffBase(separation)
 
     def plant(self, node_id: int, axis: int) -> Plant:
-        """Return the plant of an axis, on the floor if it is a wheel of the base."""
+        """Return a new plant for an axis, coupled to the base if the axis drives one of its wheels."""
         new_plant = self._shafts[node_id, axis] = self._make(node_id, axis)
         return new_plant
 
@@ -222,7 +222,7 @@ class OwnWorld:
         return wheel
 
     def describe(self) -> WorldState:
-        """Return the pose of the base."""
+        """Return the pose of the base; an empty state without a base."""
         if self._base is None:
             return WorldState()
         for wheel in self._wheels:
@@ -230,7 +230,7 @@ class OwnWorld:
         return WorldState(self._base.pose())
 
     def close(self) -> None:
-        """Close the shared files."""
+        """Close the files that are shared with other processes."""
         for file in self._files.values():
             file.close()
         if isinstance(self._base, SharedBase):
@@ -247,7 +247,7 @@ def _address(name: str) -> tuple[int, int]:
 
 
 def read_world(path: Path) -> World:
-    """Return the world of a file; WorldError with every error and its line."""
+    """Return the world that a plant file describes; raise WorldError that lists every error with its line."""
     engine = _engine(path)
     if engine is not None:
         return engine
@@ -274,7 +274,7 @@ def _check(file: WorldFile, _problems: Problems) -> None:
 
 
 def _engine(path: Path) -> World | None:
-    """Return the engine named in the file, None for the default."""
+    """Return the engine named in the file, None for the default; raise WorldError if it cannot be used."""
     root = tree(path, error=WorldError)
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:

@@ -1,8 +1,9 @@
 """Power state machine of one axis: states, transitions, and stops of the motor (CiA 402-2, 6.3).
 
-The table of `cia402.state` gives the command of the controlword in the present state. `_act` has a case for each
-transition; the option codes decide how a stop is done. The motor has power in OPERATION_ENABLED,
-QUICK_STOP_ACTIVE and FAULT_REACTION_ACTIVE only, and the first begins only while the node is OPERATIONAL.
+The table of `cia402.state` gives the command of the controlword in the present state. `_act` has a case for every
+transition with an action; the option codes decide how the motor is stopped. The motor has power in OPERATION ENABLED,
+QUICK STOP ACTIVE and FAULT REACTION ACTIVE only, and OPERATION ENABLED can be entered only while the node is
+OPERATIONAL.
 """
 
 from __future__ import annotations
@@ -48,31 +49,33 @@ _RISING = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 class MotorMode(Protocol):
-    """Interface of the mode of operation for the power state machine."""
+    """Interface through which the power state machine uses the active mode of operation."""
 
     def start(self, now: int) -> None:
-        """Start in operation, from the present motion; also after a halt."""
+        """Start the mode in OPERATION ENABLED from the present motion; also called at the end of a halt."""
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Stop the motor by the reaction."""
+        """Stop the motor with the ramp of `reaction`."""
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 has an effect."""
+        """Whether the halt bit (bit 8) of the controlword has an effect."""
 
     def released(self) -> None:
-        """Reset the mode: the motor has no power."""
+        """Reset the mode, because the motor has no power."""
 
 
 class PowerMachine:
-    """State of one drive's power stage.
+    """Power state machine of one axis (CiA 402-2).
 
-    `bits` are those of the statusword that are the state, `controlword` is the one last acted on, `stop_target` the
-    state that a ramp under way ends in, `halted` whether the halt bit holds the motor, `causes` those of faults that
-    cannot be reset yet. `acts` do transitions by number in place of `_act`, `delays_ns` is how long they take, and
-    `ends` where a stop leads to instead, by the state that it is made in (None: it never ends); `unsupplied` is the
-    state after a loss of the supply in a state with power. Seams: `voltage`, whether the power stage has supply;
-    `transition_delay_ns`, of every transition; `reset_deaf`; `fault_on_enable`, a code; `serves_preop`, whether it is
-    enabled in PRE-OPERATIONAL too.
+    `bits` are the state bits of the statusword, `controlword` is the last processed controlword, `stop_target` the
+    state in which the present ramp ends, and `halted` whether the halt bit holds the motor. `causes` are the codes of
+    faults that cannot be reset yet.
+
+    Quirks set `acts` (actions of transitions by number, instead of `_act`), `delays_ns` (their delays), `ends` (state
+    in which a stop ends, by the state in which it is made; None: it never ends) and `unsupplied` (state after the
+    supply is lost in a state with power). Injection points: `voltage` (whether the power stage has supply),
+    `transition_delay_ns` (of every transition), `reset_deaf` (fault resets have no effect), `fault_on_enable` (a code)
+    and `serves_preop` (the drive can also be enabled in PRE-OPERATIONAL).
     """
 
     def __init__(
@@ -94,7 +97,7 @@ class PowerMachine:
         self.delays_ns: dict[int, int] = {}
         self.ends: dict[State, State | None] = {}
         self.unsupplied = State.SWITCH_ON_DISABLED
-        self._ignored: tuple[int, str] | None = None  # the controlword reported last, until another one has more effect
+        self._ignored: tuple[int, str] | None = None  # controlword and reason of the last report, in the present state
         self.acts: dict[int, Callable[[Transition, int], None]] = {}
 
     @property
@@ -104,7 +107,7 @@ class PowerMachine:
 
     @property
     def operational(self) -> bool:
-        """Whether set-points can arrive: the node is OPERATIONAL, or serves SDO for them in PRE-OPERATIONAL."""
+        """Whether set-points are accepted: in OPERATIONAL, or with `serves_preop` also in PRE-OPERATIONAL."""
         state = self._nmt.state
         return state is NmtState.OPERATIONAL or (self.serves_preop.value and state is NmtState.PRE_OPERATIONAL)
 
@@ -114,16 +117,16 @@ class PowerMachine:
         return self.running and not self.halted and self.operational
 
     def _option(self, index: int) -> Option:
-        """Return an option code; a manufacturer-specific one counts as the default."""
+        """Return the meaning of an option code; a manufacturer-specific code counts as the default."""
         codes = OPTION_CODES[index]
         return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
 
     def obey(self, command: Command, now: int) -> None:
-        """Execute a command in the present state; no-op if the table has no transition."""
+        """Execute a command in the present state; no effect if the table has no transition for it."""
         if command is Command.ENABLE_OPERATION and self.running:
             return  # as in every cycle
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
-            return  # under way; the controlword is looked at again when it is done
+            return  # a transition is in progress; the controlword is read again at its end
         # CiA 402-2, table 22: a command without a transition in this state has no effect
         transition = transition_of(self.state, command)
         if transition is not None:
@@ -142,7 +145,7 @@ class PowerMachine:
             self._begin(transition, now)
 
     def _resume(self, now: int) -> None:
-        """Resume the mode after an enable during the ramp of transition 5 or 8."""
+        """Start the mode again after an enable during the ramp of transition 5 or 8."""
         if self.state is State.OPERATION_ENABLED:
             self.stop_target = None
             self._motor.start(now)
@@ -161,17 +164,17 @@ class PowerMachine:
         if before not in transition.sources:
             return  # something else happened during its delay
         self.act_of(transition.number)(transition, now)
-        # A command that was held during a delay, or 0x0F in READY_TO_SWITCH_ON, goes on from here.
+        # A command kept during a delay, or 0x0F in READY_TO_SWITCH_ON, continues here.
         command = command_of(self.controlword, self.controlword)
         if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
             self.obey(command, now)
 
     def act_of(self, number: int) -> Callable[[Transition, int], None]:
-        """Return the action of a transition: a quirk's, or `_act`."""
+        """Return the action of a transition: that of a quirk, or `_act`."""
         return self.acts.get(number, self._act)
 
     def _act(self, transition: Transition, now: int) -> None:
-        """Execute the action of a transition by its number; others only change the state."""
+        """Execute the action of a transition by its number; a transition without an action changes the state."""
         match transition.number:
             case 4:
                 self._enable(transition, now)
@@ -187,7 +190,7 @@ class PowerMachine:
                 self.enter(transition.target, now)
 
     def _enable(self, _transition: Transition, now: int) -> None:
-        """Transition 4: only with supply, and only while set-points can come (NMT OPERATIONAL)."""
+        """Perform transition 4, if set-points are accepted and the power stage has supply."""
         if not self.operational:
             self._ignore(f"the node is {self._nmt.state.name}, and this drive is enabled in OPERATIONAL alone")
         # CiA 402-2, table 22: transition 4 needs the high-level power
@@ -204,25 +207,25 @@ class PowerMachine:
                 self.fault(self.fault_on_enable.value, now)
 
     def _enable_again(self, transition: Transition, now: int) -> None:
-        """Transition 16: from a quick stop with 0x605A = 5 to 8."""
+        """Perform transition 16, if 0x605A (5 to 8) stays in QUICK STOP ACTIVE."""
         # CiA 402-2, table 22: transition 16 is possible only where 0x605A stays in QUICK STOP ACTIVE
         if self._option(o.QUICK_STOP_OPTION).final_state is State.QUICK_STOP_ACTIVE:
             self._enable(transition, now)
 
     def _leave(self, transition: Transition, now: int) -> None:
-        """Transitions 5 and 8: stop by the option code, then enter the new state."""
+        """Perform transition 5 or 8: stop as the option code says, then enter the new state."""
         if self.stop_target is not transition.target:
             index = o.DISABLE_OPERATION_OPTION if transition.number == 5 else o.SHUTDOWN_OPTION
             self._stop_as(self._option(index).reaction, transition.target, now)
 
     def _quick_stop(self, _transition: Transition, now: int) -> None:
-        """Transition 11: enter the state at once, stop by the option code."""
+        """Perform transition 11: enter QUICK STOP ACTIVE at once, and stop as 0x605A says."""
         option = self._option(o.QUICK_STOP_OPTION)
         self.enter(State.QUICK_STOP_ACTIVE, now)
         self._stop_as(option.reaction, option.final_state, now)
 
     def _reset_fault(self, transition: Transition, now: int) -> None:
-        """Transition 15: only if every cause is gone."""
+        """Perform transition 15, if no cause of a fault persists."""
         # CiA 402-2, table 22: transition 15 is made only when no fault condition is present
         if self.causes:
             codes = ", ".join(f"0x{code:04X}" for code in sorted(self.causes))
@@ -233,7 +236,7 @@ class PowerMachine:
             self._outbox.clear_errors()
 
     def _ignore(self, why: str) -> None:
-        """Report a controlword without effect, once while it and the reason are unchanged."""
+        """Report a controlword without effect; not repeated while controlword and reason are unchanged."""
         if self._ignored != (self.controlword, why):
             self._ignored = self.controlword, why
             self._outbox.publish(ControlwordIgnored(self._objects.axis, self.controlword, why))
@@ -248,7 +251,7 @@ class PowerMachine:
         self._motor.stop(now, reaction)
 
     def finish(self, target: State, now: int) -> None:
-        """Finish a stop: transition 5, 8, 14, or 12."""
+        """End a stop and enter the state `target`, unless a quirk has set another end."""
         end = self.ends.get(self.state, target)
         if end is None:
             return
@@ -257,7 +260,7 @@ class PowerMachine:
             self.enter(end, now)
 
     def enter(self, state: State, now: int) -> None:
-        """Enter `state`; leaving the powered states removes the power."""
+        """Enter `state`; the power is switched off when the states with power are left."""
         previous, self.state, self.bits = self.state, state, state.value
         if previous in POWERED_STATES and state not in POWERED_STATES:
             self.power_off(now)
@@ -267,14 +270,14 @@ class PowerMachine:
             self._outbox.values_changed()
 
     def power_off(self, now: int) -> None:
-        """Remove power and demand, and reset the modes."""
+        """Switch off the power, end the demand, and reset the modes."""
         self.stop_target, self.halted = None, False
         self._mover.cancel("transition", "homing", "window")
         self._mover.power(False, now)
         self._motor.released()
 
     def halt(self, on: bool, now: int) -> None:
-        """Controlword bit 8: stop by 0x605D; the mode continues once it is cleared."""
+        """Stop as 0x605D says at a halt (controlword bit 8), and continue the mode at its end."""
         if on == self.halted or (on and not self._motor.can_halt()):
             return
         self.halted = on
@@ -284,27 +287,27 @@ class PowerMachine:
             self._motor.start(now)
 
     def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
-        """Transition 13: report `code`, stop by 0x605E, then FAULT."""
+        """Report the fault `code` (transition 13), stop as 0x605E says, then enter FAULT."""
         self._outbox.emergency(code, register, data)
         self.enter_fault(code, now)
 
     def hold_cause(self, code: int, *, until_communication_reset: bool = False) -> None:
-        """Prevent a fault reset until the cause is gone; a reset of communication may end that."""
+        """Prevent fault resets until the cause is dropped, or until a reset of communication if so requested."""
         self.causes.add(code)
         if until_communication_reset:
             self._communication_causes.add(code)
 
     def drop_cause(self, code: int) -> None:
-        """Clear the cause, so that a fault can be reset."""
+        """Remove a cause, so that the fault can be reset."""
         self.causes.discard(code)
         self._communication_causes.discard(code)
 
     def communication_reset(self) -> None:
-        """Clear the causes that end with a reset of communication."""
+        """Remove the causes that end with a reset of communication."""
         self.causes -= self._communication_causes
 
     def enter_fault(self, code: int, now: int) -> None:
-        """Enter FAULT without an EMCY; in FAULT only the code is updated."""
+        """Stop and enter FAULT without an EMCY; in FAULT only 0x603F is updated."""
         self._mover.advance(now)
         self._objects.set(o.ERROR_CODE, code)
         if self.state in (State.FAULT_REACTION_ACTIVE, State.FAULT):
@@ -318,7 +321,7 @@ class PowerMachine:
             self.finish(State.FAULT, now)
 
     def lose_voltage(self, now: int) -> None:
-        """Process the loss of the power stage's supply: higher states fall to SWITCH_ON_DISABLED without a fault."""
+        """Switch off the supply of the power stage, which leaves the enabled states without a fault."""
         self._mover.advance(now)
         self.voltage.inject(False)
         self._mover.cancel("transition")
@@ -327,7 +330,7 @@ class PowerMachine:
         self._outbox.values_changed()
 
     def abort_connection(self, code: int, now: int) -> None:
-        """React by 0x6007 in operation; without the object by its default, a fault."""
+        """React to lost communication as 0x6007 says while enabled; without 0x6007 by its default, a fault."""
         self._mover.advance(now)
         if self.state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
             return
@@ -349,7 +352,7 @@ FOLLOWING_ERROR = 0x8611
 
 
 class DriveLimits:
-    """Limits of one axis; `active` is bit 11 of its statusword."""
+    """Limits of position, velocity, torque and following error of one axis; `active` is bit 11 of the statusword."""
 
     def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox, power: PowerMachine) -> None:
         self._objects, self._mover, self._outbox, self._power = objects, mover, outbox, power
@@ -357,17 +360,17 @@ class DriveLimits:
         self.following_error = 0.0
         self._bound: float | None = None  # where the present demand ends because of a limit
         self._side = 0
-        self._most_of: tuple[object, ...] = ()  # what the greatest velocity was computed from
+        self._most_of: tuple[object, ...] = ()  # inputs from which `_most` was computed
         self._most = 0.0
 
     def reset(self) -> None:
-        """Clear the active limits, because the power is off."""
+        """Clear the active limits, because the motor has no power."""
         self.active = False
         self.following_error = 0.0
         self._bound = None
 
     def bounds(self) -> tuple[float, float]:
-        """Return the position bounds in plant counts; infinite without limits."""
+        """Return the lowest and highest position in plant counts, infinite without a limit."""
         objects, mover = self._objects, self._mover
         low, high = objects.number(o.SOFTWARE_POSITION_LIMIT, 1), objects.number(o.SOFTWARE_POSITION_LIMIT, 2)
         lowest, highest = -INFINITE, INFINITE
@@ -382,7 +385,7 @@ class DriveLimits:
         return lowest, highest
 
     def velocity(self, target: float) -> float:
-        """Return `target` limited by 0x607F and the drive's capability."""
+        """Return `target` limited by 0x607F and by the highest velocity of the device model, in counts/s."""
         objects = self._objects
         inputs = objects.store.version, objects.units.speed, objects.model
         if inputs != self._most_of:
@@ -392,12 +395,12 @@ class DriveLimits:
         return target if -most <= target <= most else most if target > most else -most
 
     def target_velocity(self) -> float:
-        """Return 0x60FF plus 0x60B1 in counts/s, within these limits."""
+        """Return 0x60FF plus 0x60B1 in counts/s, limited as by `velocity`."""
         number = self._objects.number
         return self.velocity((number(o.TARGET_VELOCITY) + number(o.VELOCITY_OFFSET)) * self._objects.units.velocity)
 
     def position(self, target: float) -> float:
-        """Return `target`, in plant counts, within the bounds; outside them bit 11 is set."""
+        """Return `target`, in plant counts, limited to the bounds; bit 11 is set if that changes it."""
         low, high = self.bounds()
         within = max(low, min(high, target))
         self.active, self._bound = within != target, None
@@ -406,7 +409,7 @@ class DriveLimits:
         return within
 
     def torque(self, target: float) -> float:
-        """Return `target` within 0x6072, 0x60E0 and 0x60E1, in per mille."""
+        """Return `target` limited by 0x6072, 0x60E0 and 0x60E1, in per mille; bit 11 is set if that changes it."""
         number = self._objects.number
         most = float(number(o.MAX_TORQUE)) or INFINITE
         high = min(most, float(number(o.POSITIVE_TORQUE_LIMIT)) or INFINITE)
@@ -415,7 +418,7 @@ class DriveLimits:
         return max(-low, min(high, target))
 
     def ramp_velocity(self, target: float, up: float, down: float, now: int) -> None:
-        """Change the velocity to `target` along ramps; a bound ahead ends the motion."""
+        """Change the velocity to `target` along ramps; the motion ends at a position limit ahead."""
         mover = self._mover
         position, velocity = mover.state(now)
         low, high = self.bounds()
@@ -432,14 +435,14 @@ class DriveLimits:
             mover.run(ramp_to(now, position, velocity, 0.0, up, down), now)
 
     def arrived(self, now: int) -> None:
-        """Report the limit at which a demand ended."""
+        """Set bit 11 and report the position limit, if the demand has ended at one."""
         demand = self._mover.demand
         if self._bound is not None and demand.end_ns <= now and demand.final_position == self._bound:
             self.active = True
             self._report(self._objects.model.software_limit, self._side)
 
     def limit_switch_hit(self, side: int) -> None:
-        """Report a limit switch."""
+        """Set bit 11 and report the limit switch on `side` (-1 or 1)."""
         self.active = True
         self._report(self._objects.model.switch_limit, side)
 
@@ -451,7 +454,7 @@ class DriveLimits:
     # -- following error
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Check a following error; outside its window (0x6065) for its time (0x6066) it is fault 0x8611."""
+        """Check a following error in counts; beyond 0x6065 for longer than 0x6066 it is fault 0x8611."""
         self.following_error = error
         mover = self._mover
         if not self.exceeded:

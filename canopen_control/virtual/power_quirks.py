@@ -37,12 +37,12 @@ _IPOS_MODES = "yarp-devices: TechnosoftIpos, embedded-pid/IControlModeRawImpl.cp
 
 
 def _point(seam: Callable[[VirtualDrive], InjectionPoint[Any]], value: Callable[[float], Any]) -> AxisAct:
-    """Return an act that changes the normal behaviour at an injection point."""
+    """Return a quirk action that changes the normal value of an injection point."""
     return lambda hooks, drive, strength: hooks.healthy(seam(drive), value(strength))
 
 
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
-    """Return an act that allows a change of mode only under a condition."""
+    """Return a quirk action that allows a change of mode only under a condition."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         modes = drive.modes
@@ -57,7 +57,7 @@ def _modes_listed_without(hooks: QuirkHooks, drive: VirtualDrive, mode: float) -
 
 
 def _further_mode(like: OperationMode) -> AxisAct:
-    """Return an act that adds a manufacturer-specific number to a mode."""
+    """Return a quirk action that makes a manufacturer-specific mode number behave like a standard mode."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, number: float) -> None:
         own = int(number)
@@ -208,7 +208,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
 
 
 def _delays(number: int) -> AxisAct:
-    """Return an act that delays a transition by the strength in s."""
+    """Return a quirk action that delays transition `number` of the power state machine by the strength in s."""
     return lambda hooks, drive, strength: hooks.delay(drive, number, strength)
 
 
@@ -260,7 +260,7 @@ def _link_empty_after_fault(hooks: QuirkHooks, drive: VirtualDrive, seconds: flo
 
 
 def _ends_in(state: State, end: State | None) -> AxisAct:
-    """Return an act that ends the stop of a state in a different state than in CiA 402."""
+    """Return a quirk action by which the stop in `state` ends in the state `end`, or never if `end` is None."""
     return lambda hooks, drive, _strength: hooks.entry(drive.power.ends, state, end)
 
 

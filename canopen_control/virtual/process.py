@@ -1,9 +1,10 @@
 """Process of virtual drives, independent of any master.
 
-It prints a line for each bus when its nodes are on it, then their events as sentences. SIGTERM and SIGINT end it with
-exit code 0. When its parent ends (the lifeline breaks) it runs until its drives stand still by their own reaction to
-the missing master, for five seconds at most. It waits for a channel that is only down; a channel that is gone is opened
-again if it is back within three seconds, else BusClosed ends the process if it was the last one.
+The process prints a line for each bus when the nodes are on the bus, and then their events as sentences. SIGTERM and
+SIGINT end the process with exit code 0. When the parent process ends (the lifeline breaks), the process runs until its
+drives stand still by their own reaction to the missing master, for at most five seconds. It waits for a channel that is
+only down; a channel that is gone is opened again if it is back within three seconds, otherwise it is given up.
+BusClosed ends the process when the last channel is given up.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ if TYPE_CHECKING:
 
 # Virtual nodes on one bus, in a process of drives: their host, their control sockets, their log and their timeline.
 #
-# A bus that is gone is opened again when it is back within three seconds; else it is given up, and its nodes go on
-# without one.
+# A channel that is gone is opened again if it is back within three seconds; otherwise it is given up, and its nodes
+# continue without a bus.
 
 
 _MS = 1_000_000
 REJOIN_NS = 3_000 * _MS
 WINDOW_NS: Final = 10_000_000_000
-_SAME_LINES = 10  # of one node, before they are summed
+_SAME_LINES = 10  # equal lines that are written before they are only counted
 _RETRY_NS = 100 * _MS
 
 
@@ -51,9 +52,9 @@ def _never() -> None:
 
 @dataclass(frozen=True)
 class BusNodes:
-    """Nodes for an opened port; `reopen` reopens its channel, or returns None while it is missing.
+    """Nodes for an opened port; `reopen` reopens the channel, or returns None while the channel is missing.
 
-    `timeline` is played from the ready line on; `world` is what hangs on the axes.
+    `timeline` is played from the ready line on; `world` has the plants of the axes.
     """
 
     port: Port
@@ -64,9 +65,10 @@ class BusNodes:
 
 
 class ServedBus:
-    """Service of one bus's nodes from `open` to `close`; `log` receives lines, `on_lost` is called at its end.
+    """Nodes of one bus with their host, control sockets, log and timeline, from `open` to `close`.
 
-    `error` is why the bus is gone, None while it is there.
+    `log` receives the lines of the log, `on_lost` is called when the channel is given up. `error` is the reason why the
+    channel is gone, None while the channel works.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class ServedBus:
         self.error: BusClosed | None = None
 
     def open(self) -> None:
-        """Start to serve; NodeIdTaken if another process serves such a node."""
+        """Start the nodes and their control sockets; raise NodeIdTaken if another process has such a node."""
         self._host = NodeHost(
             self._reactor,
             self.port,
@@ -101,7 +103,7 @@ class ServedBus:
                 self._log("another drive without a node id has the control socket; this one gets one with its node id")
 
     def close(self) -> None:
-        """Stop serving and leave the bus."""
+        """Stop the nodes and their control sockets, and close the port."""
         if self._host is not None:
             self._host.close()
         for control in self._controls.values():
@@ -109,31 +111,31 @@ class ServedBus:
         self.port.close()
 
     def play_timeline(self) -> None:
-        """Start the timeline."""
+        """Start the timeline of the scenario, if there is one."""
         if self._bus.timeline:
-            from canopen_control.virtual.scenario import Timeline  # with it comes YAML, which is slow to import
+            from canopen_control.virtual.scenario import Timeline  # imports YAML, which is slow
 
             Timeline(self._reactor, self._controls, self._started_with, self._log).plan(self._bus.timeline)
 
     def advance(self, now: int) -> None:
-        """Advance all axes to `now`."""
+        """Advance the axes of all nodes to `now`."""
         for node in self.nodes:
             node.advance_drives(now)
 
     @property
     def moving(self) -> bool:
-        """Whether an axis moves."""
+        """Whether an axis of the bus moves."""
         return any(not drive.mover.at_standstill for node in self.nodes for drive in node.drives.values())
 
     @property
     def ready_line(self) -> str:
-        """Return nodes and buses in one line."""
+        """Line that names the nodes and the channel when all nodes are ready."""
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
         name = self.nodes[0].name
         if ids == [UNCONFIGURED]:
-            name += f", serial number {self.nodes[0].store.number(0x1018, 4)}"  # which LSS finds it by
+            name += f", serial number {self.nodes[0].store.number(0x1018, 4)}"  # by which LSS finds the node
         return f"{which} ({name}) ready on {self.port.channel}"
 
     # -- what happens
@@ -150,7 +152,7 @@ class ServedBus:
                 self._rename(self._host, node)
 
     def _rename(self, host: NodeHost, node: VirtualNode) -> None:
-        """Rename the control socket after a change of the node id."""
+        """Replace the control socket after a change of the node-ID, because the node-ID is part of its name."""
         self._controls[node].close()
         try:
             self._controls[node] = NodeControl(host, node, self.world)
@@ -159,7 +161,7 @@ class ServedBus:
             self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Report bus events: the first of a kind at once, those of the next seconds as a summary."""
+        """Log the first bus event of a kind at once, and those of the next 10 s as a summary."""
         self._folded.report(event.kind, event.text, 1)
 
     def _on_closed(self, error: BusClosed) -> None:
@@ -169,7 +171,7 @@ class ServedBus:
         self._rejoin()
 
     def _rejoin(self) -> None:
-        """Reopen the channel once it is back; give up after a timeout."""
+        """Reopen the channel as soon as it is back; give up after `REJOIN_NS`."""
         if self.error is None or self._host is None:
             return
         port = self._bus.reopen()
@@ -185,7 +187,7 @@ class ServedBus:
 
 
 class FoldedLog:
-    """Rate-limited log: of one `kind` the first `at_most` in 10 s, then the newest with a count."""
+    """Rate-limited log, which writes the first lines of a kind in 10 s, and then only the newest with a count."""
 
     def __init__(self, reactor: Reactor, write: Callable[[str], object]) -> None:
         self._reactor, self._write = reactor, write
@@ -193,7 +195,7 @@ class FoldedLog:
         self._left_out: dict[Hashable, tuple[str, int]] = {}
 
     def report(self, kind: Hashable, text: str, at_most: int) -> None:
-        """Write a line, or count it if the limit of its kind is reached."""
+        """Write a line, or only count it if `at_most` lines of its kind were already written."""
         if not self._counts:
             self._reactor.call_later(WINDOW_NS, self._end_window)
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
@@ -214,7 +216,7 @@ _LOOK_NS = 20 * _MS
 
 
 class DriveProcess:
-    """Nodes of one process on the opened ports of their buses; `report` receives the lines of the log."""
+    """Process that runs nodes on the opened ports of their buses; `report` receives the lines of the log."""
 
     def __init__(self, reactor: Reactor, buses: Sequence[BusNodes], report: Callable[[str], None]) -> None:
         self._reactor, self._say = reactor, report
@@ -222,15 +224,15 @@ class DriveProcess:
         for bus in buses:
             log = partial(self._log, f"{bus.port.channel}: " if len(buses) > 1 else "")
             self._buses.append(ServedBus(reactor, bus, log, self._on_lost))
-        self._early: list[str] | None = []  # what happened before the ready line
+        self._early: list[str] | None = []  # lines of the log before the ready line
         self._started = reactor.now()
         self._lifeline = lifeline_fd()
         self._standstill_until: int | None = None
-        self._ended = False  # also when that came before the loop that it ends
+        self._ended = False  # also if the end came before the loop started
         self._lost: BusClosed | None = None
 
     def run(self) -> int:
-        """Serve until a signal, or the parent's end; return the exit code. Raises BusClosed, or NodeIdTaken."""
+        """Run until a signal or the end of the parent process; return the exit code. Raise BusClosed or NodeIdTaken."""
         self._reactor.handle_signals({signal.SIGTERM: self._end, signal.SIGINT: self._end})
         try:
             for bus in self._buses:
@@ -277,7 +279,7 @@ class DriveProcess:
             self._reactor.call_later(min(periods), self._keep_up)
 
     def _keep_up(self) -> None:
-        """Advance all axes to the present, for a world that needs them."""
+        """Advance all axes to the present time, and publish shaft positions to other processes."""
         self._advance()
         for world in self._worlds:
             if isinstance(world, ShaftWorld):
@@ -299,14 +301,14 @@ class DriveProcess:
             self._early.append(line)
 
     def _on_lost(self) -> None:
-        """End after the last bus was lost."""
+        """End the process if all buses are lost."""
         errors = [bus.error for bus in self._buses]
         if all(error is not None for error in errors):
             self._lost = errors[0]
             self._leave()
 
     def _on_orphaned(self) -> None:
-        """Wait for the drives' own reaction to a missing master, then end."""
+        """Wait until the drives stand still by their own reaction to the missing master, then end."""
         if self._lifeline is not None:
             self._reactor.remove_reader(self._lifeline)
         self._log("", "the parent process is gone; ending when the drives stand still")

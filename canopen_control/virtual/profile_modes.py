@@ -1,7 +1,7 @@
-"""Modes of operation with a motion profile (CiA 402-2, 7, 8 and 16).
+"""Homing and the modes of operation with a motion profile: HM, PV, VL and PP (CiA 402-2).
 
-Set-points are user units, demands are the plant's counts. A set-point makes a new demand only where it, or a ramp or
-limit that matters to it, changed.
+Set-points are in user units, demands in plant counts. A set-point makes a new demand only if the set-point itself, or a
+ramp or limit that affects it, has changed.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 # Homing (CiA 402-2, 11): methods 1 to 14, 17 to 30, 33 to 35 and 37 on simulated switches and index pulses.
 #
-# A method is a row of `METHODS`: which switch edge it seeks, from which side the last, slow pass crosses it, and
-# whether the next index pulse beyond it is home instead. The way there is a list of legs, each a run through a place:
-# fast until the edge is crossed, then slow, back and forth until the last pass has the right direction. A leg without a
-# switch in its way ends at a limit switch and turns round there. The bits 13, 12 and 10 are those of the table: 000
-# running, 001 interrupted, 010 attained and still moving, 011 done, 101 error.
+# An entry of `METHODS` says which switch edge the method seeks, in which direction the last, slow pass crosses it, and
+# whether the next index pulse beyond the edge is home instead. The motion is a list of legs, and each leg crosses one
+# position: fast until the edge is crossed, then slow, back and forth until the last pass has the right direction.
+# Bits 13, 12 and 10 of the statusword mean: 000 running, 001 interrupted, 010 attained and still moving, 011 done,
+# 101 error.
 
 
 _IN_PLACE = (35, 37)
@@ -34,7 +34,10 @@ FAST, SLOW = 1, 2  # subindices of 0x6099
 
 
 class HomingMethod(NamedTuple):
-    """Homing method: `edge` is a field of `Switches` ("": none), `direction` of the last pass, `pulse`: index pulse."""
+    """Homing method: the switch edge to find, the direction of the last pass, and whether an index pulse is home.
+
+    `edge` is the name of an attribute of `Switches`, "" for none.
+    """
 
     edge: str
     direction: int
@@ -76,14 +79,17 @@ class _Leg(NamedTuple):
 
 
 class HomingMode(Mode):
-    """HM of one axis: bit 4 of the controlword starts it, its falling edge interrupts it. Injection point: `fails`."""
+    """Homing mode (HM): a rising edge of controlword bit 4 starts homing, a falling edge interrupts it.
+
+    While the injection point `fails` is True, every homing ends with an error.
+    """
 
     def __init__(self, axis: AxisParts) -> None:
         super().__init__(axis)
         self.fails: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
-        """Reset the run; the home position found stays in the drive."""
+        """Discard a homing in progress and its result bits; a home position that was found is kept."""
         self._legs: list[_Leg] = []
         self._running = False
         self._attained = False
@@ -91,14 +97,14 @@ class HomingMode(Mode):
         self._home = 0.0
 
     def start(self, now: int) -> None:
-        """Wait for bit 4; after a halt continue the interrupted leg."""
+        """Continue the leg that a halt interrupted, or stop and wait for bit 4."""
         if self._running and self._legs and self.power.live:
             self._run(now)
         else:
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Start and interrupt."""
+        """Start homing at a rising edge of bit 4, and interrupt it at a falling edge."""
         if word & ~previous & NEW_SET_POINT:
             self._begin(now)
         elif previous & ~word & NEW_SET_POINT and self._running:
@@ -107,20 +113,20 @@ class HomingMode(Mode):
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def bits(self) -> int:
-        """Return bits 13, 12 and 10 of the table."""
+        """Return bit 13 (error), bit 12 (attained) and bit 10 (standstill while no homing runs)."""
         still = 0 if self._running and not self._attained else (REACHED if self.mover.at_standstill else 0)
         return still | (BIT_12 if self._attained else 0) | (BIT_13 if self._error else 0)
 
     def deceleration(self) -> float:
-        """Return 0x609A."""
+        """Return the homing acceleration 0x609A in counts/s^2, which is also the slow-down ramp."""
         return self.objects.ramp(o.HOMING_ACCELERATION)
 
     def can_halt(self) -> bool:
-        """Whether the device supports halt in this mode."""
+        """Whether the halt bit interrupts homing on this device."""
         return self.model.homing_halts
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Set the present position as home (method 35, 37), if the device does that without power."""
+        """Set the present position as home by method 35 or 37, if the device supports homing without power."""
         number = self.objects.number(o.HOMING_METHOD)
         if word & ~previous & NEW_SET_POINT and self.model.homes_without_power and number in _IN_PLACE:
             self._begin(now)
@@ -137,7 +143,7 @@ class HomingMode(Mode):
         unknown = (allowed is not None and number not in allowed) or (method is None and number != 0)
         if unknown or self.fails.value:
             self._fail(now)
-        elif method is None:  # 0: nothing is sought, and nothing moves
+        elif method is None:  # method 0: no search and no motion
             self._attained = True
         elif not method.edge and not method.pulse:
             self._finish(self.mover.plant.position)
@@ -163,14 +169,14 @@ class HomingMode(Mode):
         self._run(now)
 
     def _run(self, now: int) -> None:
-        """Run through the place of the first leg."""
+        """Start the motion of the first leg, and schedule the moment at which its position is crossed."""
         leg = self._legs[0]
         position, velocity = self.mover.state(now)
         speed = self.objects.speed(o.HOMING_SPEEDS, leg.speed) * leg.direction
         acceleration = self.objects.ramp(o.HOMING_ACCELERATION)
         demand = ramp_to(now, position, velocity, speed, acceleration, acceleration)
         self.mover.run(demand, now)
-        if velocity * leg.direction < 0.0:  # the turn may swing across the place first
+        if velocity * leg.direction < 0.0:  # the axis may cross the position before it reverses
             after = now + int(abs(velocity) / acceleration * 1e9) if acceleration > 0.0 else now
         else:
             after = now
@@ -208,9 +214,9 @@ class HomingMode(Mode):
 
 
 def _legs_to(position: float, edge: float, direction: int, *, is_limit: bool) -> list[_Leg]:
-    """Return the passes over an edge: fast towards it, then slow until one has the required `direction`.
+    """Return the passes over a switch edge: the first one fast, the others slow, the last one in `direction`.
 
-    A motor that stands exactly on the edge leaves it first. Beyond a limit switch nothing is fast.
+    A motor that stands exactly on the edge moves away from it first. Beyond a limit switch all passes are slow.
     """
     towards = 1 if edge > position else -1
     if edge == position:
@@ -228,17 +234,20 @@ IMMEDIATELY, RELATIVE, CHANGE_ON_SET_POINT = 1 << 5, 1 << 6, 1 << 9
 
 
 class ProfileVelocity(FollowingMode):
-    """PV: a ramp to 0x60FF, 0x6083 up and 0x6084 down. Bit 12: the speed is below 0x606F."""
+    """Profile velocity mode (PV): ramp to 0x60FF with the acceleration 0x6083 and the deceleration 0x6084.
+
+    Bit 12 of the statusword is set while the speed is below the threshold 0x606F.
+    """
 
     def reset(self) -> None:
-        """Reset the target."""
+        """Reset the target velocity and the cached windows."""
         super().reset()
         self._target = 0.0
-        self._windows_of = -1  # which version of the values they are from
+        self._windows_of = -1  # version of the values from which the windows were read
         self._reached_within = self._slow_within = 0.0
 
     def update(self, now: int) -> None:
-        """Apply target and ramps; a position limit ahead ends the motion."""
+        """Apply a changed target or ramp; the motion stops at a position limit."""
         if not self.inputs_may_change():
             return
         target = self.limits.target_velocity()
@@ -248,7 +257,7 @@ class ProfileVelocity(FollowingMode):
             self.limits.ramp_velocity(target, *ramps, now)
 
     def bits(self) -> int:
-        """Return bit 10 within 0x606D of the target, bit 12 below 0x606F."""
+        """Return bit 10 if the velocity is within 0x606D of the target, and bit 12 if the speed is below 0x606F."""
         mover, velocity = self.mover, self.mover.plant.velocity
         if self._windows_of != self.objects.store.version:
             self._read_windows()
@@ -263,18 +272,18 @@ class ProfileVelocity(FollowingMode):
         self._slow_within = max(self.objects.speed(o.VELOCITY_THRESHOLD), 0.5)
 
     def deceleration(self) -> float:
-        """Return 0x6084, or 0x6083 on drives with one ramp for both."""
+        """Return 0x6084 in counts/s^2, or 0x6083 on a drive with one ramp for acceleration and deceleration."""
         both = self.model.velocity_ramp_both_ways or not self.objects.has(o.PROFILE_DECELERATION)
         return self.objects.ramp(o.PROFILE_ACCELERATION if both else o.PROFILE_DECELERATION)
 
 
 class VelocityMode(FollowingMode):
-    """VL, for frequency converters: 0x6042 in rpm, ramps 0x6048 and 0x6049, enabled by bits 4, 5 and 6."""
+    """Velocity mode (VL) of frequency converters: ramp to 0x6042 in rpm, enabled by controlword bits 4, 5 and 6."""
 
     _RUN = 0x70  # bits 4 (enable ramp), 5 (unlock ramp), 6 (reference ramp)
 
     def update(self, now: int) -> None:
-        """Apply target and ramps."""
+        """Apply the target 0x6042 and the ramps, unless bit 5 of the controlword locks the ramp."""
         word = self.power.controlword
         if not word & 0x20:  # locked: the ramp's output stands
             return
@@ -288,22 +297,22 @@ class VelocityMode(FollowingMode):
             self.limits.ramp_velocity(*inputs, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Hold the present speed while the ramp is locked."""
+        """Continue at the present speed when bit 5 of the controlword locks the ramp."""
         if previous & ~word & 0x20:
             self._inputs = None
             position, velocity = self.mover.state(now)
             self.mover.run(ramp_to(now, position, velocity, velocity, 0.0, 0.0), now)
 
     def bits(self) -> int:
-        """Return no bits."""
+        """Return 0, because VL sets none of bits 10, 12 and 13."""
         return 0
 
     def deceleration(self) -> float:
-        """Return 0x6049."""
+        """Return the deceleration 0x6049 in counts/s^2."""
         return self._slope(o.VL_DECELERATION)
 
     def quick_stop_deceleration(self) -> float:
-        """Return 0x604A, or 0x6085 if the former is absent or zero."""
+        """Return the quick-stop ramp 0x604A in counts/s^2, or 0x6085 if 0x604A is absent or zero."""
         has_own = self.objects.number(o.VL_QUICK_STOP, 1) and self.objects.number(o.VL_QUICK_STOP, 2)
         return self._slope(o.VL_QUICK_STOP) if has_own else super().quick_stop_deceleration()
 
@@ -313,22 +322,23 @@ class VelocityMode(FollowingMode):
 
 
 class ProfilePosition(Mode):
-    """PP: set-points at the rising edge of bit 4, one active and one waiting (bit 12 while the buffer is full).
+    """Profile position mode (PP) with the set-point handshake of bits 4 and 12, and one buffered set-point.
 
-    Bit 10 needs the demand at its end and the position within 0x6067 for 0x6068 ms: it is never early.
+    Bit 12 also stays set while the buffer is full. Bit 10 is set only when the demand has ended and the position has
+    been within 0x6067 for 0x6068 ms.
     """
 
     def reset(self) -> None:
-        """Reset all set-points."""
-        self._target: float | None = None  # the one under way or reached, in plant counts
+        """Discard the active and the buffered set-point."""
+        self._target: float | None = None  # active or reached set-point, in plant counts
         self._next: float | None = None
         self._busy = False  # on its way
-        self._profile = (0.0, 0.0, 0.0)  # speed and ramps of the one under way
+        self._profile = (0.0, 0.0, 0.0)  # speed and ramps of the active set-point
         self._reached = True
         self._acknowledged = False
 
     def start(self, now: int) -> None:
-        """Continue the set-point interrupted by a halt, or stand still."""
+        """Continue the set-point that a halt interrupted, or stop the axis."""
         if self._target is None or not self.power.live:
             super().start(now)
         else:
@@ -365,11 +375,11 @@ class ProfilePosition(Mode):
             self._go(target, now)
         elif self._busy:
             self._next = target
-        else:  # halted: it starts when the halt ends
+        else:  # halted: the set-point starts when the halt ends
             self._target, self._busy = target, True
 
     def _blend(self, now: int) -> None:
-        """Bit 9: pass the present set-point at the present speed if the next one is further in that direction."""
+        """Pass the active set-point without a stop (bit 9) if the next one lies further in the same direction."""
         target, following = self._target, self._next
         position, velocity = self.mover.state(now)
         if target is None or following is None or (target - position) * (following - target) <= 0.0:
@@ -387,21 +397,21 @@ class ProfilePosition(Mode):
         self.mover.run(move_to(now, position, velocity, target, *self._profile, end=end), now)
 
     def arrived(self, now: int) -> None:
-        """Start the waiting set-point, or check the window."""
+        """Start the buffered set-point, or check the position window, when the target is reached."""
         if self._target is None or not self._busy or self.mover.demand.final_position != self._target:
             return
         if self._next is not None:
             target, self._next = self._next, None
             self._acknowledged = bool(self.power.controlword & NEW_SET_POINT)
             self._go(target, now)
-        elif self.mover.demand.final_velocity:  # it goes on with 0x6082
+        elif self.mover.demand.final_velocity:  # the motion continues with the end velocity 0x6082
             self._arrive()
             self.limits.ramp_velocity(self.mover.demand.final_velocity, *self._profile[1:], now)
         else:
             self._settle(now, None)
 
     def _arrive(self) -> None:
-        """Process the arrival at the target."""
+        """Mark the set-point as reached, and clear bit 12 unless bit 4 is set."""
         self._busy, self._reached = False, True
         if not self.power.controlword & NEW_SET_POINT:
             self._acknowledged = False
@@ -421,7 +431,7 @@ class ProfilePosition(Mode):
         self.mover.at("window", deadline, lambda then: self._settle(then, since))
 
     def bits(self) -> int:
-        """Return bit 10 at the last set-point, bit 12 while one is acknowledged, bit 13 for a following error."""
+        """Return bit 10 at the last set-point, bit 12 for an acknowledged set-point, bit 13 for a following error."""
         reached = self._reached and (self._target is not None or self.mover.at_standstill)
         return (
             (REACHED if reached else 0)

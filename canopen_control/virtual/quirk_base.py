@@ -1,13 +1,12 @@
-"""Declaration of a quirk, and the hooks by which its act changes a virtual node.
+"""Declaration of quirks, and the hooks through which quirk actions change a virtual node.
 
-A fault is what breaks, a quirk is how a manufacturer's drive always is. A row has its name, what the drive does, the
-clause or object of the standard that it departs from ("" where the standard allows it), its source, its act, and its
-strength where it has one. A source is a repository with the number of a thread, a file of one, or a manual with its
-page or object; `unsourced`: seen by users, no public source is known. Of two quirks of one `group` an axis can have
-one. Quirks that are faults of other drives keep the names of those.
+A fault is a defect; a quirk is how a manufacturer's healthy drive always behaves. A quirk has a name, a description,
+the clause or object of the standard from which it departs ("" if the standard allows it), a source, an action, and
+possibly a strength. A source is a repository with the number of a thread or a file, or a manual with a page or object;
+`unsourced` quirks were seen by users, without a public source. Of the quirks of one `group` an axis can have only one.
 
-An act is called once when its quirk is switched on, with the strength; what it hooked is undone when the quirk is
-switched off. Without a quirk nothing of it runs.
+An action is called once with the strength when its quirk is switched on; its hooks are undone when the quirk is
+switched off. No code of an inactive quirk runs.
 """
 
 from __future__ import annotations
@@ -58,18 +57,18 @@ class Strength:
 
 
 def in_seconds(default: float, high: float = 60.0) -> Strength:
-    """Return a strength in s."""
+    """Return a strength in s, from 1 ms to `high`."""
     return Strength("s", default, 0.001, high)
 
 
 def whole(unit: str, default: float, low: float, high: float) -> Strength:
-    """Return a strength that is an integer."""
+    """Return a strength that is an integer in units of `unit`."""
     return Strength(unit, default, low, high, whole=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """Row of the table: `axis` acts on an axis, `node` on the node; exactly one of them is set."""
+    """Entry of the quirk table; either `axis` (an action on an axis) or `node` (an action on the node) is set."""
 
     name: str
     does: str
@@ -81,7 +80,7 @@ class Quirk:
     group: str = ""
 
     def listing(self, on: Sequence[str] = ()) -> QuirkListing:
-        """Return the row as a message; `on` is the text of the active quirk."""
+        """Return the quirk as a message for lists; `on` are its active settings in text form."""
         strength = self.strength
         return QuirkListing(
             name=self.name,
@@ -98,7 +97,10 @@ class Quirk:
 
 
 class QuirkHooks:
-    """Changes of `node` that are undone in reverse order; `outgoing` and `incoming` change its frames."""
+    """Hooks by which quirk actions change `node`; they are undone in reverse order.
+
+    `outgoing` and `incoming` are functions that change the frames that leave or reach the node.
+    """
 
     def __init__(self, node: VirtualNode) -> None:
         self.node = node
@@ -108,35 +110,35 @@ class QuirkHooks:
         self._gates: dict[int, ModeGate] = {}
 
     def undo(self) -> None:
-        """Undo all changes."""
+        """Undo the changes of all quirks."""
         self._undo.close()
         self.outgoing.clear()
         self.incoming.clear()
         self._gates.clear()
 
     def later(self, undo: Callable[[], object]) -> None:
-        """Call `undo` when the quirks are undone."""
+        """Call `undo` when the changes of all quirks are undone."""
         self._undo.callback(undo)
 
     def attribute(self, part: Any, name: str, value: object) -> None:  # noqa: ANN401 - any part of a node
-        """Set an attribute."""
+        """Set an attribute of `part` until the quirks are undone."""
         self.later(partial(setattr, part, name, getattr(part, name)))
         setattr(part, name, value)
 
     def entry(self, table: dict[Any, Any], key: object, value: object) -> None:
-        """Set an entry of a table."""
+        """Set an entry of a dictionary until the quirks are undone."""
         self.later(partial(table.__setitem__, key, table[key]) if key in table else partial(table.pop, key, None))
         table[key] = value
 
     def healthy(self, point: InjectionPoint[T], value: T) -> None:
-        """Set the normal value of an injection point, which faults change."""
+        """Set the healthy value of an injection point, to which the end of a fault restores it."""
         self.attribute(point, "healthy", value)
         self.attribute(point, "value", value)
 
     # -- objects
 
     def guard(self, indices: Iterable[int], judge: Judge) -> None:
-        """Check writes by `judge`; its last argument is the previous check."""
+        """Check writes to `indices` by `judge`, which gets the previous check as its last argument."""
         store = self.node.store
         for index in indices:
             if index not in {entry.index for entry in store.od}:
@@ -146,7 +148,7 @@ class QuirkHooks:
             store.set_guard(index, _checked(judge, present))
 
     def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
-        """Show an entry's value through `view`."""
+        """Apply `view` to the value that is read from an entry."""
         store = self.node.store
         if not store.has(index, subindex):
             return
@@ -157,7 +159,7 @@ class QuirkHooks:
         )
 
     def preset(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value now and after every reset."""
+        """Set a value now and after every reset, until the quirks are undone."""
         store = self.node.store
         if not store.has(index, subindex):
             return
@@ -172,28 +174,28 @@ class QuirkHooks:
         store.preset(index, subindex, value)
 
     def absent(self, *indices: int) -> None:
-        """Answer SDO requests as if objects did not exist, and do not map them."""
+        """Answer SDO requests as if the objects did not exist, and refuse to map them."""
         self.incoming.append(refusing(AbortCode.NO_OBJECT, lambda _command, index: index in indices))
         self.guard(pdo_mappings(self.node), partial(_not_mapped, indices))
 
     # -- axes
 
     def word(self, drive: VirtualDrive, change: Callable[[int], int]) -> None:
-        """Change the statusword of an axis."""
+        """Apply `change` to the statusword of an axis."""
         statusword = drive.readings.statusword
         self.attribute(statusword, "changes", (*statusword.changes, change))
 
     def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
-        """Execute a transition by `act`; its last argument is the previous one."""
+        """Perform transition `number` of an axis by `act`, which gets the previous action as its last argument."""
         before = drive.power.act_of(number)
         self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
 
     def delay(self, drive: VirtualDrive, number: int, seconds: float) -> None:
-        """Delay a transition."""
+        """Delay transition `number` of an axis by `seconds`."""
         self.entry(drive.power.delays_ns, number, round(seconds * _S))
 
     def gate(self, drive: VirtualDrive) -> ModeGate:
-        """Return the gate before the modes of an axis."""
+        """Return the gate in front of the modes of an axis, which is created at the first call."""
         if drive.axis not in self._gates:
             gate = self._gates[drive.axis] = ModeGate()
             drive.modes.set_gate(gate)
@@ -201,7 +203,7 @@ class QuirkHooks:
         return self._gates[drive.axis]
 
     def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
-        """Change the device model of an axis."""
+        """Change fields of the device model of an axis."""
         self.later(partial(drive.set_model, drive.objects.model))
         drive.set_model(replace(drive.objects.model, **changed))
 
@@ -239,11 +241,11 @@ def pdo_mappings(node: VirtualNode) -> list[int]:
     return [record + 0x200 for record in pdo_records(node)]
 
 
-# -- acts of several topics
+# -- quirk actions of several topics
 
 
 def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int, float], bool]) -> AxisAct:
-    """Return an act that refuses values of an object of the axis."""
+    """Return a quirk action that refuses values of an object of the axis with `code`."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
         def judge(entry: Entry, value: Value, before: Guard) -> Value:
@@ -257,12 +259,12 @@ def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int,
 
 
 def lacks(*indices: int) -> NodeAct:
-    """Return an act that removes objects from the node."""
+    """Return a quirk action that makes objects of the node absent."""
     return lambda hooks, _strength: hooks.absent(*indices)
 
 
 def turns(switch: Switch) -> NodeAct:
-    """Return an act that switches something of the node, until it is undone."""
+    """Return a quirk action that calls `switch` with True, and with False when it is undone."""
 
     def act(hooks: QuirkHooks, _strength: float) -> None:
         node = hooks.node
@@ -273,5 +275,5 @@ def turns(switch: Switch) -> NodeAct:
 
 
 def hears(incoming: Incoming) -> NodeAct:
-    """Return an act that changes the frames that reach the node."""
+    """Return a quirk action that applies `incoming` to the frames that reach the node."""
     return lambda hooks, _strength: hooks.incoming.append(incoming)

@@ -1,7 +1,6 @@
-"""Quirks of drives on the market, each a documented difference of a healthy drive from CiA 402, and the active ones.
+"""Table of all quirks, which are differences of real, healthy drives from the standards, and the quirks of a node.
 
-`QUIRKS` has all of them; here are their text form ``NAME``, ``NAME=VALUE`` or, for one axis of several,
-``NAME=VALUE@AXIS``, their exclusions, and the switches of a node.
+A quirk is written as ``NAME``, ``NAME=VALUE`` or, for one axis of several, ``NAME=VALUE@AXIS``.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ if TYPE_CHECKING:
 QUIRKS: Final[dict[str, Quirk]] = {
     quirk.name: quirk for quirk in (*POWER_QUIRKS, *MOTION_QUIRKS, *COMMUNICATION_QUIRKS)
 }
-"""All quirks by name, in the order in which their acts are hooked."""
+"""All quirks by name, in the order in which they are applied."""
 
 
 @dataclass(frozen=True, slots=True)
 class QuirkSetting:
-    """Quirk with its strength (0 without one), on one axis or on the node (None)."""
+    """Quirk with its strength (0 if it has none), for one axis, or for the whole node if `axis` is None."""
 
     quirk: Quirk
     value: float
@@ -41,17 +40,17 @@ class QuirkSetting:
 
     @property
     def text(self) -> str:
-        """Text form."""
+        """Text form of the setting, which `parse_quirk` accepts."""
         strength = "" if self.quirk.strength is None else f"={self.value:.10g}"
         return f"{self.quirk.name}{strength}{'' if self.axis is None else f'@{self.axis}'}"
 
     def meets(self, other: QuirkSetting) -> bool:
-        """Whether both apply to the same axis."""
+        """Whether this setting and the other one apply to a common axis."""
         return self.axis is None or other.axis is None or self.axis == other.axis
 
 
 def parse_quirk(text: str) -> QuirkSetting:
-    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; ConfigError in one sentence."""
+    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; raise ConfigError if it is not valid."""
     head, at, place = text.partition("@")
     name, equals, number = head.partition("=")
     quirk = QUIRKS.get(name)
@@ -88,7 +87,7 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
 
 
 def check_quirks(settings: Sequence[QuirkSetting]) -> None:
-    """Raise ConfigError for quirks that exclude each other on an axis."""
+    """Raise ConfigError if a quirk is given twice for an axis, or if two quirks for an axis exclude each other."""
     for place, setting in enumerate(settings):
         for earlier in settings[:place]:
             if setting.quirk is earlier.quirk and setting.meets(earlier):
@@ -99,7 +98,7 @@ def check_quirks(settings: Sequence[QuirkSetting]) -> None:
 
 
 def quirks_of(personality: Personality) -> list[str]:
-    """Return the quirks of a personality; ConfigError with the line of each invalid or excluded one."""
+    """Return the quirks of a personality in text form; raise ConfigError that lists every invalid line."""
     settings: list[QuirkSetting] = []
     wrong: list[str] = []
     for line in personality.quirks:
@@ -115,9 +114,9 @@ def quirks_of(personality: Personality) -> list[str]:
 
 
 class QuirkSwitches:
-    """Quirks of `node`; `active` lists the active ones, as text.
+    """Switches of the quirks of `node`.
 
-    Each switching undoes all hooks, then hooks those that are active, in the order of the table.
+    Switching a quirk undoes the hooks of all quirks, and then hooks the active quirks in the order of `QUIRKS`.
     """
 
     def __init__(self, node: VirtualNode) -> None:
@@ -127,21 +126,21 @@ class QuirkSwitches:
 
     @property
     def active(self) -> list[str]:
-        """Active quirks."""
+        """Active quirks in text form."""
         return [setting.text for setting in self._on]
 
     def settings(self, name: str) -> list[str]:
-        """Return the text of an active quirk."""
+        """Return the active settings of the quirk `name` in text form; several if they are for different axes."""
         return [setting.text for setting in self._on if setting.quirk.name == name]
 
     def start_with(self, texts: Iterable[str]) -> None:
-        """Enable quirks at power-on; ConfigError for one that the node cannot have."""
+        """Enable these quirks at power-on; raise ConfigError if one of them is not possible on the node."""
         settings = [self._fitting(parse_quirk(text)) for text in texts]
         check_quirks(settings)
         self._hook(settings)
 
     def set(self, text: str, on: bool, now: int) -> None:
-        """Enable or disable a quirk; a new strength replaces the old one, disabling without an axis applies to all."""
+        """Enable or disable a quirk, on all axes if `text` names none; a new strength replaces the old one."""
         setting = self._fitting(parse_quirk(text))
         remaining = [
             setting_on
@@ -157,7 +156,7 @@ class QuirkSwitches:
         self._node.follow(now)
 
     def _fitting(self, setting: QuirkSetting) -> QuirkSetting:
-        """Return a setting; ConfigError if the node lacks the axis."""
+        """Return `setting`; raise ConfigError if the node has no such axis."""
         axes = self._node.drives
         if setting.quirk.axis is not None and not axes:
             raise ConfigError(
@@ -185,5 +184,5 @@ class QuirkSwitches:
 
 
 def switches_of(node: VirtualNode) -> QuirkSwitches:
-    """Return the quirks of a node."""
+    """Return the quirk switches of a node, which are created at the first call."""
     return node.quirks if isinstance(node.quirks, QuirkSwitches) else QuirkSwitches(node)

@@ -1,13 +1,13 @@
-"""Scenarios: timed faults of drives in a YAML file, and their player.
+"""Scenarios: timed faults, quirks and disturbances in a YAML file, and the player for them.
 
-Times count from the drives' ready line, and every error in the file is reported at once, with its line, before anything
-runs. A step goes through the node's control, like a request of a client; a step that fails is reported,
-and the others continue.
+Times count from the drives' ready line. All errors in the file are reported at once, with their lines, before anything
+runs. A step is executed by the node's control, like a request of a client; a step that fails is reported, and the
+others continue.
 
     steps:
-      - {at: 5s, node: 3, fault: heartbeat_lost}              # on, and it stays
+      - {at: 5s, node: 3, fault: heartbeat_lost}              # switched on for good
       - {at: 8s, node: 3, fault: heartbeat_lost, state: off}
-      - {at: 500ms, node: 2, fault: silent, for: 2s}          # on, and off again after 2 s
+      - {at: 500ms, node: 2, fault: silent, for: 2s}          # switched on, and off again after 2 s
       - {at: 9s, node: 3, quirk: brake_delay=0.5@1}           # a quirk of a drive; state: off ends it
       - {at: 12s, node: 3, plant: {stalled: 1, external: -300}}
       - {at: 14s, payload: {mass: 12}}                        # with physics only
@@ -52,15 +52,15 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.problems import Problems
 
 
-# What happens in a world that has physics, as YAML writes it: the keys payload, push, block and friction of a step.
+# Disturbances of a world with physics in YAML: the keys payload, push, block and friction of a step.
 #
-# The same in a scenario of drives and in the file of a world; the messages are those of the drives' socket, see
-# `rpc.messages.drive`. Lengths in m, masses in kg, forces in N.
+# They are the same in a scenario of drives and in the file of a world; the messages are those of the drives' socket,
+# see `rpc.messages.drive`. Lengths are in m, masses in kg, forces in N.
 
 
 @dataclass(frozen=True)
 class Payload:
-    """Payload on a link, see `AddPayload`."""
+    """Payload on a link in a scenario step, see `AddPayload`."""
 
     mass: float
     on: str = ""
@@ -69,7 +69,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Push:
-    """Push of a link, see `PushRobot`."""
+    """Push of a link in a scenario step, see `PushRobot`."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -77,7 +77,7 @@ class Push:
 
 
 def world_words(act: WorldAct) -> list[tuple[str, str]]:
-    """Return a disturbance as keys of a step with the text of their values."""
+    """Return the keys of a scenario step for a disturbance, with the text of their values."""
     if isinstance(act, BlockJoint):
         return [("block", act.joint)]
     if isinstance(act, SetGrip):
@@ -99,7 +99,7 @@ def _list(numbers: Iterable[float]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldEvent:
-    """Keys of a step that change the world; a joint may be blocked for a limited time."""
+    """Keys of a scenario step that disturb the world: payload, push, blocked joint and friction."""
 
     payload: Payload | None = None
     push: Push | None = None
@@ -107,7 +107,7 @@ class WorldEvent:
     friction: float | None = setting(None, low=0.0, high=10.0)
 
     def acts(self) -> list[WorldAct]:
-        """Return the disturbances of the step."""
+        """Return the disturbances of the step as messages."""
         acts: list[WorldAct] = []
         if self.payload is not None:
             acts.append(AddPayload(mass=self.payload.mass, on=self.payload.on, position=self.payload.position))
@@ -127,7 +127,7 @@ _LONGEST_S: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """Event `at_ns` after the start: a switched fault or quirk, a changed plant, or a disturbance of the world."""
+    """Timed event of a scenario: a switched fault or quirk, a changed plant, or a disturbance of the world."""
 
     at_ns: int
     node_id: int
@@ -144,7 +144,7 @@ class ScenarioError(ConfigError):
 
 
 def seconds_of(value: float | str) -> float:
-    """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; ValueError for other texts."""
+    """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; raise ValueError for other texts."""
     match = _TIME.fullmatch(str(value).strip())
     if match is None or float(match[1]) > _LONGEST_S:
         raise ValueError(f"{value!r} is not a time: 1h, 5min, 5s, 500ms, or a number of seconds")
@@ -152,13 +152,16 @@ def seconds_of(value: float | str) -> float:
 
 
 def nanoseconds_of(value: float | str) -> int:
-    """Return the nanoseconds of such a text; ValueError for other texts."""
+    """Return the nanoseconds of a time as in `seconds_of`; raise ValueError for other texts."""
     return round(seconds_of(value) * 1e9)
 
 
 @dataclass(frozen=True)
 class ScenarioStep(WorldEvent):
-    """Step of a file; `do`, `target`, `name`, `values`, `times` and `when` are for simulations of robots."""
+    """Step of a scenario file.
+
+    `do`, `target`, `name`, `values`, `times` and `when` are used only in simulations of robots.
+    """
 
     at: float | str
     do: str = ""
@@ -178,12 +181,12 @@ class ScenarioStep(WorldEvent):
 
     @property
     def at_ns(self) -> int:
-        """Time of the step; an error is reported."""
+        """Time of the step in ns; a text that is not a time is reported as an error of the file."""
         return nanoseconds_at(self.here, self.at)
 
     @property
     def for_ns(self) -> int | None:
-        """Duration, None without one; an error is reported."""
+        """Duration in ns, None without one; a text that is not a time is reported as an error of the file."""
         return None if self.length is None else nanoseconds_at(self.here, self.length)
 
     def check_name(self, fault: str | None, quirk: str | None) -> None:
@@ -197,7 +200,7 @@ class ScenarioStep(WorldEvent):
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """Contents of the file; `for` and `seed` are for a robot in virtual time."""
+    """Contents of a scenario file; `for` and `seed` are used only in simulations of robots."""
 
     steps: list[ScenarioStep]
     length: float | str | None = setting(None, key="for")
@@ -206,7 +209,7 @@ class ScenarioFile:
 
 
 def nanoseconds_at(here: Node, value: float | str) -> int:
-    """Return a time in ns; an error is reported and returns 1."""
+    """Return a time in ns; for a text that is not a time, report an error at `here` and return 1."""
     try:
         return nanoseconds_of(value)
     except ValueError as error:
@@ -215,7 +218,7 @@ def nanoseconds_at(here: Node, value: float | str) -> int:
 
 
 def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the file's timeline of drives in order; ScenarioError with every error and its line."""
+    """Return the events in a scenario file by time; raise ScenarioError that lists all errors with their lines."""
     switchings: list[Switching] = []
 
     def check(file: ScenarioFile, _problems: Problems) -> None:
@@ -250,7 +253,7 @@ def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
 
 
 def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the events of the shared world; a joint may be blocked for a limited time."""
+    """Return the events of a step that disturbs the world, including the end of a blocked joint."""
     acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
         step.here.error("a step has one of payload, push, block and friction, and no node, fault, quirk or plant then")
@@ -263,9 +266,9 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 
 
 class Timeline:
-    """Player of events on the nodes of one process through their control; it starts at its creation.
+    """Player of scenario events on the nodes of one process; times count from its creation.
 
-    `controls` is read when a step is due; `say` gets a sentence about a step that failed.
+    `controls` is read when a step is due; `report` gets a sentence about a step that failed.
     """
 
     def __init__(

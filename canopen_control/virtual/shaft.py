@@ -1,8 +1,9 @@
-"""Shaft of a virtual encoder (CiA 406), turned by the motor of a virtual drive through a gear.
+"""Base with two wheels and shafts with encoders, both moved by virtual drives.
 
-A drive in the same process is looked at; one in another process keeps the places of its shafts in a file that both
-name, brought up to date at the world's period. What is measured is the load's side: the backlash of a loaded plant is
-between it and the motor.
+The shaft of a virtual encoder (CiA 406) is turned by the motor of a virtual drive through a gear. The encoder reads a
+drive in the same process directly; a drive in another process writes its shaft positions at the world's period to a
+file that both plant files name. The position is that of the load: the backlash of a loaded plant is between load and
+motor.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 # A diff-drive base on a floor: its pose, computed from the distances of its two wheels.
 #
 # Wheels report points (time, distance in metres) of their motion on a grid of their own, in any order and from any
-# process; the pose is integrated exactly along the arc between neighbouring points, up to the last time known of both
+# process; the pose is integrated exactly along the arc between neighbouring points, up to the last time known for both
 # wheels. So the result depends on the motion only, not on the order of the reports. A wheel without a report for ten
 # seconds counts as standing. Slip is noise on each wheel's steps, computed from the seed and the number of the step.
 
@@ -46,7 +47,7 @@ Point = tuple[int, float]
 
 
 class _Record(TypedDict):
-    """Complete state of a base, as in its file."""
+    """Complete state of a `DiffBase`, as stored in a file."""
 
     x: float
     y: float
@@ -57,7 +58,7 @@ class _Record(TypedDict):
 
 
 class DiffBase:
-    """Integrates the pose of a base whose wheels are `separation` metres apart."""
+    """Differential-drive base that integrates its pose; `separation` is the distance of the wheels in metres."""
 
     def __init__(self, separation: float) -> None:
         self.separation = separation
@@ -67,7 +68,7 @@ class DiffBase:
         self.time_ns = 0
 
     def report(self, wheel: int, points: Sequence[Point]) -> None:
-        """Add positions of `wheel` in order of time; older ones are ignored."""
+        """Add points (time in ns, distance in m) of a wheel in order of time; older points are ignored."""
         for time_ns, way in points:
             last = self._next[wheel][-1] if self._next[wheel] else self._last[wheel]
             if last is None:
@@ -100,7 +101,7 @@ class DiffBase:
                 self._next[wheel].append((other_wheel[-1][0], last[1]))
 
     def _step(self, wheel: int, time_ns: int) -> float:
-        """Advance a wheel to `time_ns`; return its travel, interpolated between its points."""
+        """Advance a wheel to `time_ns`; return the distance travelled, interpolated between its points."""
         ahead, last = self._next[wheel], self._last[wheel] or self._next[wheel][0]
         when, way = ahead[0]
         if when == time_ns:
@@ -111,7 +112,7 @@ class DiffBase:
         return way - last[1]
 
     def _advance(self, remaining: float, right: float) -> None:
-        """Advance along the arc of two constant wheel speeds."""
+        """Advance the pose along an arc; `remaining` and `right` are the distances of the left and right wheel."""
         way, turn = 0.5 * (remaining + right), (right - remaining) / self.separation
         half = 0.5 * turn
         chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -133,7 +134,7 @@ class DiffBase:
         }
 
     def load(self, content: _Record) -> None:
-        """Load a state of `dump`."""
+        """Restore a state returned by `dump`."""
         self.x, self.y, self.heading = float(content["x"]), float(content["y"]), float(content["heading"])
         self.time_ns = int(content["time_ns"])
         self._last = [None if item is None else (int(item[0]), float(item[1])) for item in content["last"]]
@@ -142,9 +143,9 @@ class DiffBase:
 
 
 class SharedBase:
-    """`DiffBase` shared by several processes in the file at `path`, each under its lock.
+    """`DiffBase` that several processes share through the file at `path`, guarded by a lock on that file.
 
-    The file holds the pose as JSON for any reader. ConfigError if it cannot be opened.
+    The file has the complete state as JSON, readable for other programs. ConfigError is raised if it cannot be opened.
     """
 
     def __init__(self, separation: float, path: Path) -> None:
@@ -153,7 +154,7 @@ class SharedBase:
         self._file: int | None = None
 
     def report(self, wheel: int, points: Sequence[Point]) -> None:
-        """Add positions of `wheel`."""
+        """Add points of a wheel and store the new state in the file."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_EX)
         try:
@@ -181,7 +182,7 @@ class SharedBase:
         return self._file
 
     def _read(self, fd: int) -> None:
-        """Load the state in the file; an incomplete one of a killed process is reset."""
+        """Load the state in the file; an incomplete file, left by a killed process, resets the state."""
         try:
             content = json.loads(os.pread(fd, 1 << 24, 0) or b"{}")
             if content:
@@ -204,7 +205,7 @@ def shared_path(text: str) -> Path:
 
 
 def open_shared(path: Path) -> int:
-    """Open a file shared by several processes, created if missing; ConfigError on failure.
+    """Open a file shared by several processes, and create it if it is missing; raise ConfigError on failure.
 
     A link, another user's file and a file that others may write to are refused: in a shared folder such as /tmp
     another user may have created it.
@@ -232,7 +233,7 @@ _SHARE: Final = "write a name without / after share: for a file in your own priv
 
 
 def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
-    """Return the distance of one step of a wheel with `slip` (a standard deviation, relative)."""
+    """Return the distance `way` of a wheel step with pseudo-random slip; `slip` is the relative standard deviation."""
     number = (seed * 0x9E3779B97F4A7C15 + wheel * 0xD1B54A32D192ED03 + step * 0xBF58476D1CE4E5B9) & _MASK
     number = ((number ^ number >> 30) * 0xBF58476D1CE4E5B9) & _MASK  # splitmix64
     number = ((number ^ number >> 27) * 0x94D049BB133111EB) & _MASK
@@ -240,10 +241,10 @@ def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
     return way * (1.0 + slip * math.sqrt(3.0) * uniform)
 
 
-# A wheel on a floor: a plant that reports the way it goes to the base it belongs to.
+# A wheel on a floor: a plant that reports its distance to the base.
 #
-# The motion is that of the inner plant; this one only divides it at the points of a fixed grid, so that the reports do
-# not depend on when it is read. Points are passed on in bundles.
+# The motion is that of the inner plant, divided at the points of a fixed grid, so that the reports do not depend on
+# when the plant is read. Points are reported in bundles.
 
 
 GRID_NS = 5_000_000
@@ -254,19 +255,22 @@ class WheelOdometry(Protocol):
     """Receiver of wheel positions."""
 
     def report(self, wheel: int, points: Sequence[tuple[int, float]]) -> None:
-        """Add positions of `wheel`: monotonic ns and metres."""
+        """Add points of a wheel: monotonic time in ns and distance in metres."""
 
 
 class WheelPlant:
-    """Wheel plant: `inner` on `floor` as wheel `side`; `metres` per count, negative if reversed."""
+    """Plant of a wheel, which moves like the plant `inner` and reports the distance to `floor` as wheel `side`.
+
+    `metres` is the distance of one count, negative if the wheel is reversed.
+    """
 
     def __init__(
         self, inner: Plant, floor: WheelOdometry, side: int, metres: float, *, slip: float = 0.0, seed: int = 0
     ) -> None:
         self.inner, self._floor, self._side, self._metres = inner, floor, side, metres
         self._slip, self._seed = slip, seed
-        self._way = 0.0  # gone on the floor, in metres
-        self._steps = 0  # that were gone at all
+        self._way = 0.0  # distance on the floor, in metres
+        self._steps = 0  # number of steps with a motion
         self._reported = inner.position  # counts at the last point
         self._points: list[tuple[int, float]] = []
 
@@ -277,7 +281,7 @@ class WheelPlant:
 
     @position.setter
     def position(self, value: float) -> None:
-        """Displace the motor; the wheel is lifted for it."""
+        """Displace the motor without moving the base, as if the wheel were lifted."""
         self._reported += value - self.inner.position
         self.inner.position = value
 
@@ -288,7 +292,7 @@ class WheelPlant:
 
     @velocity.setter
     def velocity(self, value: float) -> None:
-        """Change the velocity."""
+        """Set the velocity of the inner plant."""
         self.inner.velocity = value
 
     @property
@@ -298,7 +302,7 @@ class WheelPlant:
 
     @torque.setter
     def torque(self, value: float) -> None:
-        """Change the torque."""
+        """Set the torque of the inner plant."""
         self.inner.torque = value
 
     @property
@@ -308,26 +312,26 @@ class WheelPlant:
 
     @stiff.setter
     def stiff(self, value: bool) -> None:
-        """Set the property of the inner plant."""
+        """Set whether the inner plant is stiff."""
         self.inner.stiff = value
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move with the inner plant."""
+        """Move with the inner plant, which follows the demand."""
         standing = demand.end_ns <= start_ns and not demand.final_velocity and demand.final_position == self.position
         quiet = standing and self.stiff and not self.velocity
         self._move(lambda start, end: self.inner.follow(demand, start, end), start_ns, end_ns, quiet=quiet)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by the torque."""
+        """Move with the inner plant, driven by a torque in per mille."""
         self._move(lambda start, end: self.inner.apply_torque(torque, start, end), start_ns, end_ns, quiet=False)
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Move without power."""
+        """Move with the inner plant without power."""
         quiet = self.stiff and not self.velocity
         self._move(self.inner.release, start_ns, end_ns, quiet=quiet)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the inner plant's loops."""
+        """Set the feed-forward of the inner plant's control loops."""
         self.inner.feed_forward(velocity, torque)
 
     def _move(self, move: Callable[[int, int], None], start_ns: int, end_ns: int, *, quiet: bool) -> None:
@@ -352,25 +356,25 @@ class WheelPlant:
         self._points.append((now, self._way))
 
     def publish(self) -> None:
-        """Pass the points on."""
+        """Report the waiting points to the base."""
         if self._points:
             self._floor.report(self._side, self._points)
             self._points = []
 
 
-_SLOT: Final = struct.Struct("<Qd")  # 1 where it is known, counts
+_SLOT: Final = struct.Struct("<Qd")  # 1 if the position is known, counts
 _AXES: Final = 8
 
 
 @runtime_checkable
 class ShaftWorld(World, Protocol):
-    """World with shafts for encoders."""
+    """World with shafts whose positions encoders measure."""
 
     def has_shaft(self, node_id: int) -> bool:
         """Return whether a node is an encoder on a shaft."""
 
     def shaft_position(self, node_id: int) -> float | None:
-        """Return the position of a node's shaft in rad (m), None while it is unknown."""
+        """Return the position of an encoder's shaft in rad (m if linear), None while it is unknown."""
 
     def publish(self) -> None:
         """Publish the shaft positions to other processes."""
@@ -378,9 +382,9 @@ class ShaftWorld(World, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """Coupling of a motor to the shaft of an encoder: counts per motor turn, gear ratio.
+    """Coupling between a motor and an encoder: counts per motor turn, gear ratio and direction.
 
-    With a `lead` it is a way in m for each of these turns, of a linear encoder.
+    With a `lead` the encoder is linear, and `lead` is the distance in m for each turn behind the gear.
     """
 
     counts_per_revolution: float
@@ -401,14 +405,14 @@ def load_counts(plant: Plant) -> float:
 
 
 class ShaftFile:
-    """Shaft positions by node id and axis, in a file shared by processes; ConfigError if it cannot be opened."""
+    """File with shaft positions by node-ID and axis, shared by processes; ConfigError if it cannot be opened."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file: int | None = None
 
     def put(self, node_id: int, axis: int, counts: float) -> None:
-        """Publish a shaft position."""
+        """Write a shaft position in motor counts to the file."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_EX)
         try:
@@ -417,7 +421,7 @@ class ShaftFile:
             fcntl.flock(fd, fcntl.LOCK_UN)
 
     def get(self, node_id: int, axis: int) -> float | None:
-        """Return a shaft position, None if it was never published."""
+        """Return a shaft position in motor counts, None if it was never written."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_SH)
         try:

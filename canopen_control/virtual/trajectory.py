@@ -1,12 +1,11 @@
 """Motion as a function of time: trajectories of pieces with constant acceleration.
 
-A trajectory is created once, at an event, and evaluated in closed form at any time after it. There is no tick, so the
+A trajectory is created once, at an event, and evaluated in closed form at any later time. There is no tick, so the
 result does not depend on how often it is read, and the position is the exact integral of the velocity. Positions are
 in counts, velocities in counts/s, accelerations in counts/s^2; all are floats, whose error at the ends of a 32-bit
 range is below a millionth of a count. Times are monotonic nanoseconds.
 
-An acceleration of 0 starts no motion, an infinite one is a step. A deceleration needs no ramp: a deceleration of 0
-stops at once.
+An acceleration of 0 starts no motion, an infinite acceleration is a step. A deceleration of 0 stops at once.
 """
 
 from __future__ import annotations
@@ -23,22 +22,22 @@ _NS = 1e-9
 
 
 class Piece(NamedTuple):
-    """`seconds` long, starting at `velocity`, with constant `acceleration`."""
+    """Part of a motion with constant acceleration: duration, initial velocity and acceleration."""
 
     seconds: float
     velocity: float
     acceleration: float
 
     def distance(self, seconds: float) -> float:
-        """Return the distance after `seconds` of the piece."""
+        """Return the distance covered in the first `seconds` of the piece."""
         return (self.velocity + 0.5 * self.acceleration * seconds) * seconds
 
 
 class DemandCurve:
-    """Pieces from `position` at `start_ns` on, then `final_velocity` without end.
+    """Motion over time: pieces of constant acceleration from `start_ns` on, then `final_velocity` without end.
 
-    `final_position` is where the pieces end. It may be given where it is known exactly (a target), so that no rounding
-    of the pieces shows.
+    `final_position` is the position at the end of the pieces. A known exact value (a target) can be given, so that
+    rounding in the pieces has no effect.
     """
 
     __slots__ = ("_pieces", "end_ns", "final_position", "final_velocity", "position", "start_ns")
@@ -64,7 +63,7 @@ class DemandCurve:
         return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
     def at(self, now: int) -> tuple[float, float]:
-        """Return position and velocity at `now`, which is not before the start."""
+        """Return position and velocity at `now`, which must not be before the start."""
         if now >= self.end_ns:
             beyond = (now - self.end_ns) * _NS
             return self.final_position + self.final_velocity * beyond, self.final_velocity
@@ -77,7 +76,7 @@ class DemandCurve:
         return self.final_position, self.final_velocity
 
     def steady_until(self, now: int) -> int | None:
-        """Return the time until which the velocity is constant, None without end; `now` while it changes."""
+        """Return the time until which the velocity is constant, None if for ever; `now` while it changes."""
         if now >= self.end_ns:
             return None
         seconds = (now - self.start_ns) * _NS
@@ -94,7 +93,7 @@ class DemandCurve:
         return 0.0
 
     def slices(self, start_ns: int, end_ns: int) -> Iterator[Piece]:
-        """Yield the pieces between two times, cut to fit, including the endless last one."""
+        """Yield the pieces between two times, cut to fit, including the endless motion after the last piece."""
         begin, end = (start_ns - self.start_ns) * _NS, (end_ns - self.start_ns) * _NS
         for piece in self._pieces:
             first, last = max(begin, 0.0), min(end, piece.seconds)
@@ -106,7 +105,7 @@ class DemandCurve:
             yield Piece(end - max(begin, 0.0), self.final_velocity, 0.0)
 
     def time_of(self, position: float, after_ns: int) -> int | None:
-        """Return the first time from `after_ns` on at which it reaches or crosses `position`, or None."""
+        """Return the first time from `after_ns` on at which the curve reaches or crosses `position`, or None."""
         here, clock = self.at(after_ns)[0], after_ns
         for piece in self.slices(after_ns, max(self.end_ns, after_ns)):
             seconds = _first_crossing(piece, position - here)
@@ -122,7 +121,7 @@ class DemandCurve:
 
 
 def _first_crossing(piece: Piece, way: float) -> float | None:
-    """Return the time in s at which a piece has covered `way`, or None."""
+    """Return the first time in s at which a piece has covered the distance `way`, None if it never does."""
     if piece.acceleration == 0.0:
         roots = [way / piece.velocity] if piece.velocity else []
     else:
@@ -136,19 +135,19 @@ def _first_crossing(piece: Piece, way: float) -> float | None:
 
 
 def hold(now: int, position: float) -> DemandCurve:
-    """Hold `position`."""
+    """Return a curve that stays at `position`."""
     return DemandCurve(now, position, (), 0.0, position)
 
 
 def cruise(now: int, position: float, velocity: float) -> DemandCurve:
-    """Continue at `velocity`."""
+    """Return a curve that continues from `position` at `velocity`."""
     return DemandCurve(now, position, (), velocity, position)
 
 
 def ramp_to(
     now: int, position: float, velocity: float, target: float, acceleration: float, deceleration: float
 ) -> DemandCurve:
-    """Change the velocity to `target` along ramps; a reversal passes through standstill."""
+    """Return a curve that changes the velocity to `target` along ramps; a reversal passes through standstill."""
     pieces: list[Piece] = []
     if velocity and (velocity * target < 0.0 or abs(target) < abs(velocity)):
         inner = 0.0 if velocity * target < 0.0 else target
@@ -163,7 +162,7 @@ def ramp_to(
 
 
 def _add_ramp(pieces: list[Piece], velocity: float, target: float, rate: float) -> None:
-    """Append the piece from `velocity` to `target`; a rate of 0 or infinity is a step and needs no piece."""
+    """Append the ramp from `velocity` to `target`; a rate of 0 or infinity is a step and needs no piece."""
     if 0.0 < rate < INFINITE and target != velocity:
         pieces.append(Piece(abs(target - velocity) / rate, velocity, math.copysign(rate, target - velocity)))
 
@@ -178,10 +177,11 @@ def move_to(
     deceleration: float,
     end: float = 0.0,
 ) -> DemandCurve:
-    """Move to `target` in minimum time along ramps and stop there, or pass it at the speed `end`.
+    """Return the fastest curve along ramps to `target` that stops there, or passes `target` at the speed `end`.
 
-    Motion in the wrong direction, or too fast at the target, is braked to standstill first. Without a speed or an
-    acceleration nothing starts: it stops where it is. An `end` that cannot be reached on the way is as fast as it gets.
+    Motion in the wrong direction, or too fast to stop at the target, is first braked to standstill. If `speed` or
+    `acceleration` is 0, the curve only stops. If the speed `end` cannot be reached on the way, the curve comes as close
+    to it as possible.
     """
     deceleration = deceleration if deceleration > 0.0 else INFINITE
     if speed <= 0.0 or acceleration <= 0.0:
@@ -204,9 +204,9 @@ def move_to(
 def _approach(
     pieces: list[Piece], direction: float, way: float, velocity: float, limits: tuple[float, float, float], end: float
 ) -> float:
-    """Append the pieces from `velocity` to `end` after `way`, all in one direction; return the speed at its end."""
+    """Append pieces that cover `way` from speed `velocity` to speed `end`; return the speed reached at the end."""
     speed, acceleration, deceleration = limits
-    if velocity > speed:  # a lower speed was set on the way
+    if velocity > speed:  # a lower speed was set during the motion
         _add_ramp(pieces, direction * velocity, direction * speed, deceleration)
         way -= 0.5 * (velocity * velocity - speed * speed) / deceleration
         velocity, way = speed, max(way, 0.0)
@@ -222,7 +222,7 @@ def _approach(
 
 
 def _peak(way: float, velocity: float, acceleration: float, deceleration: float, end: float) -> float:
-    """Return the top velocity of the triangle that starts at `velocity` and has `end` after `way`."""
+    """Return the highest speed of a motion over `way` without a cruise, from speed `velocity` to speed `end`."""
     if acceleration == INFINITE:
         return math.sqrt(2.0 * deceleration * way + end * end)
     gain = 2.0 * acceleration if deceleration == INFINITE else 2.0 / (1.0 / acceleration + 1.0 / deceleration)
@@ -231,9 +231,9 @@ def _peak(way: float, velocity: float, acceleration: float, deceleration: float,
 
 
 def linear_to(now: int, position: float, target: float, seconds: float, onward: float = 0.0) -> DemandCurve:
-    """Move to `target` at constant velocity within `seconds`, then hold: set-point of an interpolated mode.
+    """Return a curve that moves to `target` at constant velocity in `seconds` and then stands, for interpolated modes.
 
-    `onward` is for how many seconds more it goes on with that velocity: the extrapolation of a set-point that is late.
+    `onward` is the time in s for which the curve continues beyond `target`: the extrapolation for a late set-point.
     """
     if seconds <= 0.0:
         return hold(now, target)

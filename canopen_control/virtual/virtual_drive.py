@@ -1,7 +1,8 @@
 """Axis of a CiA 402 drive: power, modes, limits and motion on an object store.
 
-Objects are written first and acted on afterwards, in this order: mode, controlword, set-points; so a PDO counts whole
-before its controlword is looked at. Set-points are taken only in OPERATION_ENABLED while the node is OPERATIONAL.
+All objects of a message are written first and used afterwards, in this order: mode, controlword, set-points; so all
+values of a PDO are in place when its controlword is used. Set-points apply only in OPERATION ENABLED while the node is
+OPERATIONAL.
 """
 
 from __future__ import annotations
@@ -47,14 +48,14 @@ if TYPE_CHECKING:
     from canopen_control.virtual.trajectory import DemandCurve
 
 
-# What a drive shows of one axis: the statusword, and the other objects whose value is made at the moment of reading.
+# The statusword and the other objects of an axis whose values are computed when they are read.
 #
-# Nothing here changes anything. Positions are user counts and wrap at 32 bits as a counter does, velocities and torques
-# are cut to their type.
+# Reading has no side effects. Positions are in user units and wrap at 32 bits like a counter, velocities and torques
+# are limited to their type.
 
 
 def clamp(value: float, bits: int = 32) -> int:
-    """Return the nearest whole number of a signed type."""
+    """Round a value, and limit it to the range of a signed integer with `bits` bits."""
     edge, number = 1 << bits - 1, round(value)
     if -edge <= number < edge:
         return number
@@ -64,7 +65,8 @@ def clamp(value: float, bits: int = 32) -> int:
 class Statusword:
     """Statusword (0x6041) of one axis.
 
-    Seams: `remote` (bit 9), `warning` (bit 7), the bits `forced` and `suppressed`; `changes` are made to the word.
+    Injection points: `remote` (bit 9), `warning` (bit 7), and the bits `forced` and `suppressed`. `changes` are
+    functions of quirks that are applied to the statusword.
     """
 
     def __init__(self, axis: AxisParts, modes: DriveModes) -> None:
@@ -77,7 +79,7 @@ class Statusword:
         self.changes: tuple[Callable[[int], int], ...] = ()
 
     def value(self) -> int:
-        """Return the word at the time the axis was brought to."""
+        """Return the statusword at the time to which the axis was advanced."""
         power, mode = self._power, self._modes.active
         word = power.bits | self.forced.value
         if self._velocity_bits is not None:
@@ -102,7 +104,10 @@ class Statusword:
 
 
 class AxisReadings:
-    """Actual values of one axis; `inputs` are further bits of 0x60FD. Injection point: `inverted`, the sign."""
+    """Actual values of one axis, computed when their objects are read.
+
+    `inputs` are additional bits of 0x60FD. The injection point `inverted` reverses the sign of position and velocity.
+    """
 
     def __init__(self, axis: AxisParts, modes: DriveModes) -> None:
         self.mover, self.limits, self.modes = axis.mover, axis.limits, modes
@@ -113,39 +118,39 @@ class AxisReadings:
 
     @property
     def sign(self) -> float:
-        """Sign of the shown position and velocity: -1 with the fault `inverted`."""
+        """Sign of the displayed position and velocity: -1 with the fault `inverted`, else 1."""
         return -1.0 if self.inverted.value else 1.0
 
     def demand(self) -> tuple[float, float]:
-        """Return position and velocity of the demand, in plant counts."""
+        """Return the position and the velocity of the demand, in plant counts and counts/s."""
         return self.mover.state(self.mover.time)
 
     def position(self) -> int:
-        """Return 0x6064."""
+        """Return the actual position 0x6064 in user units."""
         units = self.units
         value = (self.mover.plant.position - units.zero) / units.position
         return wrap32(-value if self.inverted.value else value)
 
     def velocity(self) -> int:
-        """Return 0x606C."""
+        """Return the actual velocity 0x606C in user units."""
         value = self.modes.active.measured_velocity() / self.units.velocity
         return clamp(-value if self.inverted.value else value)
 
     def rpm(self, velocity: float) -> int:
-        """Return a velocity in counts/s in the unit of the velocity mode."""
+        """Convert a velocity in counts/s to the unit of velocity mode, rpm."""
         return clamp(velocity / self.objects.counts_per_rpm * self.units.turn, 16)
 
     def torque(self) -> int:
-        """Return 0x6077."""
+        """Return the actual torque 0x6077 in per mille of the rated torque."""
         return clamp(self.mover.plant.torque, 16)
 
     def torque_demand(self) -> int:
-        """Return 0x6074."""
+        """Return the torque demand 0x6074 in per mille, 0 outside the torque modes."""
         torque = self.mover.torque
         return 0 if torque is None else clamp(torque.at(self.mover.time)[1], 16)
 
     def digital_inputs(self) -> int:
-        """Return 0x60FD."""
+        """Return the digital inputs 0x60FD: the switches and the additional bits."""
         return self.mover.switches.inputs(self.mover.plant.position) | self.inputs
 
 
@@ -167,33 +172,33 @@ SOURCES: dict[int, Callable[[AxisReadings], int]] = {
     o.POSITION_DEMAND_INTERNAL: lambda axis: wrap32(axis.demand()[0] - axis.units.zero),
     o.DIGITAL_INPUTS: AxisReadings.digital_inputs,
 }
-"""Index of axis 0 to how its value is made; objects the dictionary lacks are not served."""
+"""Functions that compute the values of objects when they are read, by the index of axis 0."""
 
 
 # Overload protection (I2t) of a motor: how much more than its rated current it had, and for how long.
 #
-# The heat above that of the rated torque grows with the square of the torque and is given off again below it. What a
-# motor takes is twice its rated torque for two seconds, or three times for three quarters of one; then its drive
-# reports continuous over-current (0x2310) and faults. Torques are in per mille of the rated one.
+# The heat above that of the rated torque grows with the square of the torque and is dissipated below the rated torque.
+# A motor can bear twice its rated torque for 2 s, or three times for 0.75 s; then its drive reports continuous
+# over-current (0x2310) and faults. Torques are in per mille of the rated torque.
 
 
 OVERLOAD: Final = 0x2310
 TORQUE_LIMITS: Final = (o.MAX_TORQUE, o.MAX_CURRENT)
-"""Objects that bound the torque of all loops: current and torque of a motor are proportional."""
+"""Objects that limit the torque of all loops; current and torque of a motor are proportional."""
 
-_HEAT_S: Final = 6.0  # s that a motor takes the heat of its rated torque once more
-_GAP_S: Final = 0.1  # between two looks, longer than any while it has power
+_HEAT_S: Final = 6.0  # s for which a motor can bear the additional heat of its rated torque
+_GAP_S: Final = 0.1  # a longer time between two calls means that the motor had no power
 
 
 class OverloadGuard:
-    """Thermal model of one motor; `heat` is the excess over rated torque, in s."""
+    """Thermal model (I2t) of one motor; `heat` is the heat above that of the rated torque, in s."""
 
     def __init__(self) -> None:
         self.heat = 0.0
         self._looked: int | None = None
 
     def exceeded(self, torque: float, now: int) -> bool:
-        """Whether the motor is too hot at `now`, in ns, after `torque` since the last call."""
+        """Return whether the motor is too hot at `now` (ns), after `torque` (per mille) since the last call."""
         seconds = 0.0 if self._looked is None else (now - self._looked) * 1e-9
         self._looked = now
         ratio = 0.0 if seconds > _GAP_S else torque / 1000.0
@@ -203,9 +208,9 @@ class OverloadGuard:
 
 # The two touch probes of an axis: positions caught at an edge (CiA 402-2, 9.3.4).
 #
-# 0x60B8 arms them, 0x60B9 shows what was caught, 0x60BA to 0x60BD hold the positions. The probe inputs are bits 16 and
-# 17 of 0x60FD; a probe may look at the index pulse of the encoder instead, which has rising edges only. A single probe
-# catches once until it is armed again, a continuous one every time.
+# 0x60B8 arms the probes, 0x60B9 shows their status, 0x60BA to 0x60BD are the captured positions. The probe inputs are
+# bits 16 and 17 of 0x60FD; a probe may use the index pulse of the encoder instead, which has rising edges only. A probe
+# in single mode captures once until it is armed again, in continuous mode at every edge.
 
 
 _ENABLE, _CONTINUOUS, _INDEX, _RISING, _FALLING = 1 << 0, 1 << 1, 1 << 2, 1 << 4, 1 << 5
@@ -219,7 +224,7 @@ _POSITIONS = (
 
 
 class TouchProbes:
-    """Touch probes of one axis."""
+    """The two touch probes of one axis (CiA 402-2, 9.3.4)."""
 
     def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox) -> None:
         self._objects, self._mover, self._outbox = objects, mover, outbox
@@ -244,7 +249,7 @@ class TouchProbes:
         self._mover.watch_index(now)
 
     def inputs_changed(self, before: int, after: int) -> None:
-        """Check the probe inputs for edges."""
+        """Capture the position at the edges of the probe inputs, from the old and new bits of 0x60FD."""
         position = self._mover.plant.position
         for probe, shift in enumerate(_SHIFTS):
             bit = 1 << _FIRST_INPUT + probe
@@ -252,7 +257,7 @@ class TouchProbes:
                 self._catch(probe, position, rising=bool(after & bit))
 
     def index_passed(self, place: float) -> None:
-        """Process an index pulse at `place` in plant counts."""
+        """Capture the position `place` of an index pulse, in plant counts."""
         for probe, shift in enumerate(_SHIFTS):
             if self._armed >> shift & _INDEX:
                 self._catch(probe, place, rising=True)
@@ -263,7 +268,7 @@ class TouchProbes:
         return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and place of the next index pulse of `demand`; None without one, or if no probe waits for it."""
+        """Return time and position of the next index pulse of `demand`; None if no probe waits for one."""
         if not self.wants_index:
             return None
         position = demand.at(now)[0]
@@ -296,10 +301,10 @@ _OPTIONS = (o.QUICK_STOP_OPTION, o.SHUTDOWN_OPTION, o.DISABLE_OPERATION_OPTION, 
 
 
 class VirtualDrive:
-    """Axis `axis` of a node; attaches itself to the objects of `store`.
+    """Axis of a virtual drive (CiA 402), which attaches itself to the objects of `store`.
 
-    `shows_motion` returns whether an event-driven TPDO contains values that change with a motion. It is the `Motor` of
-    its power state machine and takes the `Reactions` of its mover.
+    `shows_motion` returns whether an event-driven TPDO contains values that change with a motion. The axis is the
+    `MotorMode` of its power state machine and implements the `Reactions` of its mover.
     """
 
     def __init__(
@@ -333,11 +338,11 @@ class VirtualDrive:
 
     @property
     def state(self) -> State:
-        """The state of the power state machine."""
+        """State of the power state machine."""
         return self.power.state
 
     def statusword(self) -> int:
-        """Return 0x6041 at the time the drive was advanced to."""
+        """Return the statusword 0x6041 at the time to which the drive was advanced."""
         return self.readings.statusword.value()
 
     def describe(self) -> AxisState:
@@ -409,7 +414,7 @@ class VirtualDrive:
     # -- what is written, and what happens
 
     def power_on(self, now: int) -> None:
-        """Power on: transitions 0 and 1. The present motor position becomes 0."""
+        """Reset the axis at power-on (transitions 0 and 1); the present motor position becomes 0."""
         objects, power = self.objects, self.power
         self.mover.advance(now)
         self.mover.timers.clear()
@@ -435,9 +440,9 @@ class VirtualDrive:
         self.modes.set_model(model)
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Process written objects: mode, then controlword, then set-points.
+        """Process written objects: the mode, then the controlword, then the set-points.
 
-        `set_point`: an RPDO brought that of the active mode.
+        `set_point` is True if an RPDO contained the set-point of the active mode.
         """
         self.mover.advance(now)
         if self.modes.number != self._values.get(self._mode_address, 0):
@@ -450,11 +455,11 @@ class VirtualDrive:
 
     @property
     def set_point(self) -> int:
-        """Object whose RPDOs are set-points of the active mode, 0 for none."""
+        """Index of the object whose values in RPDOs are set-points of the active mode, 0 for none."""
         return self.modes.active.set_point
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Record the arrival of a set-point, and whether it replaces a waiting one."""
+        """Record that an RPDO with a set-point arrived, and whether it replaces one that waited for SYNC."""
         if self.power.live:
             sync_ns = self._clock.sync_ns
             if sync_ns is not None:
@@ -462,7 +467,7 @@ class VirtualDrive:
             self.meter.overwritten += overwrites
 
     def set_point_missed(self) -> None:
-        """Count a SYNC without a set-point."""
+        """Count a SYNC at which no set-point arrived."""
         if self.power.live:
             self.modes.active.missed()
 
@@ -472,7 +477,7 @@ class VirtualDrive:
         self.mover.torque_limit = min(limits, default=math.inf)
 
     def _tune(self) -> None:
-        """Set the gains of the loops from the objects; without a velocity P gain the drive is self-tuned."""
+        """Set the gains of the loops from the objects; without a velocity P gain the loops tune themselves."""
         values = {gain: self._gain(place) for gain, place in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
@@ -511,23 +516,23 @@ class VirtualDrive:
             self._outbox.values_changed()
 
     def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
-        """Raise a fault: EMCY `code`, stop by 0x605E, FAULT."""
+        """Raise a fault with the EMCY `code`: stop as 0x605E says, then enter FAULT."""
         self.power.fault(code, now, register=register, data=data)
 
     def set_inputs(self, bits: int, now: int) -> None:
-        """Set the further bits of 0x60FD; bits 16 and 17 are the touch probes' inputs."""
+        """Set the additional bits of 0x60FD; bits 16 and 17 are the inputs of the touch probes."""
         self.mover.advance(now)
         before, self.readings.inputs = self.readings.inputs, bits
         self.probes.inputs_changed(before, bits)
         self._outbox.values_changed()
 
     def connection_lost(self, now: int) -> None:
-        """React to a lost heartbeat or guarding by 0x6007; without it by 0x1029:01."""
+        """React to lost communication as 0x6007 says; without 0x6007 the node reacts by 0x1029:01."""
         if self.objects.has(o.ABORT_CONNECTION_OPTION) or not self._store.has(0x1029, 1):
             self.power.abort_connection(0x8130, now)
 
     def communication_stopped(self, now: int) -> None:
-        """React to NMT STOPPED or a reset of communication; without 0x6007 an enabled drive faults."""
+        """React to NMT STOPPED or a reset of communication as 0x6007 says; without 0x6007 an enabled drive faults."""
         self.power.abort_connection(0x8100, now)
 
     # -- time
@@ -537,7 +542,7 @@ class VirtualDrive:
         self.mover.advance(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of its next event, None without one."""
+        """Return the time in ns at which `advance` is due next, None without a timer."""
         return self.mover.next_deadline()
 
     # -- the motor of the power state machine
@@ -547,11 +552,11 @@ class VirtualDrive:
         self.modes.active.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Stop the motor along the active mode's ramps."""
+        """Stop the motor as the active mode does for `reaction`."""
         self.modes.active.stop(now, reaction)
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 has an effect in the active mode."""
+        """Whether the halt bit of the controlword has an effect in the active mode."""
         return self.modes.active.can_halt()
 
     def released(self) -> None:
@@ -562,7 +567,7 @@ class VirtualDrive:
     # -- the reactions to the motion
 
     def arrived(self, now: int) -> None:
-        """Continue after the end of a demand: the state after a stop, or the next step of the mode."""
+        """Enter the next state after a stop, or continue the mode after the end of a demand."""
         target = self.power.stop_target
         if target is not None:
             self.power.finish(target, now)
@@ -572,26 +577,26 @@ class VirtualDrive:
         self._outbox.values_changed()
 
     def limit_switch_hit(self, side: int, now: int) -> None:
-        """Stop at a wired limit switch."""
+        """Stop with the quick-stop ramp at a wired limit switch, and report the switch."""
         if self.power.running:
             self.limits.limit_switch_hit(side)
             self.stop(now, Reaction.QUICK_STOP_RAMP)
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Check a following error."""
+        """Check a following error in counts against the window 0x6065."""
         self.limits.judge_following_error(error, now)
 
     def judge_load(self, torque: float, now: int) -> None:
-        """Check the thermal load of the motor; overload is fault 0x2310."""
+        """Check the thermal load of the motor; an overload is the fault 0x2310."""
         if self._overload.exceeded(torque, now) and self.power.running:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 
     def sampled(self) -> None:
-        """Update values that move with the motor."""
+        """Note that values that change with the motion have changed."""
         self._outbox.values_changed()
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and place of the next index pulse."""
+        """Return time and position of the next index pulse that a touch probe waits for, None without one."""
         return self.probes.next_index(demand, now)
 
     def index_passed(self, place: float) -> None:

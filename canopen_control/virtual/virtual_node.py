@@ -1,10 +1,10 @@
 """Device side of CiA 301 for one object dictionary: a virtual node for any master.
 
-A node consists of services on an object store; each service gets only what it needs: the store, the outbox, the
-clock. This module creates them, passes frames to them and executes NMT state changes and resets. It boots with the
-boot-up message into PRE-OPERATIONAL and starts only on a command, or by itself if its dictionary defines that (0x1F80).
-Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. Between two events it costs no
-CPU time.
+A node consists of services on an object store; each service gets only what it needs: the store, the outbox and the
+clock. This module creates the services, passes frames to them and executes NMT state changes and resets. A node sends
+the boot-up message, enters PRE-OPERATIONAL, and starts only on a command, unless its dictionary makes it start by
+itself (0x1F80). Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. Between two
+events a node needs no CPU time.
 """
 
 from __future__ import annotations
@@ -67,9 +67,10 @@ SYNC_LENGTH_ERROR = 0x8240
 
 
 class FrameRoutes:
-    """Receivers of one node by identifier, with linux/can.h's flags; `version` increases when identifiers change.
+    """Routing table of one node, from CAN identifiers (with the flags of linux/can.h) to receivers.
 
-    `sync_rpdo_handlers` receive the RPDOs that have no effect before SYNC and whose identifier has no other receiver.
+    `version` increases when the set of identifiers changes. `sync_rpdo_handlers` get the RPDOs that take effect only at
+    SYNC and whose identifier has no other receiver.
     """
 
     def __init__(
@@ -92,11 +93,11 @@ class FrameRoutes:
 
     @property
     def sdo_alone(self) -> bool:
-        """Whether the SDO server is the only receiver of its requests."""
+        """Whether the SDO server is the only receiver of the COB-ID of its requests."""
         return self.table.get(self._sdo.request_cob_id) == self._on_sdo
 
     def begin(self) -> None:
-        """Reduce the table to LSS while the node initialises."""
+        """Reduce the table to the LSS frames while the node initialises."""
         self.table = self._lss_routes()
         self.sync_rpdo_handlers = {}
         self.version += 1
@@ -128,7 +129,7 @@ class FrameRoutes:
         return {} if self._lss is None else {MASTER_COB_ID: self._lss.receive}
 
     def _sync_routes(self) -> list[tuple[int, Receiver]]:
-        """Return the receivers of SYNC; none if 0x1005 has no valid identifier."""
+        """Return the receiver of SYNC; an empty list if the identifier in 0x1005 is not valid."""
         can_id = self._sync.cob_id
         return [] if not can_id & EXTENDED_FLAG and is_restricted(can_id) else [(can_id, self._on_sync)]
 
@@ -158,7 +159,7 @@ class FrameRoutes:
 
 
 def merged(routes: Iterable[tuple[int, Receiver]]) -> dict[int, Receiver]:
-    """Return the table of routes; an identifier with two receivers is passed to both, in the order of the routes."""
+    """Return the routes as a table; a frame whose identifier has several receivers is passed to all in order."""
     table: dict[int, Receiver] = {}
     for can_id, receiver in routes:
         table[can_id] = _both(table[can_id], receiver) if can_id in table else receiver
@@ -175,16 +176,17 @@ def _both(first: Receiver, second: Receiver) -> Receiver:
 
 # Layer setting services of a virtual node: with LSS_Supported in its file it has an LSS slave (CiA 305).
 #
-# The slave's node id is the pending one until a reset of communication activates it, and is lost at power-off unless it
-# was stored. A node without an id (255) supports LSS only until it has one. A virtual bus has no bit rate: a new one
-# is reported, kept and stored, nothing else.
+# A new node-ID is pending until a reset of communication activates it, and is lost at power-off unless it was stored. A
+# node without a node-ID (255) supports nothing but LSS. A virtual bus has no bit rate: a new bit rate is reported and
+# stored but has no other effect.
 
 
 class NodeLss:
-    """LSS slave of a node; `stored_node_id` and `stored_bitrate` (bit/s, None: none) survive power-off.
+    """LSS slave of a node (CiA 305), with the stored node-ID and bit rate.
 
-    `assigned` is called with the first id of a node that had none; `stored` when what outlasts the power changed, it
-    returns whether that is kept.
+    `stored_node_id` and `stored_bitrate` (bit/s, None if none was stored) survive power-off. `assigned` is called with
+    the first node-ID of a node that had none. `stored` is called when a stored value changes, and returns whether the
+    value was saved.
     """
 
     def __init__(
@@ -204,7 +206,7 @@ class NodeLss:
         self.slave = LssSlave(LssIdentity(0, 0, 0, 0), node_id, bit_timings=timings, store=self._keep)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Serve a frame of the LSS master."""
+        """Process a frame of the LSS master."""
         self.slave.identity = LssIdentity(*(self._store.number(0x1018, part) for part in range(1, 5)))
         self.slave.receive(frame, now)
         for event in self.slave.events():
@@ -214,7 +216,7 @@ class NodeLss:
                 self._outbox.publish(BitRateActivated(event.bitrate))
 
     def reset(self, *, power: bool) -> int:
-        """Apply the pending node id (reset) or the stored one (power-on); return it."""
+        """Activate the pending node-ID, or at power-on the stored node-ID, and return it."""
         if power:
             self.slave.pending_node_id, self.slave.pending_bitrate = self.stored_node_id, self.stored_bitrate
         self.slave.reset()
@@ -230,24 +232,24 @@ class NodeLss:
         return False
 
 
-PROTOCOL_ERRORS = 0x82  # the high byte of what is wrong with PDOs and SYNC
+PROTOCOL_ERRORS = 0x82  # high byte of the EMCY codes of PDO and SYNC errors
 
 
 class Timed(Protocol):
-    """Service with timers."""
+    """Interface of a service with timers."""
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next action, None without one."""
+        """Return the time in ns at which `tick` is due next, None if no timer runs."""
 
     def tick(self, now: int) -> None:
-        """Advance to a time."""
+        """Run the timers that are due at `now`."""
 
 
 class ParameterKeeper(Protocol):
-    """Keeper of the parameters of nodes without supply."""
+    """Interface to the storage that keeps the parameters of a node while the node has no power."""
 
     def keep(self, node: VirtualNode) -> bool:
-        """Store changes by 0x1010, 0x1011 or LSS; return whether that succeeded."""
+        """Save parameters changed by 0x1010, 0x1011 or LSS; return whether that succeeded."""
         ...
 
 
@@ -256,7 +258,7 @@ _SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x
 
 
 def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
-    """Return `od` with 0x1000, which is mandatory (CiA 301, 7.5.1), although a file may lack it."""
+    """Return `od` with the mandatory object 0x1000 (CiA 301, 7.5.1), which is added if the file lacks it."""
     if (0x1000, 0) in od:
         return od
     complete = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
@@ -266,11 +268,12 @@ def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
 
 
 class VirtualNode:
-    """Virtual node; `serial` (default: the node id) fills an empty 0x1018:04, `plant` creates the plant of an axis.
+    """Virtual CANopen node: the services of CiA 301, and either the axes of a drive or the function of another device.
 
-    `filter` is the injected faults while one is on, `switches` are all faults, `quirks` all quirks. With the injection
-    point `starts_itself` it enters OPERATIONAL without a command, regardless of the dictionary. `routing` has the
-    receivers of frames; its `version` grows when `routes` changes.
+    `serial` (default: the node-ID) fills an empty 0x1018:04; `plant` creates the plant of an axis. `filter` applies the
+    active faults and quirks to frames, None if there are none; `switches` switches the faults, `quirks` the quirks.
+    While the injection point `starts_itself` is True, the node enters OPERATIONAL without a command, regardless of the
+    dictionary. `routing` has the receivers of frames; its `version` grows when the result of `routes` changes.
     """
 
     def __init__(
@@ -285,7 +288,7 @@ class VirtualNode:
         od = _with_device_type(od)
         self.motors = motors = motors_of(od)
         od = od if motors is None else motors.view
-        # Declared, not inferred: the acts of quirks use these in lambdas, and mypyc checks them before this class.
+        # Declared, not inferred: quirk actions use these in lambdas, and mypyc checks those before this class.
         self.node_id: int = node_id
         self.nmt: NmtSlave = NmtSlave(node_id)
         self.emcy: EmcyProducer = EmcyProducer(node_id, history_size=max(1, len(od.subindices(0x1003)) - 1))
@@ -297,7 +300,7 @@ class VirtualNode:
         self.quirks: NodeQuirks | None = None
         self.starts_itself: InjectionPoint[bool] = InjectionPoint(False)
         self._boot_at: int | None = 0
-        self._reset_delay_ns: int | None = 0  # before the boot-up message, None: it never boots
+        self._reset_delay_ns: int | None = 0  # before the boot-up message, None: the node never boots
         self._started = self._settling = False
         self.keeper: ParameterKeeper | None = None
         self.clock = NodeClock()
@@ -328,7 +331,7 @@ class VirtualNode:
         return NodeLss(self.store, self.node_id, self.outbox, assigned=self._power_up_with, stored=self._stored)
 
     def _common_statusword(self) -> int:
-        """Return the statusword of a device that has one for all motors: that of the first one in a fault, if any."""
+        """Return the statusword shared by all motors: that of the first motor in a fault, else of the first motor."""
         words = [drive.statusword() for drive in self.drives.values()]
         return next((word for word in words if word & _FAULT_BIT), words[0])
 
@@ -346,7 +349,7 @@ class VirtualNode:
         )
 
     def _lay_out(self) -> None:
-        """Prepare tuples of services, deadlines and queues for the processing of frames."""
+        """Collect services, deadlines and queues in tuples, which speeds up the processing of frames."""
         outbox = self.outbox
         self._cores: tuple[Timed, ...] = (
             self.heartbeat,
@@ -388,10 +391,10 @@ class VirtualNode:
     # -- the sans-IO verbs
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Process a frame, the entry point for every frame; one that no service receives is ignored.
+        """Process a received frame of any kind; a frame without a receiver is ignored.
 
-        `receive_sync_rpdo` and `receive_records` do the same for two kinds of frames with less work, and refuse any
-        frame that needs more; a caller may leave them out.
+        `receive_sync_rpdo` and `receive_records` are faster paths for two kinds of frames and refuse every frame that
+        needs more; callers need not use them.
         """
         self._advance(now)
         if self.filter is not None:
@@ -405,7 +408,7 @@ class VirtualNode:
             self._settle(now)
 
     def receive_sync_rpdo(self, frame: CanFrame, now: int) -> bool:
-        """Store an RPDO that takes effect at the next SYNC only; False: not stored, pass the frame to `receive`."""
+        """Store an RPDO that takes effect at the next SYNC; return False if the frame must go to `receive` instead."""
         handler = self.routing.sync_rpdo_handlers.get(frame.can_id)
         if handler is None or self.filter is not None:
             return False
@@ -413,7 +416,7 @@ class VirtualNode:
         return handler(frame, now)
 
     def receive_records(self, records: bytes, start: int, now: int) -> int:
-        """Process a run of SDO segments as `SdoServer.receive_records` does; 0: none taken, pass them to `receive`."""
+        """Process SDO segments like `SdoServer.receive_records`; return 0 if they must go to `receive` instead."""
         alone = self.filter is None and self.routing.sdo_alone
         return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
 
@@ -435,7 +438,7 @@ class VirtualNode:
         self._settle(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`, None without one."""
+        """Return the time in ns at which `tick` is due next, None if no timer runs."""
         first = self._boot_at
         for next_deadline in self._deadlines:
             deadline = next_deadline()
@@ -448,7 +451,7 @@ class VirtualNode:
         return first
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send."""
+        """Return and clear the frames to send, in the order of sending."""
         if self.pdos.outgoing is not self._process_data:
             self._process_data = self.pdos.outgoing
             self._before_answers = self._first + self._process_data
@@ -476,16 +479,16 @@ class VirtualNode:
 
     @property
     def name(self) -> str:
-        """Kind of device, for messages."""
+        """Name of the device for messages: that of the model, else the product name, else "node"."""
         return self.model.name or self.od.device.product_name or "node"
 
     @property
     def operational(self) -> bool:
-        """Whether process data count."""
+        """Whether the node is OPERATIONAL, the only state in which PDOs are exchanged."""
         return self.nmt.state is NmtState.OPERATIONAL
 
     def _shows_motion(self) -> bool:
-        """Whether an event-driven TPDO waits for values that change with a motion."""
+        """Whether an event-driven TPDO must be sent when a motion changes its values."""
         return self.pdos.has_event_pdos and self.operational
 
     def get(self, index: int, subindex: int = 0) -> Value:
@@ -505,11 +508,11 @@ class VirtualNode:
             drive.mover.advance(now)
 
     def _parts(self) -> Iterable[VirtualDrive | DeviceFunction]:
-        """Return the parts that start and stop with the node: its axes, or the function of another device."""
+        """Return the parts that start and stop with the node: its axes, or the function of a device without axes."""
         return self.drives.values() if self.function is None else (self.function,)
 
     def follow(self, now: int) -> None:
-        """Process changes from outside: send changed objects, run due timers."""
+        """Send objects that were changed from outside, and run due timers; no effect while a frame is processed."""
         if not self._settling:
             self.tick(now)
 
@@ -521,13 +524,13 @@ class VirtualNode:
         self._settle(now)
 
     def command(self, command: NmtCommand, now: int) -> None:
-        """Execute an NMT command from the node itself."""
+        """Execute an NMT command that does not come from the bus."""
         self._advance(now)
         self.nmt.command(command)
         self._settle(now)
 
     def power_on(self, now: int) -> None:
-        """Switch on, or off and on again (brown-out); unsaved values are lost."""
+        """Switch the node on, or off and on again (brown-out); values that were not stored are lost."""
         self._advance(now)
         if self.lss is not None:
             self.lss.reset(power=True)
@@ -537,13 +540,13 @@ class VirtualNode:
         self._settle(now)
 
     def set_reset_delay(self, delay_ns: int | None, now: int) -> None:
-        """Change the time from a reset to the boot-up (None: never), also of a boot in progress."""
+        """Set the time in ns from a reset to the boot-up message (None: never), also for a boot in progress."""
         self._reset_delay_ns = delay_ns
         if self.nmt.state is NmtState.INITIALISING:
             self._boot_at = None if delay_ns is None else now + delay_ns
 
     def set_clock_drift(self, ppm: float) -> None:
-        """Set the clock drift; negative `ppm` is slow."""
+        """Set the drift of the node's clock in ppm; a negative value makes the clock slow."""
         self.clock.drift_ppm.inject(ppm)
         self.communication.apply()
 
@@ -560,7 +563,7 @@ class VirtualNode:
             clock.now = now
 
     def _settle(self, now: int) -> None:
-        """Process events of the services until there are none."""
+        """Process the events of the services until there are none left, then send changed TPDOs."""
         if self._settling:
             return
         self._settling = True
@@ -600,7 +603,7 @@ class VirtualNode:
         self.outbox.values_changed()
 
     def _reset(self, command: NmtCommand, now: int) -> None:
-        """Restore power-on values for `command` and boot again; the power-on itself is a reset node."""
+        """Restore the power-on values covered by `command` and boot again; a power-on is treated as reset node."""
         everything = command is NmtCommand.RESET_NODE
         if self.lss is not None:
             self._assign(self.lss.reset(power=False))
@@ -629,7 +632,7 @@ class VirtualNode:
         self._boot_at = None if delay is None or self.node_id == UNCONFIGURED else now + delay
 
     def _boot(self, now: int) -> None:
-        """End the initialisation: the boot-up message, PRE-OPERATIONAL."""
+        """Send the boot-up message and enter PRE-OPERATIONAL, which ends the initialisation."""
         self._boot_at = None
         self.emcy.allowed = True
         self.communication.apply()
@@ -641,13 +644,13 @@ class VirtualNode:
         self.routing.rebuild()
 
     def _power_up_with(self, node_id: int, now: int) -> None:
-        """Initialise with a first node id, assigned by LSS."""
+        """Initialise the node with its first node-ID, assigned by LSS."""
         self._assign(node_id)
         self.nmt.state = NmtState.INITIALISING
         self._reset(NmtCommand.RESET_NODE, now)
 
     def _assign(self, node_id: int) -> None:
-        """Use another node id from the next boot-up on; $NODEID of the dictionary follows."""
+        """Change the node-ID, and the values of the dictionary that depend on $NODEID."""
         if node_id == self.node_id:
             return
         self.node_id, self.od = node_id, self.od.for_node(node_id)
