@@ -1,7 +1,8 @@
-"""CiA 402 (drives) without I/O: tables used by both sides of the bus, and the state machines of the master.
+"""CiA 402 (drives) without I/O: tables for both sides of the bus, and the state machines of the master.
 
-`state`, `modes`, `objects` and `units` are tables and arithmetic; `drive` is the master's side of an axis, `setpoint`
-and `homing` are profile position and homing mode, `events` are the reports of all of them.
+`state`, `modes`, `objects`, `motors`, `loop_gains` and `units` are tables and arithmetic; `drive` with `drive_goal` is
+the master's side of an axis, `setpoint` and `homing` implement profile position and homing mode, and `events` are the
+reports of the drive's state machine.
 """
 
 from __future__ import annotations

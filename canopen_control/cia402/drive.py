@@ -1,19 +1,19 @@
-"""Master side of one axis: evaluates the statusword and computes the controlword for the next step to the goal.
+"""Master side of one axis: evaluates the statusword, and computes the controlword for the next step to the goal.
 
-Rules (CiA 402-2, 6.3, seen from the other end of the bus):
+Rules (CiA 402-2, 6.3, seen from the master):
 
-- Methods set a goal and return; `update` makes one step towards it with each statusword. Nothing blocks.
-- One command at a time, and the next one only when the statusword confirms the last one: 06, 07, 0F. The steps are
-  those of `state.next_command`; `DriveRequest` adds when to stop requesting.
-- The goal is an `EnableRequest`, which only `ENABLE_TABLE` changes; only `enable` makes it ENABLED. A fault, a lost
-  enable, a missing or undefined statusword, or a transition or mode that is not confirmed in time sets it back to
-  DISABLED. Only a new `enable` sets it again; a fault reset never does.
+- Methods set a goal and return; `update` makes one step towards the goal with each statusword. Nothing blocks.
+- One command at a time, and the next command only when the statusword confirms the last one: 06, 07, 0F. The steps are
+  those of `state.next_command`; `DriveRequest` adds when to give up.
+- The goal belongs to an `EnableRequest`, which only `ENABLE_TABLE` changes; only `enable` makes it ENABLED. A fault, a
+  lost enable, a missing or undefined statusword, or a transition or mode that is not confirmed in time sets the goal
+  back to DISABLED. Only a new `enable` sets it again; a fault reset never does.
 - 0x0F is sent only when the goal is ENABLED and, to a drive that is not enabled yet, only when 0x6061 shows the
-  requested mode.
-- Disabling uses the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the one before
-  is confirmed. A quick stop ends when the state shows it, for each value of 0x605A; power is not cut before.
-- The bits of the mode (4, 5, 6, 9) and halt (8) are sent only to an enabled drive, and the former are forgotten when it
-  no longer is, so that no old set-point starts a motion.
+  requested mode (or the drive shows no mode until it is enabled).
+- Disabling uses the drive's own ramp: disable operation (0x605C), shutdown, disable voltage, each when the previous
+  command is confirmed. A quick stop ends when the state shows it, for each value of 0x605A; power is not cut before.
+- The mode-specific bits (4, 5, 6, 9) and halt (8) are sent only to an enabled drive, and the former are cleared when
+  the drive is no longer enabled, so that no old set-point starts a motion.
 """
 
 from __future__ import annotations
@@ -68,18 +68,18 @@ if TYPE_CHECKING:
     from canopen_control.cia402.events import DriveEvent
 
 
-# The requested state of a drive: the request, the table of its changes, and the command of the present step.
+# Requested state of a drive: the request, the table of its changes, and the command of the present step.
 #
-# An `EnableRequest` is a goal together with the command that is not confirmed yet. `ENABLE_TABLE` has the next request
-# for each trigger; a trigger without a row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED; a fault,
-# and an enable that was lost without a command, lead away from it. Another goal begins another step.
+# An `EnableRequest` is a goal together with a command that may not be confirmed yet. `ENABLE_TABLE` has the next
+# request for each trigger; a trigger without a row changes nothing. Only ENABLE and OVERTAKE lead to the goal ENABLED;
+# a fault, and the loss of OPERATION_ENABLED without a command, lead away from it. A new goal starts a new step.
 
 
-_FALLS: Final = 2  # on the way up: a command still on its way may cause one, a drive that keeps falling has a reason
+_FALLS: Final = 2  # losses of a state that are tolerated while enabling, as a late command may cause them
 
 
 class EnableRequest(Enum):
-    """Goal of the master and its progress at the drive; the value describes it."""
+    """Request to a drive: the master's goal, and its progress; the value describes the request."""
 
     DISABLED = "disabled, by the drive's own ramp"
     DISABLED_AFTER_STOP = "disabled; a quick stop goes on until the drive has left OPERATION_ENABLED"
@@ -91,7 +91,7 @@ class EnableRequest(Enum):
 
 
 class EnableTrigger(Enum):
-    """Trigger of a change of the request; the value describes it."""
+    """Trigger of a change of the `EnableRequest`; the value describes the trigger."""
 
     ENABLE = "a request enables it"
     OVERTAKE = "a request enables it in OPERATION_ENABLED, and something else than to stay there was sent last"
@@ -130,10 +130,10 @@ ENABLE_TABLE: Final[Mapping[EnableRequest, Mapping[EnableTrigger, EnableRequest]
             _DriveTransition.ARRIVED: _I.QUICK_STOPPED,
         },
         _I.QUICK_STOPPED: {**_END, **_ENABLE, _DriveTransition.DISABLE: _I.DISABLED},
-        _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # other triggers do not restore the voltage
+        _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # only ENABLE and OVERTAKE restore the voltage
     }
 )
-"""Intent and trigger to the next intent; a trigger without a row changes nothing."""
+"""Request and trigger to the next request; a trigger without a row changes nothing."""
 
 GOALS: Final[Mapping[EnableRequest, DriveGoal]] = MappingProxyType(
     {
@@ -146,7 +146,7 @@ GOALS: Final[Mapping[EnableRequest, DriveGoal]] = MappingProxyType(
         _I.VOLTAGE_DISABLED: DriveGoal.VOLTAGE_DISABLED,
     }
 )
-"""The goal of each intent."""
+"""Goal of each request."""
 
 SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
     {
@@ -155,18 +155,18 @@ SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
         _I.VOLTAGE_DISABLED: Command.DISABLE_VOLTAGE,
     }
 )
-"""What an intent sends whatever the state, a fault apart; the others go step by step, by `state.next_command`."""
+"""Commands that are sent in every state but a fault; for other requests `state.next_command` finds the next step."""
 
 
 class DriveRequest:
-    """Request to one drive and its current step; `disabled_state` is the final state of a disabled drive."""
+    """Request to one drive, and the present step; `disabled_state` is the final state of a disabled drive."""
 
     def __init__(self, step: StepTimer, disabled_state: State) -> None:
         self.step = step
         self.disabled_state = disabled_state
         self.state = EnableRequest.DISABLED
         self.goal = DriveGoal.DISABLED
-        self.detour: State | None = None  # where a drive that is enabled goes first, to change its mode there
+        self.detour: State | None = None  # state to which an enabled drive goes first, to change its mode there
         self._falls = 0
         self._stop_exit = QuickStopExit()
 
@@ -190,18 +190,18 @@ class DriveRequest:
         return True
 
     def entered(self, drive: State | None) -> None:
-        """Start another step, because the drive has changed its state."""
+        """Start a new step, because the drive has entered the state `drive`."""
         self.step.enter()
         self._stop_exit.enter()
         if drive is not State.OPERATION_ENABLED:
             self.fire(EnableTrigger.LEFT)
 
     def stopping(self, statusword: int) -> None:
-        """Evaluate a statusword of the drive in its quick stop."""
+        """Evaluate the statusword of a drive in QUICK_STOP_ACTIVE."""
         self._stop_exit.evaluate(statusword)
 
     def lost_enable(self, previous: State, drive: State) -> bool:
-        """Process a change of state; return whether a drive that was to be enabled has lost this state."""
+        """Process a change of the drive's state; return whether an enable has ended without a command."""
         # CiA 402-2, table 22, transitions 8 to 12: a drive may leave the states of the ladder without a command
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
@@ -214,23 +214,24 @@ class DriveRequest:
         return False
 
     def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
-        """End a step after its timeout; return the event to report, None if another attempt follows."""
+        """End a step after its timeout; return the event, or None if nothing has to be reported."""
         self.step.deadline = NEVER
         if self.state is EnableRequest.OVERTAKING:
-            self.fire(EnableTrigger.ARRIVED)  # what could have ended the enable did not
+            self.fire(EnableTrigger.ARRIVED)  # the overtaken command had no effect
             return None
         stage = self._stop_exit.stage if self._is_leaving_quick_stop(drive) else None
         if stage is StopStage.ENABLE or stage is StopStage.WAIT:
-            self._stop_exit.advance()  # to another command, so to another step
+            self._stop_exit.advance()  # the next stage has another command
         if stage is StopStage.ENABLE:
-            return None  # transition 16 is optional: not worth a word
+            return None  # transition 16 is optional, so this is not reported
         gave_up = self.goal is DriveGoal.ENABLED and stage is not StopStage.WAIT
         return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
 
     def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
-        """Return the command for a drive in a state, None if no command changes it.
+        """Return the command for a drive in the state `drive`, None if no command has an effect.
 
-        `may_enable`: its mode is confirmed and nothing holds it; `standstill`: the motor is known to stand.
+        `may_enable` tells that the mode is confirmed and the drive is not held in SWITCHED_ON, `standstill` that the
+        motor is known to be at standstill.
         """
         # CiA 402-2, table 22: in its fault states a drive accepts no command but the fault reset
         if drive is None or drive in FAULT_STATES:
@@ -241,14 +242,14 @@ class DriveRequest:
         if self._is_leaving_quick_stop(drive):
             return self._stop_exit.command(enable, statusword or 0, standstill, may_enable)
         if self.detour is not None and enable:
-            stays = drive is State.OPERATION_ENABLED and not standstill  # what would turn could coast
+            stays = drive is State.OPERATION_ENABLED and not standstill  # a turning motor would coast
             return Command.ENABLE_OPERATION if stays else next_command(drive, self.detour)
         if drive is State.SWITCHED_ON and enable and not may_enable:
-            return Command.SWITCH_ON  # stay: the mode comes first
+            return Command.SWITCH_ON  # stay, until the mode is confirmed
         return next_command(drive, state_of_goal(self.goal, self.disabled_state))
 
     def begin(self, command: Command | None, drive: State | None, now: int) -> None:
-        """Start the timer of the step of `command`, if it is a new one."""
+        """Start the timer of a step, if `command` starts a new step."""
         if self.step.must_arm(command):
             self.step.arm(command, self._step_number(command, drive), now)
 
@@ -256,7 +257,7 @@ class DriveRequest:
         return drive is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
 
     def _step_number(self, command: Command | None, drive: State | None) -> int | None:
-        """Return the transition that the step requests or awaits; None for a drive that is to stay."""
+        """Return the number of the transition that a step requests or awaits; None for a drive that stays."""
         if drive in AUTOMATIC:
             return AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
         if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
@@ -268,29 +269,29 @@ class DriveRequest:
 
 
 _AT_ONCE: Final = -1
-_WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # a change of other bits of the statusword changes nothing here
+_WATCHED: Final = 0x6F | REMOTE | TARGET_REACHED  # changes of other bits of the statusword need no evaluation
 _SECOND: Final = 1_000_000_000
-# Transition 16 is optional: a drive without it is soon led through SWITCH ON DISABLED instead. A quick stop
-# begins at once, unless 0x605A switches it off (Beckhoff AX8000: -1).
+# Transition 16 is optional: a drive without this transition is soon led through SWITCH ON DISABLED instead. A quick
+# stop starts at once, unless 0x605A disables quick stops (Beckhoff AX8000: -1).
 _DEFAULT_TIMEOUTS: Final = {16: _SECOND, 11: _SECOND}
 
 
 class DriveMachine:
-    """The goal, the mode and the controlword of one axis.
+    """State machine of the master for one axis: goal, mode and controlword.
 
-    Write what `update` returns to 0x6040, and `mode` to 0x6060 unless it is None. `transition_timeouts` maps
-    transition numbers to nanoseconds where `transition_timeout_ns` is not right (0: the wait for a first
-    statusword). `disabled_state` is where a disabled drive ends: SWITCH_ON_DISABLED, READY_TO_SWITCH_ON or
-    SWITCHED_ON. A statusword without a meaning leaves the state as it was for `undefined_limit` updates. After an
-    enable that overtook a disable the drive counts as enabled again when it did not move for `settle_ns`.
+    Write the result of `update` to 0x6040, and `mode_request.sent` to 0x6060 unless it is None. `transition_timeouts`
+    maps transition numbers to timeouts in ns that differ from `transition_timeout_ns` (0: the wait for a first
+    statusword). `disabled_state` is the final state of a disabled drive: SWITCH_ON_DISABLED, READY_TO_SWITCH_ON or
+    SWITCHED_ON. An undefined statusword does not change the state for `undefined_limit` updates. After an enable that
+    overtook a disable the drive counts as enabled again if it stays in OPERATION_ENABLED for `settle_ns`.
 
-    To be read: `state` (None: unknown), `statusword`, the orders `halted` and `held_in_switched_on`, `controlword`,
-    `undefined` (the number of undefined statuswords), `evaluations` (updates that had something to decide: while it
-    stays the same, so does everything else). `ignore_remote` is for drives that leave bit 9 alone. `standstill` may be
-    set by a caller that knows that the motor is at rest; it shortens the wait for the end of a quick stop, nothing
-    else. `mode_request` is the state of the requested mode: confirmed by 0x6061, or failed.
-    `switching_state` is for drives that change their mode in or below a state only: an enabled one goes down to it for
-    a new mode, once it stands, and comes back (ros_canopen, issue 259).
+    Attributes to read: `state` (None: unknown), `statusword`, `halted` and `held_in_switched_on`, `controlword`,
+    `undefined` (number of undefined statuswords), `evaluations` (number of updates with an evaluation; nothing else has
+    changed while this is constant). `ignore_remote` is for drives that do not maintain bit 9. `standstill` may be set
+    by a caller that knows that the motor is at standstill; it shortens the wait for the end of a quick stop and for a
+    mode change. `mode_request` is the state of the requested mode: confirmed by 0x6061, or failed. `switching_state` is
+    for drives that change their mode only in this state or below: an enabled drive goes down to this state for a new
+    mode, at standstill, and returns (ros_canopen, issue 259).
     """
 
     def __init__(
@@ -325,23 +326,23 @@ class DriveMachine:
         self._undefined_limit = undefined_limit
         self._undefined_run = 0
         self._always_remote = REMOTE if ignore_remote else 0
-        self._running_word = REMOTE  # the last one of a drive that had started: its bit 9 means something
+        self._running_word = REMOTE  # last statusword with a valid bit 9, from a drive that has started
         self._events: list[DriveEvent] = []
         self.mode_request = ModeRequest(mode_timeout_ns)
         self._switching_state = switching_state
-        self._switches = False  # the requested mode waits for that state
+        self._switches = False  # the requested mode waits for `switching_state`
         self._mode_bits = 0
         self._reset = FaultReset(fault_reset_timeout_ns)
         self._deadline = NEVER
         self.next_update = _AT_ONCE
-        """Time at which `update` has something to decide, even if the drive says nothing new."""
+        """Time at which `update` must evaluate again, even with the same statusword and mode display."""
 
-    # Requests; a repeated one has no effect.
+    # Requests; a repeated request has no effect.
 
     def enable(self) -> None:
-        """Bring the drive to OPERATION_ENABLED from any state but a fault.
+        """Request OPERATION_ENABLED, from any state but a fault.
 
-        DriveError in a fault, and after a mode was not confirmed, until `set_mode` requests one.
+        DriveError in a fault, and after a mode that was not confirmed, until `set_mode` requests a mode.
         """
         if self.goal is DriveGoal.ENABLED:
             return
@@ -350,7 +351,7 @@ class DriveMachine:
         self._fire(EnableTrigger.OVERTAKE if overtaken else EnableTrigger.ENABLE)
 
     def require_enable(self) -> None:
-        """Raise the DriveError that `enable` would."""
+        """Raise the DriveError that `enable` would raise; change nothing."""
         if self.goal is DriveGoal.ENABLED:
             return
         # CiA 402-2, table 22: FAULT has only transition 15, the fault reset
@@ -364,23 +365,23 @@ class DriveMachine:
             )
 
     def disable(self) -> None:
-        """Stop the motor by the drive's own ramp (0x605C), then switch its power off, down to `disabled_state`."""
+        """Stop the motor by the drive's own ramp (0x605C), then switch power off, down to `disabled_state`."""
         self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
-        """Send disable voltage (transition 9, 12): the motor coasts. For a drive that does not react to `disable`."""
+        """Send disable voltage (transitions 9 and 12), so that the motor coasts."""
         self._fire(EnableTrigger.DISABLE_VOLTAGE)
 
     def quick_stop(self) -> None:
-        """Stop as defined by 0x605A. The drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED.
+        """Request a quick stop, as defined by 0x605A; the drive ends in QUICK_STOP_ACTIVE or SWITCH_ON_DISABLED.
 
-        `enable` leaves both.
+        `enable` leads out of both states.
         """
         enabled = self.state is State.OPERATION_ENABLED
         self._fire(EnableTrigger.QUICK_STOP_ENABLED if enabled else EnableTrigger.QUICK_STOP)
 
     def halt(self, on: bool = True) -> None:
-        """Set or clear the halt bit (0x605D) of an enabled drive; it remains until it is cleared."""
+        """Set or clear the halt bit (8, option 0x605D) of an enabled drive; it remains until it is cleared."""
         if on is not self.halted:
             self.halted = on
             self.next_update = _AT_ONCE
@@ -392,16 +393,16 @@ class DriveMachine:
             self.next_update = _AT_ONCE
 
     def fault_reset(self) -> None:
-        """Reset a fault by one edge of bit 7; without a fault nothing is sent. It never enables the drive."""
+        """Reset a fault by one edge of bit 7; nothing is sent without a fault. A reset never enables the drive."""
         if self.state is None or self.fault:
             self._reset.start()
             self.next_update = _AT_ONCE
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode of operation; OPERATION_ENABLED and every motion wait until 0x6061 shows it.
+        """Request a mode of operation; OPERATION_ENABLED and every motion wait until 0x6061 shows this mode.
 
-        A drive whose 0x6061 is 0 until it is enabled is enabled without, and its motion waits. Check first whether the
-        drive supports the mode (0x6502): `modes.require_mode`.
+        A drive whose 0x6061 is 0 until it is enabled is enabled before its mode is shown, but its motion waits. Check
+        first whether the drive supports the mode (0x6502): `modes.require_mode`.
         """
         request = self.mode_request
         if request.ask(mode):
@@ -414,13 +415,13 @@ class DriveMachine:
     def _may_switch(self) -> bool:
         """Whether the drive is in a state in which it changes its mode.
 
-        An unknown one receives it with its first state.
+        In an unknown state the mode is sent at once.
         """
         return self.state is None or self.fault or LADDER[self.state] <= LADDER[self._switching_state]
 
     @property
     def mode_bits(self) -> int:
-        """Bits 4, 5, 6 and 9 of the controlword; zero whenever the drive is not enabled in a confirmed mode."""
+        """Bits 4, 5, 6 and 9 of the controlword; 0 unless the drive is enabled in a confirmed mode."""
         return self._mode_bits
 
     @mode_bits.setter
@@ -432,7 +433,7 @@ class DriveMachine:
             self._mode_bits = bits
             self.next_update = _AT_ONCE
 
-    # What is.
+    # State.
 
     @property
     def disabled_state(self) -> State:
@@ -445,40 +446,40 @@ class DriveMachine:
 
     @property
     def goal(self) -> DriveGoal:
-        """Goal of the drive."""
+        """Present goal: ENABLED, or one of the three kinds of stop."""
         return self._intent.goal
 
     @property
     def mode(self) -> int | None:
-        """Value to write to 0x6060; None: no mode was requested, leave the object unchanged."""
+        """Requested mode of operation; None if no mode was requested."""
         return self.mode_request.mode
 
     @property
     def waiting(self) -> bool:
-        """Whether only `hold_in_switched_on` keeps the drive from being enabled by the next controlword."""
+        """Whether only `hold_in_switched_on` keeps the next controlword from enabling the drive."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
         return ready and self.goal is DriveGoal.ENABLED and self.mode_request.may_enable
 
     @property
     def enabled(self) -> bool:
-        """Whether the drive is in OPERATION_ENABLED and no request or event that ends this is pending."""
+        """Whether the drive is in OPERATION_ENABLED, and no request or event that ends this state is pending."""
         return self.state is State.OPERATION_ENABLED and self._intent.state is EnableRequest.ENABLED
 
     @property
     def may_move(self) -> bool:
-        """Whether a target may be sent: enabled, in the requested mode, not halted."""
+        """Whether targets may be sent: the drive is enabled, in the requested mode, and not halted."""
         return self.enabled and self.mode_request.confirmed and not self.halted
 
     @property
     def fault(self) -> bool:
-        """Whether the drive is in a fault, or in its reaction to one."""
+        """Whether the drive is in FAULT or FAULT_REACTION_ACTIVE."""
         return self.state in FAULT_STATES
 
     @property
     def remote(self) -> bool:
-        """Bit 9: whether the drive is controlled over the bus.
+        """Whether the drive is controlled over the bus (bit 9 of the statusword).
 
-        True until a statusword clears it, and always with `ignore_remote`.
+        True until a statusword clears the bit, and always with `ignore_remote`.
         """
         # CiA 402-2, 0x6041 bit 9 (remote): 0 while the controlword is not processed
         return bool(self._running_word & REMOTE)
@@ -490,7 +491,7 @@ class DriveMachine:
 
     @property
     def reached(self) -> bool:
-        """Whether the goal is reached; a stop by the rule of `is_stopped`."""
+        """Whether the goal is reached: enabled in the requested mode, or stopped as defined by `is_stopped`."""
         if self.goal is DriveGoal.ENABLED:
             return self.enabled and self.mode_request.confirmed
         return is_stopped(self.goal, self.disabled_state, self.state)
@@ -501,15 +502,16 @@ class DriveMachine:
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return the latest time for the next call of `update`, None without a timeout."""
+        """Return the time in ns at which `update` must be called at the latest, None without a timeout."""
         return None if self._deadline == NEVER else self._deadline
 
-    # The cycle.
+    # Cycle.
 
     def update(self, statusword: int | None, mode_display: int | None, now: int) -> int:
         """Process the newest 0x6041 and 0x6061 (None: not received) and return the controlword to send.
 
-        Call it once per cycle; it never raises. A statusword that becomes None again means that the drive is gone.
+        Call once per cycle; this method never raises an exception. A statusword that becomes None again means that the
+        drive is lost.
         """
         mode = self.mode_request
         if mode_display == mode.display and now < self.next_update:
@@ -538,7 +540,7 @@ class DriveMachine:
         return self.controlword
 
     def _fire(self, trigger: EnableTrigger) -> None:
-        """Apply the row of a trigger; a new goal takes effect at once."""
+        """Apply the row of a trigger; a new goal takes effect in the next update."""
         if self._intent.fire(trigger):
             self.next_update = _AT_ONCE
 
@@ -546,7 +548,7 @@ class DriveMachine:
         return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
 
     def _without_statusword(self, now: int) -> None:
-        """Wait for a first statusword, or clear the state of a drive that is gone."""
+        """Wait for a first statusword, or clear the state of a drive that was lost."""
         if self.statusword is None:
             return
         self.statusword = None
@@ -581,12 +583,12 @@ class DriveMachine:
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
         self._undefined_run += 1
-        self.next_update = _AT_ONCE  # the same word again counts again
+        self.next_update = _AT_ONCE  # a repetition of the same statusword must be counted
         # CiA 402-2, table 30 defines no state for this pattern; single words of this kind occur at transitions
         if self._undefined_run == self._undefined_limit:
             self._events.append(StatuswordUndefined(now, statusword, self._undefined_run))
             if self.goal is DriveGoal.ENABLED:
-                self._lose(now, None)  # the last state is what it is commanded from, not what it is in
+                self._lose(now, None)  # the present state is unknown; commands still start from the last known state
 
     def _change_state(self, previous: State | None, state: State, statusword: int, now: int) -> None:
         self._enter(state, now)
@@ -627,13 +629,13 @@ class DriveMachine:
         if event is None:
             return
         self._events.append(event)
-        # A drive that stayed in its old mode goes on in it; one that is not enabled yet, or in neither mode, does not.
+        # A drive that stayed in its old mode continues; a drive that is not enabled, or is in neither mode, does not.
         stayed = self.mode_request.confirmed and self.state is State.OPERATION_ENABLED
         if isinstance(event, ModeTimedOut) and self.goal is DriveGoal.ENABLED and not stayed:
             self._lose(now, self.state)
 
     def _detour(self) -> None:
-        """Lead a drive that is to be enabled through the state in which it can change its mode."""
+        """Lead an enabled drive through the state in which it can change its mode."""
         detour = self._switching_state if self._switches else None
         if detour is not self._intent.detour:
             self._intent.detour = detour
@@ -653,7 +655,7 @@ class DriveMachine:
         return command
 
     def _word(self, command: Command | None, now: int) -> int:
-        """Return the controlword: the command, and for an enabled drive the bits of its mode and halt."""
+        """Return the controlword: the command, and for an enabled drive its mode-specific bits and halt."""
         if self._reset.active and self.state is not None and self.statusword is not None:
             event = self._reset.update(self.state, self.statusword, now)
             if event is not None:

@@ -1,4 +1,4 @@
-"""Parts of the master's side of one axis: the goals, the steps to them, and the requested mode.
+"""Parts of the master's side of one axis: goals, timeouts of steps, quick stop, fault reset and the requested mode.
 
 The table in `drive` decides the goal; each part here tracks one operation of the drive that takes time.
 """
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from canopen_control.cia402.events import DriveEvent
 
 
-# What a drive is to become: the goals of the master's side of an axis, and when each is reached.
+# Goals of the master's side of an axis, and when each goal is reached.
 #
-# A goal is a state to aim for with `state.next_command`. A stop is reached wherever the drive has no
-# torque any more, at the height it was to end or below; a drive in a fault counts as stopped once its reaction is over.
+# A goal corresponds to a state for `state.next_command`. A stop is reached when the drive has no torque any more, in
+# the intended final state or in a lower one; a drive in a fault counts as stopped when its fault reaction is over.
 
 
 FAULT_STATES = (State.FAULT_REACTION_ACTIVE, State.FAULT)
@@ -41,17 +41,17 @@ LADDER: Mapping[State, int] = MappingProxyType(
     {
         State.NOT_READY_TO_SWITCH_ON: -1,
         State.SWITCH_ON_DISABLED: 0,
-        State.QUICK_STOP_ACTIVE: 0,  # both ways out of it lead up again
+        State.QUICK_STOP_ACTIVE: 0,  # as low as SWITCH_ON_DISABLED: every exit leads to this state, or up
         State.READY_TO_SWITCH_ON: 1,
         State.SWITCHED_ON: 2,
         State.OPERATION_ENABLED: 3,
     }
 )
-"""How far a state is on the way to OPERATION_ENABLED; a drive that is being enabled and comes down has a reason."""
+"""Level of each state on the way to OPERATION_ENABLED, by which the loss of a state is detected."""
 
 
 class DriveGoal(Enum):
-    """Goal of the master's side of an axis."""
+    """Goal of the master for an axis; the value describes the goal."""
 
     DISABLED = "disabled, by the drive's own ramp"
     ENABLED = "operation enabled"
@@ -60,7 +60,7 @@ class DriveGoal(Enum):
 
 
 def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
-    """Return the state to aim for; `disabled_state` is the final state of a disabled drive."""
+    """Return the CiA 402 state for a goal; `disabled_state` is the final state of a disabled drive."""
     if goal is DriveGoal.ENABLED:
         return State.OPERATION_ENABLED
     if goal is DriveGoal.QUICK_STOPPED:
@@ -69,7 +69,7 @@ def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
 
 
 def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> bool:
-    """Whether a drive in `state` (None: unknown) has reached `goal`, one of the three that are a stop."""
+    """Whether a drive in `state` (None: unknown) has reached `goal`, which is one of the three kinds of stop."""
     if state is State.FAULT:
         return True
     if goal is DriveGoal.QUICK_STOPPED:
@@ -77,36 +77,36 @@ def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> b
     return state in DISABLED_STATES and LADDER[state] <= LADDER[state_of_goal(goal, disabled_state)]
 
 
-# The steps of the master's side of an axis: the time of each, the way out of a quick stop, the edge of a fault reset.
+# Steps of the master's side of an axis: timeouts, the exit from a quick stop, and the edge of a fault reset.
 #
 # Rules (CiA 402-2):
 #
 # - Each transition of the diagram has its own timeout, by number. A step without a transition, for a drive that stays
-#   where it is, has none. A step that exceeds its time is reported once and not timed again.
+#   where it is, has none. A step that exceeds its timeout is reported once, without another timeout.
 # - The behaviour after a quick stop depends on 0x605A and is read from the drive's state. To enable the drive again,
 #   transition 16 is requested at once, which is optional; if it has no effect, or if the drive is to be disabled, the
-#   end of the stop is awaited, since power cut before it lets the motor coast. A drive with 0x605A = 0 to 4 leaves the
-#   state by itself then; the others get transition 12, when the stop has ended or has lasted too long.
+#   end of the stop is awaited, since the motor would coast if power were cut before. A drive with 0x605A = 0 to 4 then
+#   leaves the state by itself; other drives get transition 12, when the stop has ended or has lasted too long.
 # - The edge of a fault reset (bit 7: 0, 1, 0; transition 15) is sent once per request, in FAULT only, since a drive
-#   still in its fault reaction would not see it. Bit 7 falls again when the fault is gone, or when the time is over and
-#   the cause is still there.
+#   in its fault reaction would ignore it. Bit 7 returns to 0 when the fault is gone, or after a timeout if the cause
+#   remains.
 
 
 NEVER: Final = (1 << 62) - 1
-# What an enable waits for before it can command anything.
+# Transitions that a drive makes by itself, by its present state (None: before the first statusword).
 AUTOMATIC: Final = {None: 0, State.NOT_READY_TO_SWITCH_ON: 1}
 SETTLE = -1
-"""In place of a transition number: the time after which a command that was overtaken no longer arrives."""
+"""Pseudo transition number: its timeout is the time after which an overtaken command can no longer arrive."""
 
 
 def transition_number(state: State | None, command: Command | None) -> int | None:
-    """Return the number of the transition that `command` requests in `state`, None for no transition."""
+    """Return the number of the transition that `command` requests in `state`, None if there is none."""
     transition = transition_of(state, command) if state is not None and command is not None else None
     return None if transition is None else transition.number
 
 
 class StepTimer:
-    """Timer of the current step: `command` is the one being sent, `deadline` is `NEVER` without a timeout."""
+    """Timer of the present step; `command` is being sent, `deadline` is `NEVER` without a timeout."""
 
     def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
         self.command: Command | None = None
@@ -116,37 +116,37 @@ class StepTimer:
         self._armed = False
 
     def rearm(self) -> None:
-        """Start a new step with the next command, even with the same command, because the goal has changed."""
+        """Let the next command start a new step, even if it is the same command, because the goal has changed."""
         self._armed = False
 
     def enter(self) -> None:
-        """Start a new step with the next command, because the drive has changed its state."""
+        """Let the next command start a new step, because the drive has changed its state."""
         self._armed = False
         self.deadline = NEVER
 
     def must_arm(self, command: Command | None) -> bool:
-        """Whether `command` starts a new step."""
+        """Return whether `command` starts a new step."""
         return not self._armed or command is not self.command
 
     def arm(self, command: Command | None, number: int | None, now: int) -> None:
-        """Start the step of `command`; `number` is that of its transition, None for no timeout."""
+        """Start the step of `command`; `number` is the number of its transition, None for no timeout."""
         self._armed, self.command = True, command
         self.deadline = NEVER if number is None else now + self._timeouts.get(number, self._timeout)
 
     def timed_out(
         self, state: State | None, goal: State, statusword: int | None, gave_up: bool, now: int
     ) -> TransitionTimedOut:
-        """Return the event of a step after its timeout; without a transition `goal` was requested."""
+        """Return the event for the timeout of a step; `goal` is the target state of a step without a transition."""
         command = self.command
         transition = transition_of(state, command) if state is not None and command is not None else None
         target, number = (transition.target, transition.number) if transition is not None else (goal, None)
         if state is State.NOT_READY_TO_SWITCH_ON:
-            number = AUTOMATIC[state]  # a self test or a commutation may take longer
+            number = AUTOMATIC[state]  # a self-test or commutation may take longer, so that its timeout is named
         return TransitionTimedOut(now, state, target, command, number, statusword, gave_up)
 
 
 class StopStage(Enum):
-    """Stages of leaving a quick stop; each follows if the previous one had no effect."""
+    """Stage of leaving a quick stop; the next stage follows if the present one has no effect."""
 
     ENABLE = "transition 16"
     WAIT = "for the end of the stop"
@@ -154,18 +154,18 @@ class StopStage(Enum):
 
 
 class QuickStopExit:
-    """Stage reached since the drive was first seen in its quick stop, or since the goal changed."""
+    """Stage of leaving a quick stop, since the drive entered the quick stop or the goal changed."""
 
     def __init__(self) -> None:
         self.stage = StopStage.ENABLE
         self._moved = False
 
     def restart(self) -> None:
-        """Restart the stages for another goal."""
+        """Restart the stages, because the goal has changed."""
         self.stage = StopStage.ENABLE
 
     def enter(self) -> None:
-        """Restart the stages for another stop."""
+        """Restart the stages, because the drive has changed its state."""
         self.stage = StopStage.ENABLE
         self._moved = False
 
@@ -174,28 +174,29 @@ class QuickStopExit:
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
     def evaluate(self, statusword: int) -> None:
-        """Evaluate a statusword of the drive in its quick stop."""
+        """Evaluate the statusword of a drive in QUICK_STOP_ACTIVE."""
         # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
             self._moved = True
 
     def command(self, enable: bool, statusword: int, standstill: bool, may_enable: bool) -> Command:
-        """Return the command to send.
+        """Return the command to send to a drive in QUICK_STOP_ACTIVE.
 
-        `enable` is requested, `may_enable` permits it at once, `standstill` means that the motor is known to stand.
+        `enable` tells that enabling is requested, `may_enable` that it is permitted at once, `standstill` that the
+        motor is known to be at standstill.
         """
         # CiA 402-2, table 22, transition 16: optional, and only with 0x605A = 5 to 8
         if self.stage is StopStage.ENABLE and enable:
             return Command.ENABLE_OPERATION if may_enable else Command.QUICK_STOP
         if self.stage is not StopStage.DISABLE:
-            # Bit 10 is the end of the stop only after it was 0 during it; until then it may belong to an old target.
+            # Bit 10 means the end of the stop only if it was 0 during the stop; else it may belong to an old target.
             over = standstill or (self._moved and bool(statusword & TARGET_REACHED))
             self.stage = StopStage.DISABLE if over else StopStage.WAIT
         return Command.DISABLE_VOLTAGE if self.stage is StopStage.DISABLE else Command.QUICK_STOP
 
 
 class ResetPhase(Enum):
-    """Phase of a fault reset."""
+    """Phase of a fault reset; the value describes the phase."""
 
     IDLE = "none was requested"
     REQUESTED = "bit 7 is to be sent 0 first"
@@ -204,7 +205,7 @@ class ResetPhase(Enum):
 
 
 class FaultReset:
-    """Sequence of one fault reset; `deadline` is its timeout."""
+    """Sequence of one fault reset; `deadline` is the timeout, `NEVER` before the first update."""
 
     def __init__(self, timeout_ns: int) -> None:
         self.phase = ResetPhase.IDLE
@@ -224,20 +225,20 @@ class FaultReset:
 
     @property
     def rising(self) -> bool:
-        """Whether the next update will set bit 7 without further conditions."""
+        """Whether the next update in FAULT will set bit 7."""
         return self.phase is ResetPhase.LOW
 
     def start(self) -> None:
-        """Request a reset; no-op during one."""
+        """Request a reset; does nothing during a reset."""
         if self.phase is ResetPhase.IDLE:
             self.phase, self.deadline = ResetPhase.REQUESTED, NEVER
 
     def cancel(self) -> None:
-        """End the reset because the fault or the drive's statusword is gone: bit 7 becomes 0."""
+        """End the reset, so that bit 7 becomes 0, because the fault is gone, the drive was lost or time is up."""
         self.phase, self.deadline = ResetPhase.IDLE, NEVER
 
     def update(self, state: State, statusword: int, now: int) -> DriveEvent | None:
-        """Process one cycle of a drive in one of its two fault states."""
+        """Process one cycle of a drive in a fault state; return an event if the reset has failed."""
         if self.deadline == NEVER:
             self.deadline = now + self._timeout
         if now >= self.deadline:
@@ -250,18 +251,19 @@ class FaultReset:
         return None
 
 
-# A requested mode of operation, until 0x6061 confirms it (CiA 402-2, 6.4).
+# Requested mode of operation, until 0x6061 confirms it (CiA 402-2, 6.4).
 #
-# A mode is active only when the drive's display shows it. A mode that is not confirmed in time returns to the last
-# active one, and has failed until a new request. 0 is never requested automatically. `MODE_TABLE` has the next state
-# for each trigger; a trigger without a row changes nothing.
+# A mode is active only when 0x6061 shows it. If a mode is not confirmed in time, the last active mode is requested
+# again, and the new mode has failed until the next request. The mode 0 is never requested automatically. `MODE_TABLE`
+# has the next state for each trigger; a trigger without a row changes nothing.
 #
-# Some drives show 0, no mode, until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
-# enabled in a mode that it has not shown; nothing but its targets at rest is sent before it shows the mode, in time.
+# Some drives show 0 (no mode) until they are enabled (ros-industrial/ros2_canopen, issue 444). Such a drive may be
+# enabled in a mode that it has not shown; until it shows the mode, for which there is a timeout, only targets at
+# standstill are sent.
 
 
 class ModeState(Enum):
-    """State of a mode request; the value describes it."""
+    """State of a mode request; the value describes the state."""
 
     NONE = "no mode was requested: the drive's own is right"
     REQUESTED = "a mode is asked for, and 0x6061 does not show it"
@@ -273,7 +275,7 @@ class ModeState(Enum):
 
 
 class ModeTrigger(Enum):
-    """Trigger of the mode table; the value describes it."""
+    """Trigger of a row in `MODE_TABLE`; the value describes the trigger."""
 
     ASK = "another mode is requested"
     ASK_AGAIN = "the same mode is requested again already"
@@ -324,21 +326,21 @@ MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = Mapping
 """State and trigger to the next state; a trigger without a row changes nothing."""
 
 CONFIRMED: Final = (_S.NONE, _S.CONFIRMED, _S.RETURNED)
-"""The states in which the drive is in the mode that it shall have."""
+"""States in which the drive is in the intended mode."""
 FAILED: Final = (_S.REFUSED, _S.RETURNING, _S.RETURNED)
-"""The states after a mode that was not confirmed; they end with a new request."""
+"""States after a mode that was not confirmed in time; a new request ends them."""
 
 
 _CHANGING: Final = -1
-"""What Festo's CMMP-AS shows in 0x6061 while it changes to interpolated position: 3 to 6 s (ros_canopen, issue 457)."""
-_CHANGES: Final = 4  # times as long as another mode may be shown
+"""Value of 0x6061 in Festo's CMMP-AS for 3 to 6 s while it changes to IP (ros_canopen, issue 457)."""
+_CHANGES: Final = 4  # factor for the timeout while `_CHANGING` is shown
 
 
 class ModeRequest:
-    """Requested value of 0x6060, and whether 0x6061 confirms it.
+    """Requested mode of operation, and whether 0x6061 confirms it.
 
-    `mode` is None without a request; `sent` is the value in 0x6060, another one until the drive is in a state in which
-    it changes its mode; `deadline` is the timeout of an unconfirmed mode, `NEVER` for none.
+    `mode` is None without a request; `sent` is the value for 0x6060, which differs from `mode` until the drive is in a
+    state in which it changes its mode; `deadline` is the timeout of an unconfirmed mode, `NEVER` for none.
     """
 
     def __init__(self, timeout_ns: int) -> None:
@@ -348,17 +350,17 @@ class ModeRequest:
         self.display: int | None = None
         self.deadline = NEVER
         self._timeout = timeout_ns
-        self._halved = False  # the deadline is that of a drive that shows no mode while it is off
+        self._halved = False  # the deadline is shorter, because the drive shows no mode while disabled
         self._last_confirmed: int | None = None
 
     @property
     def confirmed(self) -> bool:
-        """Whether 0x6061 shows `mode`, or no mode was requested."""
+        """Whether 0x6061 shows the requested mode, or no mode was requested."""
         return self.state in CONFIRMED
 
     @property
     def may_enable(self) -> bool:
-        """Whether the drive may be enabled: in the mode, or without showing any until it is enabled."""
+        """Whether the drive may be enabled: in the mode, or if it shows no mode until it is enabled."""
         return self.state in CONFIRMED or self.state is ModeState.UNSHOWN
 
     @property
@@ -367,7 +369,7 @@ class ModeRequest:
         return self.state in FAILED
 
     def ask(self, mode: int) -> bool:
-        """Request `mode`; return whether it is a new one."""
+        """Request a mode; return whether it differs from the present request."""
         if mode == self.mode:
             self._fire(ModeTrigger.ASK_AGAIN)
             return False
@@ -376,15 +378,15 @@ class ModeRequest:
         return True
 
     def forget_display(self) -> None:
-        """Clear the displayed mode of a drive that is gone; the request remains."""
+        """Clear the displayed mode of a drive that was lost; the request remains."""
         self.display = None
         self.deadline = NEVER
         self._fire(ModeTrigger.DRIVE_LOST)
 
     def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
-        """Process the newest 0x6061 (None: not received) and return the event, None for none.
+        """Process the newest 0x6061 (None: not received); return a confirmation or timeout event, else None.
 
-        `enabled` is whether the drive is in OPERATION_ENABLED.
+        `enabled` tells that the drive is in OPERATION_ENABLED.
         """
         self.display = display
         mode = self.mode
@@ -404,7 +406,7 @@ class ModeRequest:
             # Festo CMMP-AS shows -1 in 0x6061 for some seconds while it synchronises
             if display == _CHANGING and now < self.deadline + _CHANGES * self._timeout:
                 return None
-            if self._halved and not unshown:  # it has shown 0 before, and has the other half of the time
+            if self._halved and not unshown:  # 0 was shown before; the second half of the timeout begins
                 self._halved, self.deadline = False, now + self._timeout - self._timeout // 2
                 return None
             if not (unshown and self._fire(ModeTrigger.NONE_SHOWN)):
@@ -413,7 +415,7 @@ class ModeRequest:
         return None
 
     def _fire(self, trigger: ModeTrigger) -> bool:
-        """Apply the row of a trigger; return whether there is one."""
+        """Apply the row of a trigger; return whether there is a row."""
         state = MODE_TABLE[self.state].get(trigger)
         if state is not None:
             self.state = state

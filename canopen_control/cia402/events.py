@@ -1,7 +1,7 @@
-"""Events of a drive's state machines: frozen records, each with its time and one sentence.
+"""Events of a drive's state machine: frozen records, each with a time and a sentence.
 
-`time` is the monotonic time in ns of the update that detected it, `statusword` the word that showed it (None: none
-received). Texts do not name the drive; the owner of the events adds its name.
+`time` is the monotonic time in ns of the update that detected the event; `statusword` is the statusword at that time
+(None: none received). Texts do not name the drive; the owner of the events adds the name.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def _name(state: State | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """Change of the drive's state; None is unknown, before the first statusword or without one."""
+    """Change of the drive's state; None means unknown, before the first statusword or without a statusword."""
 
     time: int
     previous: State | None
@@ -38,13 +38,13 @@ class StateChanged:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Previous state, new state and statusword, as text for users."""
         return f"{_name(self.previous)} -> {_name(self.state)} ({_word(self.statusword)})"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultEntered:
-    """Fault reported by the drive; the goal is now DISABLED. `was_enabled`: it was in OPERATION_ENABLED before."""
+    """Fault of the drive; the goal becomes DISABLED. `was_enabled` tells that the drive was in OPERATION_ENABLED."""
 
     time: int
     state: State
@@ -53,26 +53,26 @@ class FaultEntered:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Statusword of the fault, as a sentence for users."""
         return f"fault ({_word(self.statusword)}){' while enabled' if self.was_enabled else ''}"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultCleared:
-    """End of a fault; the drive stays disabled until an enable."""
+    """End of a fault; the drive stays disabled until it is enabled."""
 
     time: int
     statusword: int
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """End of the fault, as a sentence for users."""
         return f"fault cleared ({_word(self.statusword)}); enable to go on"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultResetFailed:
-    """Failed fault reset: the drive is still in its fault; not `sent`: it is in its fault reaction."""
+    """Fault reset without effect; if not `sent`, the drive has stayed in its fault reaction."""
 
     time: int
     statusword: int
@@ -80,7 +80,7 @@ class FaultResetFailed:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Reason of the failed reset and remedies, as a sentence for users."""
         if not self.sent:
             return (
                 f"still in FAULT REACTION ACTIVE ({_word(self.statusword)}), where no fault reset counts, so none was "
@@ -96,9 +96,9 @@ class FaultResetFailed:
 class TransitionTimedOut:
     """Timeout of a transition: the drive did not go from `state` to `target` in time.
 
-    `transition` is the number of the transition requested by `command`, or of the one by itself to SWITCH ON DISABLED;
-    None if no statusword was received. `gave_up`: enabling was abandoned, the goal is now DISABLED; otherwise the
-    request is repeated.
+    `transition` is the number of the transition that `command` requests, or 1 for a drive that should enter SWITCH ON
+    DISABLED by itself; None without a transition. `gave_up` tells that enabling was abandoned and the goal is DISABLED;
+    otherwise the command is repeated.
     """
 
     time: int
@@ -111,7 +111,7 @@ class TransitionTimedOut:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """States, command and remedies, as a sentence for users."""
         cause = "" if self.command is None else f", asked by {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
         if self.gave_up and self.transition is not None:
@@ -132,15 +132,16 @@ class ModeConfirmed:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Name of the confirmed mode, as a sentence for users."""
         return f"{mode_words(self.mode)} confirmed"
 
 
 @dataclass(frozen=True, slots=True)
 class ModeTimedOut:
-    """Timeout of a mode: 0x6061 shows `display` instead of `mode`; `restored` is requested again (None: none).
+    """Timeout of a mode: 0x6061 shows `display`, not `mode`; `restored` is the mode requested now, None for none.
 
-    `enabled`: in OPERATION_ENABLED. An EnableLost follows unless the drive continues in the restored mode.
+    `enabled` tells that the drive is in OPERATION_ENABLED. An EnableLost follows if the drive was to be enabled, unless
+    it continues in the restored mode.
     """
 
     time: int
@@ -151,7 +152,7 @@ class ModeTimedOut:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Requested, shown and restored mode, and remedies, as a sentence for users."""
         shown = "nothing" if self.display is None else mode_name(self.display)
         back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
         keys = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
@@ -162,10 +163,10 @@ class ModeTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class EnableLost:
-    """Enable that ended, or failed, without a command; the goal is DISABLED.
+    """Loss of an enable, or failure to enable, without a command; the goal is DISABLED.
 
-    `state` is the current one: below OPERATION_ENABLED, None without a valid statusword, still OPERATION_ENABLED when
-    the mode was not confirmed and the drive is being disabled.
+    `state` is the present state: below OPERATION_ENABLED; None without a valid statusword; or still OPERATION_ENABLED
+    if the mode was not confirmed and the drive is being disabled.
     """
 
     time: int
@@ -174,12 +175,12 @@ class EnableLost:
 
     @property
     def power_stage_off(self) -> bool:
-        """Whether bit 4 reports a power stage without voltage: mains lost, or safe torque off."""
+        """Whether bit 4 (voltage enabled) is 0, because mains is missing or safe torque off is active."""
         return self.state is not None and self.statusword is not None and not self.statusword & VOLTAGE_ENABLED
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Present state of the drive and its cause, as a sentence for users."""
         if self.state is State.OPERATION_ENABLED:
             return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable to go on"
         cause = ", power stage off" if self.power_stage_off else ""
@@ -188,19 +189,19 @@ class EnableLost:
 
 @dataclass(frozen=True, slots=True)
 class ControlChanged:
-    """Change of bit 9, or 0 in the first statusword: a drive under local control ignores its controlword."""
+    """Change of bit 9 (remote); a drive under local control (0) may ignore its controlword."""
 
     time: int
     statusword: int
 
     @property
     def remote(self) -> bool:
-        """Whether the drive obeys the bus."""
+        """Whether the drive is controlled over the bus."""
         return bool(self.statusword & REMOTE)
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Kind of control, and a remedy under local control, as a sentence for users."""
         if self.remote:
             return f"under remote control again ({_word(self.statusword)})"
         return (
@@ -211,7 +212,7 @@ class ControlChanged:
 
 @dataclass(frozen=True, slots=True)
 class StatuswordUndefined:
-    """Undefined statusword for `updates` consecutive updates; an enabled drive is being disabled."""
+    """Undefined statusword in `updates` consecutive updates; an enabled drive is disabled."""
 
     time: int
     statusword: int
@@ -219,7 +220,7 @@ class StatuswordUndefined:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Statusword and number of updates, as a sentence for users."""
         return f"{_word(self.statusword)} shows no state, for {self.updates} updates"
 
 

@@ -1,14 +1,14 @@
-"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence from its start to its end.
+"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence of a homing.
 
 Rules:
 
 - Bits 13, 12 and 10 of the statusword together are the phase of homing (`HomingStatus`). Before the start they may
-  still be those of the last homing, or of another mode: attained, or an error, counts only after it was absent.
-- A method without motion may end between two statuswords. Only for such a method a stale "attained" is accepted,
-  some updates after the start.
-- Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): the next homing is seen only when they
-  have left it.
-- Every way out returns bit 4 to 0: done, failed, interrupted, aborted, too late. Only done sets `homed`.
+  still belong to the last homing, or to another mode: "attained" and "error" count only after they were absent.
+- A method without motion may end between two statuswords. Only for such a method an old "attained" is accepted, some
+  updates after the start.
+- Some drives keep "attained" until they leave OPERATION_ENABLED (aidin_hand2): their next homing is detected only after
+  they have left this state.
+- Every exit returns bit 4 to 0: success, error, interruption, abort and timeout. Only success sets `homed`.
 """
 
 from __future__ import annotations
@@ -55,13 +55,13 @@ METHODS: Mapping[int, str] = MappingProxyType(
         37: "the present position",
     }
 )
-"""The methods of the profile, number to words; negative ones are the manufacturer's, the others reserved."""
+"""Homing methods of CiA 402-2 with their descriptions; negative methods are manufacturer-specific, others reserved."""
 
 METHODS_WITHOUT_MOTION = frozenset({35, 37})
 
 
 def require_method(method: int, supported: Collection[int] | None = None) -> None:
-    """Raise DriveError unless `method` is in `supported` (0x60E3), or without that, one of the profile or negative."""
+    """Raise DriveError unless a method is in `supported` (0x60E3), or without that, in the profile or negative."""
     # CiA 402-2, 0x6098: negative methods are the manufacturer's; 0x60E3 lists the supported ones
     if method in supported if supported is not None else method in METHODS or method < 0:
         return
@@ -70,7 +70,7 @@ def require_method(method: int, supported: Collection[int] | None = None) -> Non
 
 
 class HomingStatus(Enum):
-    """Bits 13 (error), 12 (attained) and 10 (reached) of the statusword, as one number of three bits."""
+    """Bits 13 (error), 12 (attained) and 10 (reached) of the statusword, as a number of three bits."""
 
     IN_PROGRESS = 0b000
     NOT_RUNNING = 0b001  # interrupted, or not started
@@ -92,27 +92,27 @@ _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
 
 def homing_status(statusword: int) -> HomingStatus:
-    """Return bits 13, 12 and 10; only valid in mode HM."""
+    """Return bits 13, 12 and 10 of the statusword; they are valid only in mode HM."""
     # CiA 402-2, 0x6041 in mode HM: bit 13 homing error, bit 12 homing attained, bit 10 target reached
     return _STATUS[statusword >> 11 & 0b110 | statusword >> 10 & 0b001]
 
 
 @dataclass(frozen=True, slots=True)
 class HomingDone:
-    """Completed homing: the axis is homed."""
+    """Successful homing."""
 
     time: int
     method: int
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Method of the homing, as a sentence for users."""
         return f"homed by method {self.method}"
 
 
 @dataclass(frozen=True, slots=True)
 class HomingFailed:
-    """Homing that ended without a home position; `status` is the last one received, None without a statusword."""
+    """Failed homing; `status` is the last status received, None without a statusword."""
 
     time: int
     method: int
@@ -121,7 +121,7 @@ class HomingFailed:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Method and reason of the failure, as a sentence for users."""
         return f"homing by method {self.method} failed: {self.reason}"
 
 
@@ -130,16 +130,16 @@ HomingEvent = HomingDone | HomingFailed
 
 class _Phase(Enum):
     IDLE = 0
-    PREPARE = 1  # bit 4 is 0, the old bits are looked at
+    PREPARE = 1  # bit 4 is 0, and the old bits are evaluated
     RUN = 2
 
 
 class HomingSequence:
-    """Sequence of one homing at a time. Write the bit returned by `update` to `DriveMachine.mode_bits`.
+    """Sequence of one homing at a time; write the result of `update` to `DriveMachine.mode_bits`.
 
-    0x6098, the speeds and the mode belong to the owner, as does the return to the former mode. `homed` is False from
-    `start` until completion, and after `forget`. `start_timeout_ns` limits the time until it is seen running,
-    `timeout_ns` all of it; `settle_updates` is the number of updates for which ambiguous bits must be stable.
+    The caller sets 0x6098, the speeds and the mode, and restores the previous mode. `homed` is False from `start` until
+    success, and after `forget`. `start_timeout_ns` limits the time until homing is seen in progress, `timeout_ns` the
+    whole homing; `settle_updates` is the number of updates for which ambiguous bits must be stable.
     """
 
     def __init__(
@@ -158,7 +158,7 @@ class HomingSequence:
         self._events: list[HomingEvent] = []
 
     def start(self, method: int) -> None:
-        """Start homing with `method`, the value in 0x6098; no-op during homing."""
+        """Start homing with `method`, the value in 0x6098; does nothing during a homing."""
         if self._phase is _Phase.IDLE:
             self.method, self.homed = method, False
             self._phase = _Phase.PREPARE
@@ -166,12 +166,12 @@ class HomingSequence:
             self._attained_absent = self._error_absent = self._ran = False
 
     def abort(self, reason: str = "aborted") -> None:
-        """Interrupt homing at the next update: bit 4 becomes 0, and the drive stops by its halt option (0x605D)."""
+        """Abort homing at the next update: bit 4 becomes 0, and the drive stops by its halt option (0x605D)."""
         if self.active:
             self._aborted = reason
 
     def forget(self) -> None:
-        """Clear `homed` after the drive has lost its reference: it restarted, or its position jumped."""
+        """Clear `homed`, because the drive has lost its reference by a restart or a jump of its position."""
         self.homed = False
 
     @property
@@ -185,14 +185,15 @@ class HomingSequence:
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return the latest time for the next call of `update`, None without a timeout."""
+        """Return the time in ns at which `update` must be called at the latest, None without a timeout."""
         earliest = min(self._deadline, self._start_deadline)
         return None if earliest == _NEVER else earliest
 
     def update(self, statusword: int | None, ready: bool, now: int) -> int:
-        """Return controlword bit 4 to send. Call it once per cycle; it never raises.
+        """Return bit 4 of the controlword to send.
 
-        `ready`: the drive is enabled in mode HM; without that homing has failed.
+        Call once per cycle; this method never raises an exception. `ready` tells that the drive is enabled in mode HM;
+        without this homing fails.
         """
         if self._phase is _Phase.IDLE:
             return 0
@@ -207,7 +208,7 @@ class HomingSequence:
         return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
-        """Evaluate the old bits; the first ones may still be those of another mode, so that the last update counts."""
+        """Evaluate the old bits; the last of several updates counts, because the first may be of another mode."""
         # CiA 402-2, 0x6040 in mode HM: homing starts with the rising edge of bit 4
         if self._updates <= self._settle_updates:
             self._attained_absent = not status.value & HomingStatus.ATTAINED.value

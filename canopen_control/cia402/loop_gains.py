@@ -1,8 +1,8 @@
-"""Objects with the gains of a drive's velocity and position loop, and their scales.
+"""Objects with the gains of a drive's velocity and position loops, and their scales.
 
-CiA 402 names 0x60F9 and 0x60FB and leaves their content to the manufacturer, so that scales differ: gains of a device
-with an unknown scale can be proposed but not set. Gains are in the units of the device's loops: torque in per mille of
-the rated one (0x6076), position in the user units of 0x6064, velocity in those per second.
+CiA 402 names 0x60F9 and 0x60FB but leaves their content to the manufacturer, so that scales differ: gains for a device
+with unknown scales can be proposed but not set. Gains are in the units of the drive's loops: torque in per mille of the
+rated torque (0x6076), position in the user units of 0x6064, velocity in these units per second.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class LoopGain(enum.Enum):
-    """Gain of a position P over velocity PI control, with its unit."""
+    """Gain of a position P controller with a velocity PI controller; the value is the unit of the gain."""
 
     VELOCITY_P = "per mille s/unit"
     VELOCITY_I = "per mille/unit"
@@ -31,14 +31,14 @@ class LoopGain(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GainObject:
-    """Object of a gain, and the value of 1 in this object."""
+    """Object that contains a gain; `scale` is the gain for the value 1 of the object."""
 
     index: int
     subindex: int
     scale: float
 
 
-_PROFILE: Final = 0x6000  # from here on each axis has its own range
+_PROFILE: Final = 0x6000  # from this index on every axis has its own objects
 _OWN: Final[Mapping[LoopGain, GainObject]] = MappingProxyType(
     {
         LoopGain.VELOCITY_P: GainObject(VELOCITY_CONTROL_PARAMETERS, 1, 1e-5),
@@ -48,7 +48,7 @@ _OWN: Final[Mapping[LoopGain, GainObject]] = MappingProxyType(
     }
 )
 _KNOWN: Final[Mapping[tuple[int, int], Mapping[LoopGain, GainObject]]] = MappingProxyType({(0, 0x402): _OWN})
-"""Vendor and product (0x1018) to the gains of that device."""
+"""Gain objects of devices by vendor id and product code (0x1018)."""
 
 
 _FIRST, _SECOND = (1, 2)
@@ -56,7 +56,7 @@ _PI: Final = {LoopGain.VELOCITY_P: _FIRST, LoopGain.VELOCITY_I: _SECOND}
 _P: Final = {LoopGain.POSITION_P: _FIRST}
 _MAKERS: Final = (
     ("maxon", ((0x30A2, _PI), (0x30A1, _P))),  # EPOS4
-    ("maxon", ((VELOCITY_CONTROL_PARAMETERS, _PI), (POSITION_CONTROL_PARAMETERS, _P))),  # before it
+    ("maxon", ((VELOCITY_CONTROL_PARAMETERS, _PI), (POSITION_CONTROL_PARAMETERS, _P))),  # older devices
     (
         "copley",
         (
@@ -68,12 +68,11 @@ _MAKERS: Final = (
     ("kinco", ((VELOCITY_CONTROL_PARAMETERS, _PI),)),
     ("nanotec", ((0x321B, _PI),)),
 )
-"""A word of the manufacturer's name, and the records of its drives that hold gains, as in its public EDS files; what a
-number in them is worth is only in the manufacturer's manual."""
+"""Part of a manufacturer's name, and the records with gains in its public EDS files, whose scales are unknown here."""
 
 
 def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:
-    """Return the objects in which a manufacturer's drives hold gains of unknown scale; empty if unknown."""
+    """Return the objects in which a manufacturer's drives have gains of unknown scale; empty if unknown."""
     maker = od.device.vendor_name.lower()
     for word, records in _MAKERS:
         places = {
@@ -87,7 +86,7 @@ def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int
 
 
 def gain_objects(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, GainObject]:
-    """Return the gain objects of an axis with known scales; empty if there are none."""
+    """Return the objects of an axis with gains of known scale; empty if there are none."""
     by_gain = _KNOWN.get((_identity(od, 1), _identity(od, 2)), {})
     shifted = {
         gain: GainObject(axis_index(gain_object.index, axis), gain_object.subindex, gain_object.scale)

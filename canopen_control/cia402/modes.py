@@ -1,7 +1,7 @@
-"""Modes of operation (CiA 402-2, 0x6060, 0x6061, 0x6502) and the bits of both words that each mode defines.
+"""Modes of operation (CiA 402-2, 0x6060, 0x6061, 0x6502), and their bits in controlword and statusword.
 
-A mode is requested only if 0x6502 lists it. A table gives the mode for each interface of a joint, cyclic modes before
-profile modes. 0 (no mode) is never chosen automatically, because some drives do not support it.
+A mode is requested only if 0x6502 lists it. A table has the modes for each command interface of a joint, cyclic modes
+before profile modes. The mode 0 (no mode) is never chosen automatically, because some drives do not support it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 class OperationMode(IntEnum):
-    """Modes with a number in the profile; negative (manufacturer-specific) numbers remain plain ints."""
+    """Modes of operation with a number in CiA 402-2; negative (manufacturer-specific) numbers are plain ints."""
 
     NONE = 0
     PP = 1  # profile position
-    VL = 2  # velocity, the frequency converter's
+    VL = 2  # velocity, of frequency converters
     PV = 3  # profile velocity
     TQ = 4  # profile torque
     HM = 6  # homing
@@ -31,7 +31,7 @@ class OperationMode(IntEnum):
     CSP = 8  # cyclic synchronous position
     CSV = 9  # cyclic synchronous velocity
     CST = 10  # cyclic synchronous torque
-    CSTCA = 11  # the same with commutation angle
+    CSTCA = 11  # cyclic synchronous torque with commutation angle
 
 
 _SELECTABLE = tuple(mode for mode in OperationMode if mode)
@@ -39,24 +39,24 @@ _NAMES = {int(mode): mode.name for mode in OperationMode}
 
 
 def mode_of(number: int) -> int:
-    """Return the mode of a number, as a member of `OperationMode` if the profile has it."""
+    """Convert a number to a member of `OperationMode` if CiA 402-2 defines it; return other numbers unchanged."""
     return OperationMode(number) if number in _NAMES else number
 
 
 @lru_cache(maxsize=64)
 def supported_modes(supported_drive_modes: int) -> tuple[OperationMode, ...]:
-    """Return the modes in 0x6502, ascending, without manufacturer-specific and reserved bits."""
+    """Return the modes in a value of 0x6502 in ascending order, without manufacturer-specific and reserved bits."""
     return tuple(mode for mode in _SELECTABLE if supported_drive_modes >> (mode - 1) & 1)
 
 
 def mode_name(mode: int) -> str:
-    """Return the short name of a mode, of any int: `CSP`, `mode -3 (manufacturer)`, `mode 5 (reserved)`."""
+    """Return the short name of any mode number: `CSP`, `mode -3 (manufacturer)`, `mode 5 (reserved)`."""
     kind = "manufacturer" if mode < 0 else "reserved"
     return _NAMES.get(mode) or f"mode {mode} ({kind})"
 
 
 def mode_words(mode: int) -> str:
-    """Return a mode as a noun of a sentence: `mode CSP`, `mode -3 (manufacturer)`."""
+    """Return a mode as a noun for a sentence: `mode CSP`, `mode -3 (manufacturer)`."""
     name = mode_name(mode)
     return name if name.startswith("mode ") else f"mode {name}"
 
@@ -68,7 +68,7 @@ INTERFACE_MODES: Mapping[str, tuple[OperationMode, ...]] = MappingProxyType(
         "effort": (OperationMode.CST, OperationMode.TQ),
     }
 )
-"""Which modes serve a command interface, the best first."""
+"""Modes for each command interface, the best mode first."""
 
 TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
     {
@@ -82,13 +82,13 @@ TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
         OperationMode.CST: (objects.TARGET_TORQUE, 0),
     }
 )
-"""Mode to index and subindex of its target on axis 0; homing and the manufacturer's modes have none that we know."""
+"""Mode to index and subindex of its target on axis 0; homing has none, those of manufacturers' modes are unknown."""
 
 
 def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:
-    """Return the best mode for a command interface `position`, `velocity` or `effort`.
+    """Return the best supported mode for the command interface "position", "velocity" or "effort".
 
-    UnsupportedMode if the drive has none for it, or if the interface is unknown.
+    UnsupportedMode if the drive supports no such mode, or if the interface is unknown.
     """
     present = tuple(supported)
     modes = INTERFACE_MODES.get(interface, ())
@@ -100,10 +100,10 @@ def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMod
 
 
 def require_mode(mode: int, supported: Iterable[int]) -> None:
-    """Raise UnsupportedMode unless `mode` is listed.
+    """Raise UnsupportedMode if a mode is not in `supported`.
 
-    Manufacturer-specific (negative) modes are not checked, nor are drives that list none: their answer to the request
-    decides.
+    Manufacturer-specific (negative) modes are not checked, and neither are drives that list no modes: their reaction to
+    the request decides.
     """
     present = tuple(supported)
     if mode >= 0 and present and mode not in present:
@@ -111,7 +111,7 @@ def require_mode(mode: int, supported: Iterable[int]) -> None:
 
 
 class ModeBits(NamedTuple):
-    """Mode-specific bits of a mode: bit number to text; a missing bit has no meaning in the mode."""
+    """Mode-specific bits of a mode with their meanings, by bit number; missing bits have no meaning in the mode."""
 
     controlword: Mapping[int, str]
     statusword: Mapping[int, str]
@@ -142,4 +142,4 @@ MODE_BITS: Mapping[int, ModeBits] = MappingProxyType(
         OperationMode.CSTCA: _CYCLIC,
     }
 )
-"""CiA 402-2: the mode-specific bits 4-6, 8, 9 of the controlword and 10, 12, 13 of the statusword."""
+"""Mode-specific bits 4 to 6, 8 and 9 of the controlword, and 10, 12 and 13 of the statusword (CiA 402-2)."""

@@ -1,10 +1,10 @@
-"""Objects of a drive whose motors share one set of objects: where the device has the objects of each axis.
+"""Object addresses of drives in which several motors share one set of objects.
 
-CiA 402-2, 5.1 has the objects of axis a 0x800 * a higher. A drive for two wheels (ZLTECH ZLAC8015D) has them once:
-targets and actual values are in a subindex for each motor, in one more subindex as 16 bits of each, the statusword is
-16 bits of each in an object of 32, and the controlword is that of all motors. `MotorMap` is the one place with this
-order. Master, virtual drive and simulation use the addresses of CiA 402 throughout; SDO and PDO mappings are translated
-where they meet the wire.
+In CiA 402-2, 5.1 the objects of axis a are 0x800 * a higher. A drive for two wheels (ZLTECH ZLAC8015D) has them only
+once: targets and actual values have a subindex for each motor, and a further subindex with 16 bits for each motor; the
+statusword has 16 bits for each motor in an object of 32 bits; the controlword is common to all motors. Only `MotorMap`
+knows this arrangement. Master, virtual drive and simulation use the addresses of CiA 402 throughout; SDO and PDO
+mappings are translated at the interface to the bus.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _MEASURED_AND_COMMANDED: Final = (
     o.VELOCITY_ACTUAL,
 )
 _PACKED: Final = (o.STATUSWORD, o.ERROR_CODE)
-"""Objects of 16 bits in CiA 402 that such a device has once, with 16 bits of each motor."""
+"""Objects of 16 bits in CiA 402 that such a device has only once, with 16 bits for each motor."""
 
 _RECORDS: Final = frozenset(
     (
@@ -60,19 +60,19 @@ _RECORDS: Final = frozenset(
         o.DIGITAL_OUTPUTS,
     )
 )
-"""Objects with subindices of their own in CiA 402."""
+"""Objects that have subindices in CiA 402 itself."""
 
 MODES: Final = (OperationMode.PV, OperationMode.TQ, OperationMode.CSP, OperationMode.CSV, OperationMode.CST)
-"""Modes in which no bit of the controlword starts or ends the motion of one motor."""
+"""Modes in which no bit of the controlword starts or ends a motion."""
 
 _FIRST, _LAST = 0x6000, 0x67FF
-_HALF: Final = 16  # bits of each motor in an object for all
+_HALF: Final = 16  # bits of each motor in an object for all motors
 _PARTS: Final = {True: DataType.INTEGER16, False: DataType.UNSIGNED16}
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectPlace:
-    """Place of an object of an axis in the device: the device's address, and of a part its first bit and its bits."""
+    """Location of an axis' object in the device: index and subindex, and for a part of an object its bits."""
 
     index: int
     subindex: int
@@ -81,26 +81,26 @@ class ObjectPlace:
 
     @property
     def address(self) -> Address:
-        """The device's object."""
+        """Index and subindex of the object in the device."""
         return self.index, self.subindex
 
     def part_of(self, data: bytes) -> bytes:
-        """Return the bytes of the part in the bytes of the device's object."""
+        """Return the bytes of the axis' part in the data of the device's object."""
         return data[self.shift // 8 : (self.shift + self.bits) // 8] if self.bits else data
 
 
 def per_motor(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the targets and actual values that are variables in CiA 402 and have subindices 1 and 2 in `od`."""
+    """Return the targets and actual values that are variables in CiA 402 but have subindices 1 and 2 in `od`."""
     return tuple(index for index in _MEASURED_AND_COMMANDED if (index, 1) in od and (index, 2) in od)
 
 
 def motors_of(od: ObjectDictionary) -> MotorMap | None:
-    """Return the map of a device by its dictionary alone, with the subindices 1 and 2; None for any other device."""
+    """Return the map of a two-motor device, recognised by subindices 1 and 2 in its dictionary; None for others."""
     return MotorMap(od, (1, 2)) if per_motor(od) and not problem_of(od, (1, 2)) else None
 
 
 def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
-    """Return the reason why a device has no motors in these subindices, without its name; "" if it has."""
+    """Return why a device has no motors in these subindices, as a text without its name; "" if it has them."""
     if len(subindices) < 2 or not all(0 < subindex < 0xFF for subindex in subindices):
         return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
     if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
@@ -115,10 +115,11 @@ def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
 
 
 class MotorMap:
-    """Order of the objects of `device`, whose axis n has its own values in subindex `subindices[n]`.
+    """Arrangement of the objects of `device`, in which axis n has its values in subindex `subindices[n]`.
 
-    `view` is the dictionary as CiA 402 would have it, axis 1 from 0x6800 on; `places` are the addresses of the view
-    that the device has elsewhere. `shared` are the objects that the device has once, with those of the further axes.
+    `view` is the dictionary as in CiA 402, with axis 1 from 0x6800 on; `places` are the locations of those objects of
+    the view that are elsewhere in the device. `shared` maps objects that the device has only once to those of the other
+    axes in the view.
     """
 
     def __init__(self, device: ObjectDictionary, subindices: Sequence[int]) -> None:
@@ -138,14 +139,14 @@ class MotorMap:
                 self._share(index)
 
     def parts(self, index: int, subindex: int) -> tuple[Address, ...]:
-        """Return the addresses of the view in an object of the device, lowest bits first; empty for what is as it is.
+        """Return the addresses in the view of the parts of a device's object, lowest bits first; () if unchanged.
 
-        More than one share the bits of the object equally.
+        Several parts divide the bits of the object equally.
         """
         return self._parts.get((index, subindex), ())
 
     def split(self, objects: Iterable[MappedObject]) -> tuple[MappedObject, ...]:
-        """Return the objects of a PDO of the device as objects of the view."""
+        """Convert the mapped objects in a PDO of the device to objects of the view."""
         split: list[MappedObject] = []
         for mapped in objects:
             parts = self.parts(mapped.index, mapped.subindex)
@@ -157,12 +158,12 @@ class MotorMap:
         return tuple(split)
 
     def address(self, index: int, subindex: int = 0) -> Address:
-        """Return the device's address of an object of the view."""
+        """Return the address in the device of an object of the view."""
         place = self.places.get((index, subindex))
         return (index, subindex) if place is None else place.address
 
     def _divide(self, index: int) -> None:
-        """Give each axis its subindex of an object, and its half of the subindex behind them."""
+        """Give each axis its subindex of an object, and its part of the common subindex behind them."""
         device, view = self.device, self.view
         for subindex in device.subindices(index):
             del view.entries[index, subindex]
@@ -183,7 +184,7 @@ class MotorMap:
         self._parts[entry.address] = tuple((address, 0) for address in own)
 
     def _share(self, index: int) -> None:
-        """Give each further axis the object of the first one."""
+        """Give all other axes the object of the first axis."""
         for subindex in self.device.subindices(index):
             copies = [o.axis_index(index, axis) for axis in self._axes[1:]]
             for copy in copies:

@@ -1,8 +1,7 @@
-"""Objects of CiA 402-2 by name, and their indices for each axis of a multi-axis device.
+"""Objects of CiA 402-2 by name, their indices for each axis of a multi-axis device, and the option codes.
 
-Indices are written for axis 0. Axis a (0 to 7) has the same profile objects 0x800 * a higher, and
-its PDOs 64 * a higher (CiA 402-2, 5.1; CiA 301, 7.4.1). Objects outside 0x6000 to 0x67FF belong to the device and
-are the same for all axes.
+Indices are for axis 0. Axis a (0 to 7) has the same profile objects 0x800 * a higher, and its PDOs 64 * a higher (CiA
+402-2, 5.1; CiA 301, 7.4.1). Objects outside 0x6000 to 0x67FF belong to the device and are the same for all axes.
 """
 
 from __future__ import annotations
@@ -136,7 +135,7 @@ NAMES: Mapping[int, str] = MappingProxyType(
         if isinstance(value, int) and _FIRST <= value <= _LAST and not name.startswith("_")
     }
 )
-"""Every profile object above, index of axis 0 to its name in words."""
+"""Names of all profile objects above, by index of axis 0."""
 
 MOTION = frozenset(
     (
@@ -151,11 +150,11 @@ MOTION = frozenset(
         TORQUE_OFFSET,
     )
 )
-"""What moves an axis."""
+"""Objects that can move an axis."""
 
 
 def axis_index(index: int, axis: int) -> int:
-    """Return the index of the profile object `index` (of axis 0) for `axis`; other objects are returned unchanged.
+    """Convert the index of a profile object of axis 0 to the index for `axis`; return other indices unchanged.
 
     ValueError unless `axis` is 0 to 7.
     """
@@ -165,7 +164,7 @@ def axis_index(index: int, axis: int) -> int:
 
 
 def axis_of(index: int) -> tuple[int, int]:
-    """Return (index of axis 0, axis) for a profile object 0x6000 to 0x9FFF; (index, 0) for others."""
+    """Split a profile object's index (0x6000 to 0x9FFF) into the index of axis 0 and the axis; else (index, 0)."""
     if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
         return index, 0
     axis = (index - _FIRST) // _AXIS_STRIDE
@@ -175,33 +174,33 @@ def axis_of(index: int) -> tuple[int, int]:
 def axis_count(indices: Container[int]) -> int:
     """Return the number of axes of a device with these object indices.
 
-    An axis counts if it and all lower ones have a controlword.
+    An axis exists if this axis and all lower axes have a controlword.
     """
     present = (axis_index(CONTROLWORD, axis) in indices for axis in range(AXES))
     return next((axis for axis, is_present in enumerate(present) if not is_present), AXES)
 
 
 def object_name(index: int) -> str | None:
-    """Return the name of a profile object, with its axis if that is not 0; None for other objects."""
+    """Return the name of a profile object, followed by the axis unless it is 0; None for other objects."""
     base, axis = axis_of(index)
     name = NAMES.get(base)
     return f"{name} (axis {axis})" if name and axis else name
 
 
 def is_drive_profile(device_type: int) -> bool:
-    """Whether object 0x1000 indicates CiA 402, as a single drive or in a multiple device."""
+    """Return whether 0x1000 indicates CiA 402, as a single device or a multiple device module."""
     return device_type & 0xFFFF == _DRIVE_PROFILE
 
 
-# The option codes 0x605A to 0x605E and 0x6007: how a drive stops, and the state it is in afterwards.
+# Option codes 0x605A to 0x605E and 0x6007: how a drive stops, and the state in which it is afterwards.
 #
-# Each code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are the manufacturer's, and a code without
-# a row is reserved; `DEFAULTS` has the default of the drive. A master never infers the state of a drive from an option
-# code: it reads the statusword. Virtual drives and explanations of values use these tables.
+# Each code is a row of a table (CiA 402-2, 6.3.5 and 6.2.5). Negative codes are manufacturer-specific, and a code
+# without a row is reserved; `DEFAULTS` has the default values. The master never infers the state of a drive from an
+# option code: it reads the statusword. Virtual drives and explanations of values use these tables.
 
 
 class Reaction(Enum):
-    """How the motor is stopped."""
+    """Way in which a motor is stopped; the value describes it."""
 
     DISABLE = "drive function off, the motor coasts"
     SLOW_DOWN_RAMP = "slow-down ramp"
@@ -211,7 +210,7 @@ class Reaction(Enum):
 
 
 class Option(NamedTuple):
-    """Meaning of one option code: how the drive stops, and its state at standstill."""
+    """Meaning of an option code: the way in which the motor is stopped, and the state at standstill."""
 
     reaction: Reaction
     final_state: State
@@ -244,12 +243,12 @@ OPTION_CODES: Mapping[int, Mapping[int, Option]] = MappingProxyType(
         },
     }
 )
-"""Index of the option code object to its codes."""
+"""Option codes and their meanings, by the index of the option code object."""
 
 ABORT_CONNECTION: Mapping[int, Command | State | None] = MappingProxyType(
     {0: None, 1: State.FAULT, 2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}
 )
-"""0x6007, when the connection is lost: nothing, a fault, or a command as if it had been received."""
+"""Values of 0x6007 (connection lost): no reaction, a fault, or the effect of a command."""
 
 DEFAULTS: Mapping[int, int] = MappingProxyType(
     {
@@ -261,4 +260,4 @@ DEFAULTS: Mapping[int, int] = MappingProxyType(
         FAULT_REACTION_OPTION: 2,
     }
 )
-"""The profile's default of each option code; it is also what an absent object means."""
+"""Default value of each option code in CiA 402-2, which also applies if the object does not exist."""

@@ -1,15 +1,15 @@
-"""The set-point handshake of profile position mode (CiA 402-2, 0x6040 and 0x6041 in mode PP).
+"""Set-point handshake of profile position mode (CiA 402-2, 0x6040 and 0x6041 in mode PP).
 
 Rules:
 
-- A set-point is taken on the rising edge of controlword bit 4, and only a bit 12 that rises after that edge is its
-  acknowledgement. So bit 12 is seen 0 first, the target is out one update before the edge, and bit 4 falls when bit 12
-  has risen.
-- Bit 10 shows the previous target until the drive works on the new one. It counts when bit 12 has fallen again and bit
-  10 was seen 0 since the acknowledgement, or some updates later, since a short move may pass unseen.
-- A drive may take no set-point while it is under way to the one before (ZLTECH ZLAC8015D). One that interrupted a
-  motion and is not acknowledged waits for the end of that motion, and is given once more.
-- Each phase has its time, and on every way out bit 4 is 0. What then happens to the motion is the owner's decision.
+- The drive accepts a set-point on the rising edge of controlword bit 4, and only a bit 12 that rises after this edge is
+  its acknowledgement. So bit 12 must be 0 first, the target is sent one update before the edge, and bit 4 returns to 0
+  when bit 12 is 1.
+- Bit 10 belongs to the previous target until the drive uses the new one. It counts when bit 12 is 0 again and bit 10
+  was 0 after the acknowledgement, or some updates later, because a short motion may pass unseen.
+- Some drives accept no set-point while they move to the previous one (ZLTECH ZLAC8015D). A set-point that interrupted a
+  motion and is not acknowledged waits for the end of that motion, and is sent once more.
+- Each phase has a timeout, and at every exit bit 4 is 0. The caller decides what then happens to the motion.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FOLLOWING_ERROR = 1 << 13
 
 
 class SetPoint(NamedTuple):
-    """One target in device units, with bits 5, 6 and 9 of the controlword."""
+    """Target in device units, with bits 5, 6 and 9 of the controlword."""
 
     target: int
     bits: int = 0
@@ -40,20 +40,20 @@ class SetPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointTaken:
-    """Acknowledged set-point."""
+    """Acknowledgement of a set-point by bit 12."""
 
     time: int
     target: int
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Acknowledged target, as a sentence for users."""
         return f"set-point {self.target} taken"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointReached:
-    """Reached set-point, the last one acknowledged; bit 11 of `statusword` shows whether it was limited."""
+    """Arrival at the last acknowledged set-point; bit 11 of `statusword` shows whether the target was limited."""
 
     time: int
     target: int
@@ -61,13 +61,13 @@ class SetPointReached:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Reached target, as a sentence for users."""
         return f"set-point {self.target} reached"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointFailed:
-    """Abandoned set-point; `reason` is the cause, `phase` its phase."""
+    """Abandoned set-point; `reason` is the cause, `phase` the phase in which it was abandoned."""
 
     time: int
     target: int
@@ -76,20 +76,20 @@ class SetPointFailed:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Abandoned target and reason, as a sentence for users."""
         return f"set-point {self.target} given up: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointDeferred:
-    """Set-point not acknowledged during the motion to the previous one; it is repeated at the end of that motion."""
+    """Set-point that was not acknowledged during a motion, and is repeated at the end of the motion."""
 
     time: int
     target: int
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Deferred target, as a sentence for users."""
         return (
             f"set-point {self.target} not acknowledged on the way to another one; given again when the drive is there"
         )
@@ -97,7 +97,7 @@ class SetPointDeferred:
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Following error (bit 13), reported once per set-point; the drive's reaction is its own."""
+    """Following error (bit 13), reported once per set-point; the drive decides about its reaction."""
 
     time: int
     target: int
@@ -105,7 +105,7 @@ class FollowingError:
 
     @property
     def text(self) -> str:
-        """Sentence for users."""
+        """Target and statusword of the following error, as a sentence for users."""
         return f"following error on the way to {self.target} (statusword 0x{self.statusword:04X})"
 
 
@@ -113,7 +113,7 @@ SetPointEvent = SetPointTaken | SetPointReached | SetPointFailed | SetPointDefer
 
 
 class SetPointPhase(Enum):
-    """Phase of a set-point; the value describes a timeout in it."""
+    """Phase of a set-point; the value describes a timeout in this phase."""
 
     IDLE = "nothing to do"
     LOW = "the acknowledge bit 12 stays 1 before the set-point"
@@ -127,13 +127,13 @@ _P = SetPointPhase
 
 
 class SetPointHandshake:
-    """The set-points of one axis, one after the other.
+    """Handshake for the set-points of one axis, one after the other.
 
-    Write `target` to 0x607A (None: none was given yet) in the same cycle as the bits that `update` returns, and the
-    bits to `DriveMachine.mode_bits`. One more set-point may wait while the drive takes or reaches the one before; it is
-    offered as soon as bit 12 is 0, and whether the drive finishes the first one is its affair and that of
-    `immediately`. Only the last one is reported as reached. `release_timeout_ns` must be as long as a motion for drives
-    that keep bit 12 while they move; `motion_timeout_ns` None leaves the motion its time.
+    Write `target` to 0x607A (None: no set-point yet) in the same cycle as the bits that `update` returns, and the bits
+    to `DriveMachine.mode_bits`. One further set-point may wait while the drive acknowledges or approaches the present
+    one; it is sent as soon as bit 12 is 0, and `immediately` and the drive decide whether the first motion is finished.
+    Only the last set-point is reported as reached. `release_timeout_ns` must be as long as a motion for drives that
+    keep bit 12 during the motion; with `motion_timeout_ns` None a motion has no timeout.
     """
 
     def __init__(
@@ -162,16 +162,16 @@ class SetPointHandshake:
         self._deadline = _NEVER
         self._updates = 0  # in this phase
         self._moved = False
-        self._interrupts = False  # a motion that was under way when the set-point was given
+        self._interrupts = False  # the set-point interrupts a motion
         self._lagged = False
         self._events: list[SetPointEvent] = []
 
     def move(
         self, target: int, *, relative: bool = False, immediately: bool = False, change_on_set_point: bool = False
     ) -> None:
-        """Send a set-point in device units; `immediately` interrupts the motion and replaces a waiting set-point.
+        """Send a set-point in device units; `immediately` interrupts the motion and replaces a waiting one.
 
-        Raises LocalProtocolError when one waits already, see `can_take`.
+        Raises LocalProtocolError if a set-point waits already, see `can_take`.
         """
         if not (self.can_take or immediately):
             raise LocalProtocolError(f"set-point {target}: one is waiting already; wait until the drive took it")
@@ -179,18 +179,18 @@ class SetPointHandshake:
         self._next = SetPoint(target, bits)
 
     def abort(self, reason: str = "aborted") -> None:
-        """Abort the active and the waiting set-point at the next update; bit 4 is 0 from then on."""
+        """Abandon the active and the waiting set-point at the next update; bit 4 is 0 from then on."""
         if self.busy:
             self._aborted = reason
 
     @property
     def can_take(self) -> bool:
-        """Whether `move` accepts another set-point."""
+        """Whether `move` accepts a further set-point without `immediately`."""
         return self._next is None
 
     @property
     def busy(self) -> bool:
-        """Whether a set-point waits to be acknowledged or reached."""
+        """Whether a set-point waits to be sent, acknowledged or reached."""
         return self.phase is not SetPointPhase.IDLE or self._next is not None
 
     def events(self) -> list[SetPointEvent]:
@@ -199,17 +199,18 @@ class SetPointHandshake:
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return the latest time for the next call of `update`, None without a timeout."""
+        """Return the time in ns at which `update` must be called at the latest, None without a timeout."""
         return None if self._deadline == _NEVER else self._deadline
 
     def update(
         self, statusword: int | None, ready: bool, now: int, halted: bool = False, under_way: bool = False
     ) -> int:
-        """Return controlword bits 4, 5, 6 and 9 to send. Call it once per cycle; it never raises.
+        """Return bits 4, 5, 6 and 9 of the controlword to send.
 
-        `ready`: the drive is enabled in mode PP; without that a set-point is given up. While `halted` the drive keeps
-        its target and bit 10 means standstill: nothing is judged, no time runs out. `under_way`: the axis is seen
-        moving far from its target; bit 10, which flickers in some drives (yarp-devices, issue 245), does not count.
+        Call once per cycle; this method never raises an exception. `ready` tells that the drive is enabled in mode PP;
+        without this a set-point is abandoned. While `halted` the drive keeps its target and bit 10 means standstill, so
+        that nothing is evaluated and no timeout runs. `under_way` tells that the axis is moving far from its target, so
+        that bit 10, which flickers in some drives (yarp-devices, issue 245), is ignored.
         """
         if self.phase is SetPointPhase.IDLE and self._next is None:
             return 0

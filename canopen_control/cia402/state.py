@@ -1,12 +1,13 @@
-"""The power state machine of CiA 402-2 (IEC 61800-7-201, 6.3) as tables: states, commands, the 17 transitions.
+"""Power state machine of CiA 402-2 (IEC 61800-7-201, 6.3) as tables: states, commands, the 17 transitions.
 
-The tables define which statusword is which state, which controlword is which command, and which command leads from one
-state to another. Master and drive read the same tables; only `next_command`, the master's sequence, makes a decision.
+The tables define which statusword means which state, which controlword means which command, and which command leads
+from one state to another. Master and virtual drive use the same tables; only `next_command`, the master's sequence,
+makes a decision.
 
-- A statusword matches a state when ``(statusword ^ value) & mask == 0``. Bit 4 (voltage enabled) is never part of
-  it, bit 5 only where the mask is 0x6F. 53,248 of the 65,536 words match nothing.
-- ``SWITCH_ON`` and ``DISABLE_OPERATION`` are one pattern on the wire, as are ``ENABLE_OPERATION`` and
-  ``SWITCH_ON_AND_ENABLE``: they are one member here (aliases); only the drive's state distinguishes them.
+- A statusword matches a state when ``(statusword ^ value) & mask == 0``. Bit 4 (voltage enabled) is never in the mask,
+  bit 5 only if the mask is 0x6F. 53,248 of the 65,536 statuswords match no state.
+- ``SWITCH_ON`` and ``DISABLE_OPERATION`` have the same bits, as have ``ENABLE_OPERATION`` and
+  ``SWITCH_ON_AND_ENABLE``: they are aliases of one member here; only the drive's state distinguishes them.
 - A fault is reset by the rising edge of bit 7, never by its level.
 """
 
@@ -34,7 +35,7 @@ HALT_BIT = 1 << 8
 
 
 class State(Enum):
-    """State of the power state machine; the value is its pattern in the statusword."""
+    """State of the power state machine; the value is the state's bits in the statusword."""
 
     NOT_READY_TO_SWITCH_ON = 0x00
     SWITCH_ON_DISABLED = 0x40
@@ -47,7 +48,7 @@ class State(Enum):
 
 
 POWERED_STATES = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
-"""The states in which the motor has, or may have, torque."""
+"""States in which the motor has, or may have, torque."""
 
 STATUSWORD_MASKS: Mapping[State, int] = MappingProxyType(
     {
@@ -69,17 +70,17 @@ def _state_of_bits(bits: int) -> State | None:
     return next(matches, None)
 
 
-# One entry for each pattern of the six bits that matter: 112 pointers instead of 65,536.
+# One entry for each pattern of the relevant bits: 112 pointers instead of 65,536.
 _STATE_BY_BITS = tuple(_state_of_bits(bits) for bits in range(_ALL_MASKS + 1))
 
 
 def decode_statusword(statusword: int) -> State | None:
-    """Return the state in 0x6041, None if its bits are undefined. Every int is accepted."""
+    """Return the state for a value of 0x6041, None if its bits match no state; every int is accepted."""
     return _STATE_BY_BITS[statusword & _ALL_MASKS]
 
 
 class Command(Enum):
-    """Command of the controlword; the value is (mask, bits). Commands with the same pattern are aliases."""
+    """Command in the controlword; the value is (mask, bits). Commands with the same bits are aliases."""
 
     SHUTDOWN = (0x87, 0x06)
     SWITCH_ON = (0x8F, 0x07)
@@ -92,7 +93,7 @@ class Command(Enum):
 
 
 def controlword_of(command: Command) -> int:
-    """Return the controlword to write for `command`: its bits, all others zero."""
+    """Return the controlword for a command: the bits of the command, all others 0."""
     return command.value[1]
 
 
@@ -108,9 +109,9 @@ _COMMAND_BY_BITS = tuple(_command_of_bits(bits) for bits in range(0x100))
 
 
 def command_of(controlword: int, previous: int) -> Command | None:
-    """Return the command (CiA 402-2, table 24) in `controlword`; `previous` is the controlword before, 0 at the start.
+    """Return the command in a controlword (CiA 402-2, table 24); `previous` is the last controlword, 0 at the start.
 
-    A rising bit 7 is FAULT_RESET regardless of the other bits; while bit 7 stays high the result is None.
+    A rising bit 7 is FAULT_RESET regardless of the other bits; while bit 7 stays 1 the result is None.
     """
     # CiA 402-2, table 24: the fault reset is the rising edge of bit 7
     if controlword & ~previous & FAULT_RESET_BIT:
@@ -122,7 +123,7 @@ class Transition(NamedTuple):
     """Transition of the state diagram (CiA 402-2, table 22).
 
     `sources` is empty for power-on, `commands` is empty for automatic transitions. `condition` is a further condition,
-    or the option code that decides how the transition is done.
+    or the option code that decides how the transition is performed.
     """
 
     number: int
@@ -174,13 +175,13 @@ _BY_COMMAND = {
 
 
 def transition_of(state: State, command: Command) -> Transition | None:
-    """Return the transition that `command` triggers in `state`, None if the diagram has none."""
+    """Return the transition that a command triggers in a state, None if the state diagram has none."""
     return _BY_COMMAND.get((state, command))
 
 
-# What the master sends, by goal (row) and state seen (column): one step at a time, each confirmed by the statusword
-# before the next, so that 0x0F never meets a drive that has not been seen SWITCHED_ON (or in a quick stop, arrow 16).
-# Disabling never uses a transition that enables. A drive that has reached its goal gets the command that keeps it.
+# Commands of the master by goal (row) and present state (column): one step at a time, each confirmed by the statusword
+# before the next step, so that 0x0F is never sent to a drive that was not seen in SWITCHED_ON (or in a quick stop,
+# transition 16). Disabling never uses a transition that enables. In the goal state the command is sent that keeps it.
 _DOWN_TO_SWITCHED_ON = {
     _S.SWITCH_ON_DISABLED: _C.DISABLE_VOLTAGE,
     _S.READY_TO_SWITCH_ON: _C.SHUTDOWN,
@@ -211,11 +212,11 @@ _NEXT: dict[State, dict[State, Command]] = {
 
 
 def next_command(state: State, goal: State) -> Command | None:
-    """Return the command that leads a drive from `state` one step towards `goal`, or keeps it in `state`.
+    """Return the command that leads a drive one step from `state` towards `goal`, or keeps it in `state`.
 
-    Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON (all three: never upwards), OPERATION_ENABLED and
-    QUICK_STOP_ACTIVE (reached in SWITCH_ON_DISABLED too). None: no command helps, because the drive is starting, in
-    a fault (only an explicit reset leaves it), or `goal` is not a state to aim for.
+    Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON and SWITCHED_ON (never upwards to them), OPERATION_ENABLED and
+    QUICK_STOP_ACTIVE (also reached in SWITCH_ON_DISABLED). None means that no command helps, because the drive is
+    starting or in a fault (only an explicit reset ends a fault), or because `goal` is not one of these states.
     """
     row = _NEXT.get(goal)
     return row.get(state) if row is not None else None

@@ -1,10 +1,10 @@
-"""Device units and SI: scales, and position counts without the 32-bit wrap.
+"""Device units and SI units: scales, and position counts without the 32-bit wrap-around.
 
-Above it positions are radians (or metres) and velocities per second, below it they are the integers
-of 0x607A, 0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in the name. To the device is rounding to nearest, never
-truncation, since truncation of a small slow target is a standstill; what does not fit its object is not a target. The
-drive's position counter is 32 bits wide: differences are taken modulo 2**32, and a step that no motor can make is a
-jump (a reset encoder, a restarted drive), which is counted and never becomes motion.
+SI positions are in radians (or metres), velocities in these units per second; device values are the integers of 0x607A,
+0x60FF, 0x6064 and 0x606C, with `_dev` or `raw` in their names. Values for the device are rounded to nearest, never
+truncated, since truncation would turn a small target into standstill; a value that does not fit its object is not a
+target. The drive's position counter has 32 bits: differences are taken modulo 2**32, and a step that no motor can make
+is a jump (a reset encoder, a restarted drive), which is counted and does not change the position.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ _RPM: Final = 0xB447  # numerator and denominator, bits 8 to 23: revolutions per
 
 
 def to_object(raw: float, low: int, high: int) -> int | None:
-    """Return a scaled value as an integer, rounded to nearest; None if it does not fit, and for nan."""
+    """Round a scaled value to the nearest integer; None if it is outside of `low` to `high`, or nan."""
     return round(raw) if low <= raw <= high else None
 
 
 def wrap_int32(value: int) -> int:
-    """Return the int32 that has the same 32 low bits."""
+    """Return the int32 with the same 32 lowest bits."""
     return value if -_HALF <= value < _HALF else (value + _HALF) % _SPAN - _HALF
 
 
@@ -39,9 +39,9 @@ def counts_per_revolution(
 ) -> float:
     """Return the position units per revolution of the driving shaft, from 0x608F, 0x6091 and 0x6092.
 
-    Each pair is (subindex 1, subindex 2): increments and motor revolutions, motor and shaft revolutions, feed and
-    shaft revolutions. A feed constant defines the user's unit; the other two are then only the drive's conversion.
-    Raises ConfigError for a zero.
+    Each pair is (subindex 1, subindex 2): increments and motor revolutions, motor and shaft revolutions, feed and shaft
+    revolutions. A feed constant defines the user unit, and the other two are then only conversions inside the drive.
+    Raises ConfigError for a value that is not positive.
     """
     pairs = (encoder_resolution, gear_ratio) if feed_constant is None else (feed_constant,)
     if not all(part > 0 for pair in pairs for part in pair):
@@ -50,9 +50,9 @@ def counts_per_revolution(
 
 
 def is_feed(feed_constant: tuple[int, int]) -> bool:
-    """Whether 0x6092 defines a user unit; 1/1 is the default of drives whose unit is the count.
+    """Return whether 0x6092 defines a user unit; 1/1 is the default of drives whose unit is the count.
 
-    By the letter of CiA 402-2 the unit would be a whole turn then, in which no drive could be positioned.
+    According to CiA 402-2 the unit would be a whole revolution in this case, which is useless for positioning.
     """
     return feed_constant[0] != feed_constant[1]
 
@@ -62,10 +62,10 @@ def counts_of_objects(
     gear_ratio: tuple[int, int] | None = None,
     feed_constant: tuple[int, int] | None = None,
 ) -> float | None:
-    """Return position units per revolution of the driving shaft, None if the objects do not define it.
+    """Return the position units per revolution of the driving shaft, None if the objects do not define them.
 
-    They define nothing if they are absent or 0, or if encoder resolution and feed constant are both 1/1, as
-    devices have them before they are commissioned.
+    They are not defined if the objects are absent or 0, or if encoder resolution and feed constant are both n/n, as in
+    devices before commissioning.
     """
     feed = feed_constant if feed_constant is not None and is_feed(feed_constant) else None
     encoder = encoder_resolution if encoder_resolution is not None and is_feed(encoder_resolution) else None
@@ -78,16 +78,16 @@ def counts_of_objects(
 
 
 def rpm_of_unit(unit: int) -> float:
-    """Return the SI unit of velocities (0x60A9) in revolutions per minute; 0 for another unit (CiA 303-2)."""
-    exponent = (unit >> 24 & 0xFF ^ 0x80) - 0x80  # a power of ten, in two's complement
+    """Return the velocity unit in 0x60A9 in rpm; 0 for a unit other than revolutions per minute (CiA 303-2)."""
+    exponent = (unit >> 24 & 0xFF ^ 0x80) - 0x80  # power of ten, in two's complement
     return 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
 
 
 class Scale:
     """Conversion of one joint: SI times `*_to_dev` gives device units, device units times `*_from_dev` give SI.
 
-    `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI, as the bus.yml keys of the same names. A
-    reversed joint has negative scales. Raises ConfigError for a scale that is zero or not finite.
+    `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI units, as the keys with these names in bus.yml.
+    A reversed joint has negative scales. Raises ConfigError for a scale that is zero or not finite.
     """
 
     __slots__ = (
@@ -135,7 +135,7 @@ class Scale:
         eff_from_dev: float = 0.001,
         eff_to_dev: float = 1.0,
     ) -> Scale:
-        """Return the scales of a rotary joint: device counts per motor revolution, motor turns per joint turn."""
+        """Return the scales of a rotary joint; `gear_ratio` is the number of motor revolutions per joint revolution."""
         counts = counts_per_revolution * gear_ratio * (-1.0 if reversed else 1.0)
         if not math.isfinite(counts) or counts == 0.0:
             raise ConfigError(f"counts_per_revolution {counts_per_revolution:g} and gear_ratio {gear_ratio:g}: not 0")
@@ -143,29 +143,29 @@ class Scale:
         return cls(to_dev, 1.0 / to_dev, to_dev, 1.0 / to_dev, eff_from_dev, eff_to_dev=eff_to_dev)
 
     def position_count(self, position: float) -> int:
-        """Return the count of a finite position, of any size; `PositionUnwrapper.raw_of` makes it 0x607A."""
+        """Return the count of a finite position, without a 32-bit limit; see `PositionUnwrapper.raw_of`."""
         return round(position * self.pos_to_dev + self.offset_pos_to_dev)
 
     def position_from_device(self, count: int) -> float:
-        """Return the position of a raw value of 0x6064, or of an unwrapped count of any size."""
+        """Return the SI position of a raw value of 0x6064, or of an unwrapped count."""
         return count * self.pos_from_dev + self.offset_pos_from_dev
 
     def velocity_from_device(self, raw: int) -> float:
-        """Return the velocity of a value of 0x606C."""
+        """Return the SI velocity of a value of 0x606C."""
         return raw * self.vel_from_dev
 
     def effort_from_device(self, raw: int) -> float:
-        """Return the effort of a value of 0x6077."""
+        """Return the SI effort of a value of 0x6077."""
         return raw * self.eff_from_dev
 
 
 class PositionUnwrapper:
-    """The continuous count behind a stream of int32 positions.
+    """Conversion of a stream of int32 positions to a continuous count.
 
-    `max_step` is the largest step between two updates that the motor can make, in counts; None accepts every step.
-    It may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: it
-    is counted in `jumps`, its size kept in `last_jump`, and the count goes on as if it had not been. Such a stream has
-    lost its reference, so a client that needs absolute positions must home again.
+    `max_step` is the largest step in counts that the motor can make between two updates; None accepts every step. It
+    may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: `jumps`
+    counts jumps, `last_jump` is the size of the last one, and the count does not change. After a jump the reference is
+    lost, so that a client that needs absolute positions must home again.
     """
 
     __slots__ = ("_pending", "_raw", "count", "jumps", "last_jump", "max_step", "offset")
@@ -173,7 +173,7 @@ class PositionUnwrapper:
     def __init__(self, max_step: int | None = None) -> None:
         self.max_step = max_step
         self.count = 0
-        self.offset = 0  # count minus raw: whole turns of the counter, and the jumps taken out
+        self.offset = 0  # count minus raw: whole turns of the counter, and removed jumps
         self.jumps = 0
         self.last_jump = 0
         self._raw: int | None = None
@@ -181,7 +181,7 @@ class PositionUnwrapper:
 
     @property
     def started(self) -> bool:
-        """Whether a first position was received; before it `count` is undefined."""
+        """Whether a first position was received; before that `count` is undefined."""
         return self._raw is not None
 
     def update(self, raw: int) -> int:
@@ -192,7 +192,7 @@ class PositionUnwrapper:
             return raw
         step = raw - last
         if most is not None and most < _HALF and -most <= step <= most and not self._pending:
-            self._raw = raw  # as ever: a step that is not a jump, and not through the end of the counter
+            self._raw = raw  # the usual case: no jump and no wrap-around
             self.count += step
             return self.count
         if not step and not self._pending:
@@ -213,9 +213,9 @@ class PositionUnwrapper:
         return self.count
 
     def rebase(self) -> None:
-        """Reset after a restart of the drive: its next position equals the last one."""
+        """Let the next position equal the last one, after a restart of the drive."""
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:
-        """Return the int32 target for a continuous `count`, with the present offset and wrap of the drive's counter."""
+        """Return the int32 target for a continuous `count`, with the present offset of the drive's counter."""
         return wrap_int32(count - self.offset)
