@@ -1,9 +1,9 @@
-"""Fixtures for pytest: `robot` in virtual time, its `drives`, `bus` and `clock`.
+"""Fixtures for pytest: `robot` in virtual time, and its `drives`, `bus` and `clock`.
 
-The ini option `canopen_robot` selects the robot (a folder, relative to the ini file, or a bundled name), for one test
-or module the mark `canopen_robot("config/robby", controllers=["..."], seed=7)`. Its `quirks={"left_drive":
-["brake_delay=0.5"]}` are those of drives from their power-on ("all": every drive). A test fails if an invariant was
-breached, unless its mark has `breaches=True`.
+The ini option `canopen_robot` selects the robot (a folder, relative to the ini file, or a bundled name); the mark
+`canopen_robot("config/robby", controllers=["..."], seed=7)` selects it for one test or module. Its argument
+`quirks={"left_drive": ["brake_delay=0.5"]}` sets quirks of drives from power-on ("all" stands for every drive). A test
+fails if an invariant was violated, unless its mark has `breaches=True`.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _MARK = "canopen_robot"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Declare the ini option for the robot."""
+    """Declare the ini option `canopen_robot`, which selects the robot."""
     parser.addini(_MARK, "the robot of the fixture `robot`: its folder, or the name of a bundled one", default="")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Register the mark."""
+    """Register the mark `canopen_robot`."""
     config.addinivalue_line(
         "markers",
         f"{_MARK}(config, controllers=(), seed=0, quirks=None, breaches=False): the robot of the fixture `robot`",
@@ -39,7 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @functools.cache
 def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
-    """Return a robot from its files, read once for all tests."""
+    """Return the setup of a robot from its files, which are read once for all tests."""
     from canopen_control.runtime.robot_files import find_robot  # tests without a robot need not wait for its imports
     from canopen_control.runtime.setup import read_robot
 
@@ -64,7 +64,7 @@ def _configured(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
 
 @pytest.fixture
 def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
-    """Yield a booted robot in virtual time; a breach of an invariant fails the test."""
+    """Yield a booted robot in virtual time; the violation of an invariant fails the test."""
     from canopen_control.testing.tested_robot import TestedRobot
 
     config, words = _configured(request)
@@ -81,7 +81,7 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
 
 @pytest.fixture
 def drives(robot: TestedRobot) -> TestedDrives:
-    """Return the drives of the robot, by node id or name."""
+    """Return the drives of the robot, by node-ID or name."""
     return robot.drives
 
 

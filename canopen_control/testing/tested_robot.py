@@ -1,7 +1,7 @@
 """Robot in virtual time for tests: commands, motion and events, faults of drives and buses.
 
-Times are in s, positions and velocities of joints in SI units. Time advances only in `run`, `until` and
-`stopped_within`; a test behaves identically in every run.
+Times are in s, positions and velocities of joints in SI units. Time advances only in `run`, `until`, `stopped_within`
+and in the requests of a `session`; a test behaves identically in every run.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class _EventKeeper(SimulationObserver):
 
 
 class TestedRobot:
-    """Booted robot; `events` are those since its start, `breaches` the violated invariants.
+    """Booted robot in virtual time; `events` are all events since its start.
 
-    `quirks` are those of its drives from their power-on, by node id or name, or of "all".
+    `quirks` are the quirks of drives from power-on, by node-ID or name, or "all" for every drive.
     """
 
     __test__ = False
@@ -75,7 +75,7 @@ class TestedRobot:
     # -- time
 
     def run(self, seconds: float) -> None:
-        """Advance time; ControlError for a command that the robot refused, see `command`."""
+        """Advance the time by `seconds`; raise ControlError for a command that the robot refused, see `command`."""
         if self._served is None:
             self.simulated.run_for(round(seconds * _S))
         else:
@@ -88,16 +88,16 @@ class TestedRobot:
             raise mistake
 
     def serve(self, *, speed: float = 1.0, ros: Sequence[str] | None = None) -> None:
-        """Accept other programs on the robot's socket from now on, at `speed` times real time.
+        """Accept other programs on the robot's socket from now on; `run` then advances at `speed` times real time.
 
-        With `ros` a bridge with these arguments connects programs of ROS and publishes `/clock`.
+        With `ros` a bridge with these arguments connects ROS programs and publishes `/clock`.
         """
         self._served, self._speed = ServedSimulation(self.player), speed
         if ros is not None:
             self._served.start_bridge(ros)
 
     def until(self, condition: Callable[[], object], timeout: float = 10.0) -> float:
-        """Advance time until `condition` is true and return the elapsed time; AssertionError after `timeout`."""
+        """Advance the time until `condition` is true; return the elapsed s, or raise AssertionError after `timeout`."""
         passed = 0.0
         while not condition():
             if passed >= timeout:
@@ -108,7 +108,7 @@ class TestedRobot:
         return passed
 
     def stopped_within(self, seconds: float) -> bool:
-        """Advance time until all shafts stand, at most `seconds`; return whether they do."""
+        """Advance the time until all shafts stand, by at most `seconds`; return whether they do."""
         remaining = round(seconds / _STEP_S)
         while self.moving and remaining > 0:
             self.run(_STEP_S)
@@ -124,12 +124,12 @@ class TestedRobot:
 
     @property
     def moving(self) -> bool:
-        """Whether a shaft turns."""
+        """Whether the shaft of any drive turns."""
         return any(drive.moving for drive in self.drives)
 
     @property
     def breaches(self) -> list[str]:
-        """Violated invariants, in sentences."""
+        """Violated invariants, as sentences."""
         return [breach.sentence for breach in self._invariants.breaches]
 
     def velocity(self, joint: str) -> float:
@@ -155,22 +155,22 @@ class TestedRobot:
     def command(self, controller: str, *values: float, seconds: float | None = None) -> None:
         """Command a controller: once, or ten times a second for `seconds` from now on.
 
-        `run` raises refusals, such as a wrong number of values or an inactive controller; disabled drives or a latched
-        STOP are only events, because a test may be about them.
+        `run` raises refusals, such as a wrong number of values or an inactive controller; a command with disabled
+        drives or a latched STOP causes only an event, because a test may be about that.
         """
         self._controller(controller)
         self.do("command", controller, values=values, seconds=seconds)
 
     def trajectory(self, controller: str, *positions: float, seconds: float) -> None:
-        """Send a trajectory to positions of all joints of a controller, reached after `seconds`.
+        """Send a trajectory that moves all joints of a controller to `positions` in `seconds`.
 
-        Refused as `command`.
+        Refusals are raised as for `command`.
         """
         self._controller(controller)
         self.do("trajectory", controller, values=positions, seconds=seconds)
 
     def activate(self, controller: str) -> None:
-        """Activate a controller, deactivating those that conflict."""
+        """Activate a controller, and deactivate the controllers that conflict with it."""
         self._controller(controller)
         self.do("activate", controller)
 
@@ -187,7 +187,7 @@ class TestedRobot:
         self.do("axis", name="fault-reset")
 
     def stop(self, *, latch: bool = False) -> None:
-        """Ramp to zero, disable the drives and latch the stop."""
+        """Stop with a ramp and disable the drives; with `latch` the stop remains until `release`."""
         self.do("latch" if latch else "stop")
 
     def release(self) -> None:
@@ -195,11 +195,11 @@ class TestedRobot:
         self.do("release")
 
     def stall(self, seconds: float) -> None:
-        """Block the robot's process for `seconds`."""
+        """Block the process of the robot for `seconds`."""
         self.do("stall", "master", seconds=seconds)
 
     def kill(self, seconds: float | None = None) -> None:
-        """Kill the robot's process; it is restarted after `seconds`."""
+        """Kill the process of the robot, and restart it after `seconds` (None: never)."""
         self.do("kill", seconds=seconds)
 
     def do(
@@ -211,7 +211,7 @@ class TestedRobot:
         values: tuple[float, ...] = (),
         seconds: float | None = None,
     ) -> None:
-        """Execute an event of a scenario now."""
+        """Play an event of a scenario now; `kind` and the other arguments are those of a scenario step."""
         for_ns = None if seconds is None else round(seconds * _S)
         self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
@@ -226,14 +226,14 @@ class TestedRobot:
             raise UnknownName(f"no controller {name!r}{nearest(name, controllers)}")
 
     def close(self) -> None:
-        """Release all resources."""
+        """Release the resources of the robot."""
         if self._served is not None:
             self._served.close()
         self.simulated.close()
 
 
 class TestedDrive:
-    """Drive of a robot under test."""
+    """Drive of a robot under test, in which faults can be injected."""
 
     __test__ = False
 
@@ -242,22 +242,22 @@ class TestedDrive:
 
     @property
     def velocity(self) -> float:
-        """Velocity of its shaft in counts/s; 0 without supply."""
+        """Velocity of the fastest shaft of the drive in counts/s; 0 without supply."""
         device = self._drive.device
         return 0.0 if device is None else max((axis.mover.plant.velocity for axis in device.drives.values()), key=abs)
 
     @property
     def moving(self) -> bool:
-        """Whether its shaft turns."""
+        """Whether a shaft of the drive turns."""
         return abs(self.velocity) > _STANDING
 
     def fault(self, name: str, seconds: float | None = None) -> None:
-        """Inject a fault now and clear it after `seconds`; ConfigError for an unknown fault."""
+        """Inject a fault now, and clear it after `seconds`; raise ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("fault", str(self._drive.node_id), name=name, seconds=seconds)
 
     def heal(self, name: str) -> None:
-        """Clear a fault."""
+        """Clear a fault; raise ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("heal", str(self._drive.node_id), name=name)
 
@@ -266,32 +266,32 @@ class TestedDrive:
         self._drive.quirks = [*self._drive.quirks, *quirks]
 
     def quirk(self, text: str, seconds: float | None = None) -> None:
-        """Enable a quirk, ``NAME=VALUE@AXIS``, for `seconds`; ConfigError if it does not exist."""
+        """Enable a quirk, ``NAME=VALUE@AXIS``, for `seconds`; raise ConfigError if it does not exist."""
         parse_quirk(text)
         self._robot.do("quirk", str(self._drive.node_id), name=text, seconds=seconds)
 
     def quirk_off(self, text: str) -> None:
-        """Disable a quirk."""
+        """Disable a quirk; raise ConfigError if it does not exist."""
         parse_quirk(text)
         self._robot.do("quirk_off", str(self._drive.node_id), name=text)
 
     @property
     def quirks(self) -> list[str]:
-        """Active quirks, as text."""
+        """Active quirks of the drive in text form."""
         device = self._drive.device
         return [] if device is None or device.quirks is None else device.quirks.active
 
     def power_off(self, seconds: float | None = None) -> None:
-        """Switch its supply off, for `seconds`."""
+        """Switch the supply of the drive off, for `seconds` (None: for good)."""
         self._robot.do("power", str(self._drive.node_id), seconds=seconds)
 
     def cut(self, seconds: float | None = None) -> None:
-        """Cut its cable, for `seconds`."""
+        """Cut the CAN cable of the drive, for `seconds` (None: for good)."""
         self._robot.do("cut", str(self._drive.node_id), seconds=seconds)
 
 
 class TestedDrives:
-    """The drives of a robot, by node id or by name in bus.yml."""
+    """Drives of a robot under test, by node-ID or by name in bus.yml."""
 
     __test__ = False
 
@@ -304,7 +304,7 @@ class TestedDrives:
         return self._drives[self.place(node)[1]]
 
     def place(self, node: int | str) -> tuple[str, int]:
-        """Return name and node id of a drive; UnknownName."""
+        """Return name and node-ID of a drive; raise UnknownName if there is no such drive."""
         for name, number in self._ids.items():
             if node in (name, number) and number in self._drives:
                 return name, number
@@ -319,7 +319,7 @@ class TestedDrives:
 
 
 class TestedBus:
-    """Buses of a robot: `frames` are time in s, sender and frame of all traffic since its start."""
+    """Buses of a robot under test; `frames` are time in s, sender and frame of all traffic since the start."""
 
     __test__ = False
 
@@ -333,19 +333,19 @@ class TestedBus:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
 
     def lose(self, every: int = 1, seconds: float | None = None) -> None:
-        """Lose every n-th frame, for `seconds`."""
+        """Lose every n-th frame (`every` is n), for `seconds` (None: for good)."""
         self._tamper("lose", every, seconds)
 
     def double(self, every: int = 1, seconds: float | None = None) -> None:
-        """Double every n-th frame, for `seconds`."""
+        """Send every n-th frame twice (`every` is n), for `seconds` (None: for good)."""
         self._tamper("double", every, seconds)
 
     def disturb(self, every: int = 1, seconds: float | None = None) -> None:
-        """Disturb every n-th frame, which is then sent again, for `seconds`."""
+        """Disturb every n-th frame (`every` is n), which is then sent again, for `seconds` (None: for good)."""
         self._tamper("disturb", every, seconds)
 
     def send(self, can_id: int, data: bytes = b"") -> None:
-        """Send a frame that no node of the robot expects."""
+        """Send a frame as a participant that is not part of the robot."""
         self._robot.do("frame", values=(can_id, *data))
 
     def _tamper(self, kind: str, every: int, seconds: float | None) -> None:
@@ -355,7 +355,7 @@ class TestedBus:
 
 
 class TestedClock:
-    """Virtual clock of a robot, in s since its start."""
+    """Virtual clock of a robot under test, in s since its start."""
 
     __test__ = False
 
@@ -364,13 +364,13 @@ class TestedClock:
 
     @property
     def now(self) -> float:
-        """Current time in s."""
+        """Current virtual time in s since the start."""
         return self.at(self._robot.simulated.now_ns)
 
     def at(self, now_ns: int) -> float:
-        """Return a time of the simulation in s."""
+        """Convert a time of the simulation in ns to s since the start."""
         return (now_ns - self._began_ns) / _S
 
     def run(self, seconds: float) -> None:
-        """Advance time."""
+        """Advance the virtual time by `seconds`."""
         self._robot.run(seconds)
