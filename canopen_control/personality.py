@@ -1,19 +1,19 @@
-"""Personalities: behaviour of a manufacturer's drives in YAML files, each line with its source.
+"""Personalities: behaviour of a manufacturer's drives in YAML files, with a source for every line.
 
     title: Elmo Gold
     identity:                                   # 0x1018:01 and :02; no products: all of the vendor
       - {vendor: 0x9A, products: [], source: "..."}
-    objects: [0x607A]                           # what the EDS of such a drive has
-    absent: [0x603F]                            # what it lacks, even if its EDS lists it
-    modes: [1, 3, 7, 8, 9, 10]                  # of 0x6502, where they are known
-    quirks:                                     # as `drive --quirk` takes them
+    objects: [0x607A]                           # objects that the EDS of such a drive has
+    absent: [0x603F]                            # objects that the drive lacks, even if its EDS lists them
+    modes: [1, 3, 7, 8, 9, 10]                  # of 0x6502, if they are known
+    quirks:                                     # as in `drive --quirk`
       - {quirk: brake_delay=0.5, source: "jsd#48"}
     bus:                                        # keys of bus.yml that a robot with such a drive needs
       - {key: enable_settle_ms, value: 600, why: "set-points count when the brake has lifted", source: "jsd#48"}
     not_known: ["..."]                          # facts without a public source
 
-`source` is never copied wording: a repository with a number or a file, or a manual with its page; `unsourced` where no
-public one is known. What a quirk is and whether it exists is judged by the virtual drive that takes it.
+`source` is a repository with a number or a file, or a manual with its page, never copied text; `unsourced` if no public
+source is known. Quirks are checked by the virtual drive that gets the personality.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ _VENDOR: Final = re.compile(r"^ *- \{vendor: (\w+)", re.MULTILINE)  # as the bun
 
 
 class PersonalityError(ConfigError):
-    """Error in the file of a personality."""
+    """Error in a personality file, or in the name of a personality."""
 
 
 @dataclass(frozen=True)
 class DriveIdentity:
-    """Vendor id (0x1018:01) and product codes (0x1018:02); an empty list means all products of the vendor."""
+    """Vendor-ID (0x1018:01) and product codes (0x1018:02); an empty list stands for all products of the vendor."""
 
     vendor: int = setting(low=1, high=_MOST)
     products: list[int] = setting(factory=list, low=0, high=_MOST)
@@ -54,7 +54,7 @@ class DriveIdentity:
 
 @dataclass(frozen=True)
 class QuirkLine:
-    """Quirk in the notation of `drive --quirk`, and its source."""
+    """Quirk in a personality file, in the notation of `drive --quirk`, with its source."""
 
     quirk: str
     source: str = "unsourced"
@@ -63,7 +63,7 @@ class QuirkLine:
 
 @dataclass(frozen=True)
 class BusKey:
-    """Key of bus.yml with its value, the reason why such a drive needs it, and its source."""
+    """Key of bus.yml that such a drive needs, with its value, the reason, and the source."""
 
     key: str
     value: int | float | bool | str | dict[int, int]
@@ -73,7 +73,7 @@ class BusKey:
 
     @property
     def text(self) -> str:
-        """Line for bus.yml."""
+        """Key and value as a line for bus.yml."""
         value = self.value
         if isinstance(value, bool):
             return f"{self.key}: {'true' if value else 'false'}"
@@ -84,7 +84,7 @@ class BusKey:
 
 @dataclass(frozen=True)
 class PersonalityFile:
-    """Contents of the file."""
+    """Contents of a personality file."""
 
     title: str
     identity: list[DriveIdentity] = setting(factory=list)
@@ -99,7 +99,7 @@ class PersonalityFile:
 
 @dataclass(frozen=True, slots=True)
 class Personality:
-    """Behaviour of a manufacturer's drives; `name` is that of the file."""
+    """Behaviour of a manufacturer's drives; `name` is the name of the file without suffix."""
 
     name: str
     path: Path
@@ -114,15 +114,15 @@ class Personality:
     here: Node
 
     def line_of(self, key: str) -> str:
-        """Return the line of a key in the file."""
+        """Return the file and the line of a key, as ``PATH:LINE``."""
         return f"{self.path}:{self.here.keys()[key].line}"
 
     def place(self, line: QuirkLine) -> str:
-        """Return the place of a line in the file."""
+        """Return the file and the line of a quirk, as ``PATH:LINE``."""
         return f"{self.path}:{line.here.line}"
 
     def fits(self, vendor: int | None, product: int | None) -> bool:
-        """Whether the identity is that of one of these drives."""
+        """Whether a vendor-ID and a product code are those of a drive with this personality."""
         return any(
             identity.vendor == vendor and (not identity.products or product in identity.products)
             for identity in self.identity
@@ -135,7 +135,7 @@ def personality_names() -> list[str]:
 
 
 def read_personality(name: str) -> Personality:
-    """Return a bundled personality by its name, or that of a file; PersonalityError with all errors and their lines."""
+    """Read a bundled personality by its name, or a file; raise PersonalityError that lists all errors with lines."""
     bundled = data_path("eds", _FOLDER) / f"{name}.yaml"
     path = bundled if name in personality_names() else Path(name)
     if path is not bundled and not path.is_file():
@@ -160,7 +160,7 @@ def read_personality(name: str) -> Personality:
 
 
 def _check(file: PersonalityFile, _problems: Problems) -> None:
-    """Report an empty source."""
+    """Report quirks and keys of bus.yml with an empty source."""
     lines: list[QuirkLine | BusKey] = [*file.quirks, *file.bus]
     for line in lines:
         if not line.source.strip():
@@ -169,15 +169,15 @@ def _check(file: PersonalityFile, _problems: Problems) -> None:
 
 @functools.cache
 def _vendors_of(name: str) -> frozenset[int]:
-    """Return the vendor ids in a bundled file without parsing YAML, because every start needs them for each node."""
+    """Return the vendor-IDs in a bundled file without parsing YAML, which would slow down every start."""
     text = (data_path("eds", _FOLDER) / f"{name}.yaml").read_text(encoding="utf-8")
     return frozenset(int(number, 0) for number in _VENDOR.findall(text))
 
 
 def personality_of(vendor: int | None, product: int | None) -> Personality | None:
-    """Return the bundled personality of an identity (0x1018:01 and :02), None if it is unknown.
+    """Return the bundled personality of an identity (0x1018:01 and :02), None if there is none.
 
-    One that names the product goes before one of all products of its vendor.
+    A personality that names the product takes precedence over a personality for all products of the vendor.
     """
     names = [name for name in personality_names() if vendor in _vendors_of(name)]
     fitting = [personality for personality in map(read_personality, names) if personality.fits(vendor, product)]
