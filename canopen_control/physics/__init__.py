@@ -21,10 +21,10 @@ from canopen_control.errors import ConfigError
 __all__ = ["SDF_SUFFIXES", "require_physics"]
 
 SDF_SUFFIXES = (".sdf", ".world")
-"""Suffixes of Gazebo's world files, see `sdf_world`."""
+"""Suffixes of the world files of Gazebo, see `sdf_world`."""
 
 
 def require_physics() -> None:
-    """Raise ConfigError with the command to type if MuJoCo is missing; does not import it."""
+    """Raise ConfigError, with the command that installs it, if MuJoCo is missing; MuJoCo is not imported."""
     if importlib.util.find_spec("mujoco") is None:
         raise ConfigError("physics needs MuJoCo: pip install 'canopen-control[physics]'")

@@ -1,9 +1,9 @@
 """MuJoCo model of a robot on a floor, with a free root if it has wheels, and a motor on each driven joint.
 
-Wheels become ellipsoids with their radius and width: these have one contact point and turn as odometry expects, while a
-cylinder scrubs by an amount that depends on the time step. Everything touches the floor; parts of the robot do not
-touch each other. Each driven joint gets the motor's rotor, the friction and damping of its <dynamics> or else of the
-motor, and a lock for its brake and for a blocked shaft.
+Wheels become ellipsoids with the same radius and width: an ellipsoid has one contact point and turns as odometry
+expects, while a cylinder scrubs by an amount that depends on the time step. All shapes touch the floor; parts of one
+robot do not touch each other. Every driven joint gets the inertia of the motor's rotor, the friction and damping of its
+<dynamics>, or else of the motor, and a lock for its brake and for a blocked shaft.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _TYRE: Final = " tyre"
 
 @dataclass(frozen=True)
 class JointPlace:
-    """Joint in the model: its indices in qpos and qvel, its lock, and its motor."""
+    """Driven joint in a model: its indices in qpos and qvel, the index of its lock, and its motor."""
 
     qpos: int
     dof: int
@@ -63,7 +63,7 @@ class JointPlace:
     motor: EstimatedMotor
 
     def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
-        """Lock the joint at its position, or release it."""
+        """Lock the joint at its present position, or release it."""
         if on:
             model.eq_data[self.lock, 0] = data.qpos[self.qpos] - model.qpos0[self.qpos]
         data.eq_active[self.lock] = on
@@ -71,10 +71,10 @@ class JointPlace:
 
 @dataclass(frozen=True)
 class Body:
-    """Robot in a compiled model, its driven joints by name; `base` is the index of the free root, None without wheels.
+    """Robot in a compiled model, with its driven joints by name; `base` is the body index of a free root, else None.
 
-    `notes` list guesses; `wheels` and `casters` are the indices of the shapes on the floor. In a model of several
-    robots all names of this one begin with its `prefix`, such as "robby1/".
+    `notes` list assumptions; `wheels` and `casters` are the indices of the shapes on the floor. In a model of several
+    robots all names of this robot begin with `prefix`, such as "robby1/".
     """
 
     model: Any
@@ -88,14 +88,14 @@ class Body:
 
     @property
     def links(self) -> dict[str, int]:
-        """Indices of its links by name."""
+        """Body indices of the robot's links by name."""
         names = ((str(self.model.body(number).name), number) for number in range(1, self.model.nbody))
         return {name.removeprefix(self.prefix): number for name, number in names if name.startswith(self.prefix)}
 
 
 @dataclass(frozen=True)
 class PreparedRobot:
-    """Robot before its addition to a world: its specification, its contacts with the floor, and its motors by joint."""
+    """Robot that is not yet in a world: its specification, floor contacts, and motors by joint."""
 
     spec: Any
     root: str
@@ -106,7 +106,7 @@ class PreparedRobot:
     notes: tuple[str, ...]
 
     def body(self, model: Any, prefix: str = "") -> Body:  # noqa: ANN401 - as above
-        """Return the robot in the compiled model of a world."""
+        """Return the robot as a part of the compiled model of a world."""
         return Body(
             model,
             {name: placed(model, name, motor, prefix) for name, motor in self.motors.items()},
@@ -118,7 +118,7 @@ class PreparedRobot:
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return MuJoCo's specification of a URDF; PhysicsError if MuJoCo refuses it."""
+    """Return the MuJoCo specification of a URDF; raise PhysicsError if MuJoCo refuses it."""
     try:
         return mujoco.MjSpec.from_string(urdf.text, assets=urdf.meshes)
     except ValueError as error:
@@ -130,7 +130,7 @@ def _first_line(error: ValueError) -> str:
 
 
 def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
-    """Return the compiled model of a specification; PhysicsError if it cannot be simulated."""
+    """Return the compiled model of a specification; raise PhysicsError if it cannot be simulated."""
     try:
         return spec.compile()
     except ValueError as error:
@@ -138,7 +138,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
-    """Put a robot on its own floor; a fixed robot touches the floor at its lowest point."""
+    """Return a robot as the only robot of a world; the floor is at the lowest point of a robot with a fixed root."""
     lay_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
@@ -157,10 +157,10 @@ def prepared(
     start: Start,
     sensors: Sequence[WorldSensor] = (),
 ) -> PreparedRobot:
-    """Return a robot complete except for its world; `axes` by joint.
+    """Return a robot that is complete except for its world; `axes` are by joint.
 
-    `free` is whether its root is free, None: if it has wheels. Lengths in m, `step` in s. PhysicsError, with a line in
-    the file at `path`, for a missing joint.
+    `free` is whether the root of the robot is free, None to let wheels decide. Lengths are in m, `step` in s. Raise
+    PhysicsError, with a line in the file at `path`, for a missing joint.
     """
     _check_joints(axes, description, path)
     for number, geom in enumerate(spec.geoms):
@@ -196,7 +196,7 @@ def _described(joint: Joint) -> Described:
 
 
 def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
-    """Add a lock to each driven joint, inactive until a brake or a blocked shaft needs it."""
+    """Add a lock to every driven joint, inactive until a brake or a blocked shaft needs it."""
     for joint in axes:
         lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
         lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
@@ -227,7 +227,7 @@ def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
 
 
 def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) -> None:  # noqa: ANN401 - as above
-    """Set the floor contact of each shape."""
+    """Set how each shape of a robot touches the floor: as a wheel, a free roller, or a caster."""
     touches = {touch.geom: touch for touch in ground.touches}
     rolling = {touch.geom for touch in ground.touches if touch.part is not ContactPart.CASTER}
     turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
@@ -235,7 +235,7 @@ def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) ->
         touch = touches.get(geom.name)
         part = ContactPart.CASTER if touch is None else touch.part
         _set_contact(geom, floor.caster_friction if part is ContactPart.CASTER else floor.friction, step)
-        if touch is None and geom.parent.name in turning:  # visual spokes and treads turn with it
+        if touch is None and geom.parent.name in turning:  # visual spokes and treads turn with the wheel
             geom.contype = geom.conaffinity = 0
         if touch is None or part is ContactPart.CASTER:
             continue
@@ -253,12 +253,12 @@ def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN4
 
 
 def solref(step: float) -> list[float]:
-    """Return time constant and damping of a contact: 4 ms, or more if the solver needs it."""
+    """Return time constant (4 ms, or two steps if that is longer) and damping ratio of contacts."""
     return [max(0.004, 2.0 * step), 1.0]
 
 
 def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
-    """Put half of a cylinder on a separate free axle; the other half is the hub."""
+    """Add a free-turning cylinder with half of the density around an axle; the original becomes its hub."""
     geom.contype = geom.conaffinity = 0
     geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
@@ -269,7 +269,7 @@ def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 -
 
 
 def lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
-    """Add the floor, which touches every robot."""
+    """Add the floor at a height in m; it touches every robot."""
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
     _set_contact(floor, 0.0, step)  # MuJoCo uses the larger friction of two shapes: that of the wheel, or of the caster
@@ -282,7 +282,7 @@ def _on_floor(
     axes: Mapping[str, AxisSettings],
     prefix: str,
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
-    """Return the indices of the shapes that roll on the floor, of those that slide, and the mecanum wheels."""
+    """Return the indices of the shapes that roll on the floor and of those that slide, and the mecanum wheels."""
     places: dict[bool, list[int]] = {True: [], False: []}
     rollers = []
     for touch in ground.touches:
@@ -299,7 +299,7 @@ def _on_floor(
 
 
 def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
-    """Return the place of a driven joint in a model."""
+    """Return the indices of a driven joint and of its lock in a model, with its motor."""
     joint, lock = model.joint(f"{prefix}{name}"), model.equality(f"{prefix}{_LOCK}{name}")
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
@@ -307,7 +307,7 @@ def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> Jo
 def _notes(
     axes: Mapping[str, AxisSettings], motors: Mapping[str, EstimatedMotor], ground: Ground, free: bool
 ) -> list[str]:
-    """Return sentences about detected wheels and guessed values."""
+    """Return sentences about the detected wheels and the estimated torques."""
     wheels = [touch.joint for touch in ground.touches if touch.part is ContactPart.WHEEL]
     touched = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
     contact = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
@@ -325,7 +325,7 @@ def _notes(
 def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Let the robots sink onto the floor before the simulation starts.
 
-    ConfigError if forces grow without bound: a robot is inside a solid, or its masses differ too much.
+    Raise ConfigError if forces grow without bound: a robot is inside a solid, or its masses differ too much.
     """
     mujoco.set_mju_user_warning(_Warnings())
     mujoco.mj_step(model, data, _SETTLE_STEPS)
@@ -337,9 +337,9 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class _Warnings:
-    """Recorder of MuJoCo's first warning.
+    """Handler of MuJoCo's warnings that logs only the first.
 
-    MuJoCo itself would repeat the warning at each step and write MUJOCO_LOG.TXT into the current folder.
+    MuJoCo itself would repeat a warning at each step and write MUJOCO_LOG.TXT into the current folder.
     """
 
     def __init__(self) -> None:
@@ -365,9 +365,9 @@ def build_mjcf(
     world: WorldDescription,
     sensors: Sequence[WorldSensor] = (),
 ) -> Body:
-    """Return the robot of an MJCF file; `step` in s.
+    """Return the robot of an MJCF file; `step` is in s.
 
-    PhysicsError if the file does not compile or lacks a joint.
+    Raise PhysicsError if the file does not compile or lacks a joint.
     """
     try:
         spec = mujoco.MjSpec.from_file(str(file))
@@ -393,7 +393,7 @@ def build_mjcf(
 
 
 def _described_in_mjcf(joint: Any) -> Described:  # noqa: ANN401 - MuJoCo has no types
-    """Return the motor values of a joint in the scene; without friction there they count as undefined."""
+    """Return friction and damping of a joint in an MJCF file; a friction of 0 counts as undefined."""
     return Described(friction=joint.frictionloss or None, damping=float(joint.damping[0]))
 
 
@@ -421,9 +421,9 @@ _ALL: Final = 0x7FFFFFFF
 
 
 def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldDescription, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return the model of robots by name, each at its start pose; PhysicsError if two overlap.
+    """Return one model of several robots, each at its start pose; raise PhysicsError if a robot starts inside another.
 
-    `path` is the file of the world. The specifications of the robots become parts of this one and must not be reused.
+    `path` is the file of the world. The specifications of the robots become parts of this model and must not be reused.
     """
     spec = mujoco.MjSpec()
     step = min(float(robot.spec.option.timestep) for robot, _ in robots.values())
@@ -441,14 +441,14 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
 
 
 def _give_kind(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
-    """Set the contact bits of a robot's shapes, so that they also touch other robots."""
+    """Set the contact bits of a robot's shapes, so that they touch other robots but not each other."""
     for geom in spec.geoms:
         if geom.contype:
             geom.contype, geom.conaffinity = kind, _ALL & ~kind
 
 
 def _frame(spec: Any, robot: PreparedRobot, start: RobotStart) -> Any:  # noqa: ANN401 - as above
-    """Return the frame of a robot's start; the pose of a free root is set separately."""
+    """Return the frame to which a robot is attached: its start pose, or the origin for a free root."""
     if robot.free:
         return spec.worldbody.add_frame()
     place = [*start.at, max(0.0, robot.ground.lift)]
@@ -456,9 +456,9 @@ def _frame(spec: Any, robot: PreparedRobot, start: RobotStart) -> Any:  # noqa: 
 
 
 def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterator[str]:  # noqa: ANN401 - as above
-    """Yield a sentence for each robot that starts inside another robot, a wall or a box.
+    """Yield a sentence for each robot that starts inside another robot, a wall, a box or a solid.
 
-    A start on a ramp is allowed.
+    A start on a ramp or on a solid is allowed.
     """
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

@@ -1,8 +1,8 @@
-"""Timed disturbances of robots in a world: payloads, pushes, changes of friction.
+"""Timed disturbances of robots in a world: payloads, pushes, blocked joints, changes of friction.
 
-A payload changes mass, centre of mass and inertia of a link during the simulation. Each wheel and caster gets the
-friction of its place: that of the floor, or of the patch below it. Times are in ns from the start of the world, and the
-same requests in the same order give identical results.
+A payload changes mass, centre of mass and inertia of a link during the simulation. Every wheel and caster gets the
+friction at its position: that of the floor, or of the patch below it. Times are in ns from the start of the world, and
+the same requests in the same order give identical results.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ _CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom
 
 
 class JointBlocker(Protocol):
-    """Interface for blocking joints."""
+    """Interface of a simulation that can block joints."""
 
     def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block or release a joint of a robot."""
+        """Block a joint of a robot, or release it."""
 
 
 class _EndOfPush(NamedTuple):
@@ -46,9 +46,10 @@ class _EndOfPush(NamedTuple):
 
 
 class Disturbances:
-    """Disturbances of the robots in a simulation; `begin` sets its state, `blocker` blocks joints by robot and name.
+    """Disturbances of the robots in a simulation, from the world file and on request.
 
-    A robot has the name in the file of the world, "" if it is alone.
+    `begin` sets the state of the simulation, `blocker` blocks joints. Robots are named as in the world file, "" for a
+    single robot.
     """
 
     def __init__(self, bodies: Mapping[str, Body], floor: FloorContact, world: WorldDescription) -> None:
@@ -74,7 +75,7 @@ class Disturbances:
                           for robot, links in own.items()}  # fmt: skip
 
     def problems(self) -> Iterator[str]:
-        """Yield a sentence with its line for each missing link or joint in the steps of the file."""
+        """Yield a sentence with a line for every missing link or joint in the steps of the world file."""
         for step in self._steps:
             try:
                 for act in step.acts():
@@ -83,13 +84,13 @@ class Disturbances:
                 yield f"{step.here.line}:{step.here.column}: {error}"
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
-        """Start at time 0 with this state."""
+        """Start at time 0 with the MuJoCo state `data`, and plan the disturbances of the world file."""
         self._data = data
         for at_ns, robot, act in self._timeline:
             self._plan(at_ns, act, robot)
 
     def reset(self) -> None:
-        """Undo all disturbances, after the state was reset."""
+        """Undo all disturbances after the state was reset, and plan those of the world file again."""
         for name, before in self._before.items():
             getattr(self._model, name)[:] = before
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
@@ -99,11 +100,11 @@ class Disturbances:
 
     @property
     def patched(self) -> bool:
-        """Whether the friction depends on the position."""
+        """Whether the floor has patches, so that the friction depends on the position."""
         return bool(self.patches)
 
     def grip_at(self, x: float, y: float) -> float:
-        """Return the friction of a wheel at a position on the floor."""
+        """Return the friction of a wheel at a position on the floor in m."""
         grip = self._grip
         for patch in self.patches:
             if patch.covers(x, y):
@@ -111,11 +112,11 @@ class Disturbances:
         return grip
 
     def next_ns(self) -> int | None:
-        """Return the time of the next disturbance, None if there is none."""
+        """Return the time in ns of the next planned disturbance, None if there is none."""
         return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
-        """Apply the disturbances that are due; return whether there were any."""
+        """Apply the disturbances that are due at `now`; return whether there were any."""
         happened = False
         while self._pending and self._pending[0][0] <= now:
             at_ns, _, world_act, robot = heapq.heappop(self._pending)
@@ -127,7 +128,7 @@ class Disturbances:
         return happened
 
     def act(self, world_act: WorldAct, now: int, robot: str = "") -> None:
-        """Apply a disturbance at `now` to a robot, or to the floor; ConfigError for a missing link, joint or robot."""
+        """Apply a disturbance now, to a robot or the floor; raise ConfigError for a missing link or joint."""
         self._check(world_act, robot)
         if isinstance(world_act, AddPayload):
             self._load(self._link(world_act.on, robot), world_act.mass, np.array(world_act.position))
@@ -152,7 +153,7 @@ class Disturbances:
                 raise ConfigError(f"{numbers}: these numbers are finite")
 
     def _link(self, name: str, robot: str) -> int:
-        """Return the index of a link of a robot, of the heaviest one without a name."""
+        """Return the index of a link of a robot, or of its heaviest link if `name` is empty."""
         links = self._links[robot]
         if name and name not in links:
             raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")
@@ -165,7 +166,7 @@ class Disturbances:
     # -- payload
 
     def _load(self, link: int, mass: float, position: NDArray[np.float64]) -> None:
-        """Add a point mass to a link at a position in its frame."""
+        """Add a point mass in kg to a link, at a position in the frame of the link."""
         model = self._model
         before = float(model.body_mass[link])
         mass = max(mass, _LIGHTEST - before)
@@ -194,12 +195,12 @@ class Disturbances:
     # -- friction
 
     def update_friction(self) -> None:
-        """Set the friction of each wheel and caster to that of the floor at its position."""
+        """Set the friction of every wheel and caster to that of the floor at its position."""
         for geom in (*self._wheels, *self._casters):
             grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
             self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)
 
 
 def _steiner(way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia of a unit mass at a position, about the origin (parallel axis theorem)."""
+    """Return the inertia about the origin of a unit mass at a position (parallel axis theorem)."""
     return float(way @ way) * np.eye(3) - np.outer(way, way)

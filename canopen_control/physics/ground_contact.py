@@ -1,8 +1,8 @@
 """Detection of a robot's contacts with the floor: wheels, casters, and the height of its root.
 
 With all joints at 0 the lowest round shapes carry the robot. A cylinder or sphere that a joint turns about its own axis
-is a wheel; a horizontal cylinder that no joint turns, such as that of a steered wheel without an axle, rolls freely;
-any other contact is a caster. A robot without wheels is fixed to the ground.
+is a wheel; a horizontal cylinder that no joint turns, such as that of a steered wheel without an axle, is a roller that
+turns freely; any other contact is a caster. A robot without wheels is fixed to the ground.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ _LIFTED_M: Final = 0.002  # height above the floor without a force
 
 @dataclass(frozen=True)
 class RollerWheel:
-    """Mecanum wheel by the indices of its shape and body; `angle` of the front roller's axle in degrees."""
+    """Mecanum wheel: indices of its shape and of the body that carries it, and its radius in m.
+
+    `angle` is the direction of the axle of the roller on the ground, in degrees from ahead to the left.
+    """
 
     geom: int
     frame: int
@@ -42,7 +45,7 @@ class RollerWheel:
 
 
 class MecanumContact:
-    """Contact of one mecanum wheel with the ground; `load` is the weight on it in N."""
+    """Contact of one mecanum wheel with the ground; `load` is the weight on the wheel in N."""
 
     def __init__(self, model: Any, data: Any, wheel: RollerWheel, load: float) -> None:  # noqa: ANN401 - of MuJoCo
         self._model, self._data, self._wheel, self._load = model, data, wheel, load
@@ -54,7 +57,7 @@ class MecanumContact:
         self._gain = self._find_gain()
 
     def _find_gain(self) -> float:
-        """Return the force per m/s, from the mass seen by a force at the contact point."""
+        """Return the force per m/s of sliding, from the mass that a force at the contact point moves."""
         self._push[:] = 0.0
         axle = self._axle()
         point = self._data.geom_xpos[self._wheel.geom] + self._down
@@ -65,13 +68,13 @@ class MecanumContact:
         return _SHARE / (mobility * float(self._model.opt.timestep))
 
     def _axle(self) -> NDArray[np.float64]:
-        """Return the horizontal direction of the axle in the world."""
+        """Return the horizontal direction of the roller's axle in the world."""
         axle: NDArray[np.float64] = self._data.xmat[self._wheel.frame].reshape(3, 3) @ self._own
         axle[2] = 0.0
         return axle / (float(np.linalg.norm(axle)) or 1.0)
 
     def add_force(self, friction: float) -> None:
-        """Add the force of the roller to the joint forces of the next step."""
+        """Add the force of the roller, limited by the friction, to the joint forces of the next step."""
         centre = self._data.geom_xpos[self._wheel.geom]
         if float(centre[2]) > self._wheel.radius + _LIFTED_M:
             return
@@ -93,7 +96,7 @@ _ROUND: Final = (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_
 
 
 class ContactPart(enum.Enum):
-    """Kind of floor contact."""
+    """Kind of a contact with the floor: driven wheel, free roller, or caster."""
 
     WHEEL = "wheel"
     ROLLER = "roller"
@@ -102,7 +105,7 @@ class ContactPart(enum.Enum):
 
 @dataclass(frozen=True)
 class Touch:
-    """Contact of a named shape: the joint that turns the shape, if it is a wheel, and its radius in m."""
+    """Contact of a shape with the floor; `joint` turns the shape if it is a wheel, `radius` is in m."""
 
     geom: str
     part: ContactPart
@@ -112,19 +115,19 @@ class Touch:
 
 @dataclass(frozen=True)
 class Ground:
-    """Contacts with the floor; the root must be raised by `lift` m for the lowest point to be on it."""
+    """Contacts with the floor; raised by `lift` m, the root puts the lowest point of the robot on the floor."""
 
     touches: tuple[Touch, ...]
     lift: float
 
     @property
     def rolls(self) -> bool:
-        """Whether the robot stands on wheels."""
+        """Whether the robot stands on wheels or rollers."""
         return any(touch.part is not ContactPart.CASTER for touch in self.touches)
 
 
 def ground_at_rest(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
-    """Return the contacts of a compiled model with a fixed root."""
+    """Return the floor contacts of a compiled model with a fixed root, with all joints at 0."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     lowest = {geom: _lowest(model, data, geom) for geom in range(model.ngeom)}
@@ -137,7 +140,7 @@ def ground_at_rest(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, w
 
 
 def _lowest(model: Any, data: Any, geom: int) -> float:  # noqa: ANN401 - as above
-    """Return the height of the lowest point of a shape."""
+    """Return the height in m of the lowest point of a shape."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     height, rotation = float(data.geom_xpos[geom][2]), data.geom_xmat[geom].reshape(3, 3)
     shapes = mujoco.mjtGeom
@@ -165,7 +168,7 @@ def _touch(model: Any, data: Any, geom: int) -> Touch:  # noqa: ANN401 - as abov
 
 
 def _turning(model: Any, body: int) -> Iterator[int]:  # noqa: ANN401 - as above
-    """Yield the hinges of a body, or else of the nearest ancestor with hinges."""
+    """Yield the hinges of a body, or of its nearest ancestor with joints."""
     while body and not int(model.body_jntnum[body]):
         body = int(model.body_parentid[body])
     first = int(model.body_jntadr[body])
@@ -181,7 +184,7 @@ def _is_about(
     axis: NDArray[np.float64],
     radius: float,
 ) -> bool:
-    """Whether a shape turns about a horizontal axis through its centre; a round one about its `own` axis."""
+    """Whether a horizontal axis through the centre turns a shape, for a cylinder about its `own` axis."""
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL

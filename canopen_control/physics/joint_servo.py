@@ -1,7 +1,7 @@
 """Control loops of a servo drive on a joint of the world: encoder, position loop, velocity loop, current limit.
 
-The loops run once per step of the world, see the joint only through its encoder, and output a torque for the step.
-Angles are in rad and torques in N m at the joint (m and N for a prismatic one); counts and per mille of the drive are
+The loops run once per step of the world, measure the joint only through its encoder, and output a torque for the step.
+Angles are in rad and torques in N m at the joint (m and N for a prismatic joint); the drive's counts and per mille are
 converted here, with the mounting direction of the motor.
 """
 
@@ -29,9 +29,9 @@ _FOLLOW_NS: Final = 10_000_000
 
 
 class ServoLoop:
-    """Position P over velocity PI control; `period` in s, `quantum` is a count of the encoder in rad.
+    """Position P loop over a velocity PI loop, with a period in s; `quantum` is one encoder count in rad.
 
-    Its gains follow from the settings, unless the drive has its own.
+    The gains follow from the settings, unless the drive sets its own.
     """
 
     kp: float
@@ -55,9 +55,10 @@ class ServoLoop:
         self._velocity = self._integral = 0.0
 
     def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
-        """Set the gains of a drive, or those of the settings; `counts` per rad and N m per per mille.
+        """Set the gains of the drive, or with None those that follow from the settings.
 
-        The state of the integrators is kept.
+        `counts` are counts of the drive per rad, `per_mille` is the torque of one per mille in N m. The state of the
+        integrators is kept.
         """
         scale = counts * per_mille
         mine = (gains[0] * scale, gains[1] * scale, gains[2], gains[3]) if gains is not None else self._own
@@ -65,15 +66,15 @@ class ServoLoop:
         self._ki = ki * self._period
 
     def rest(self, torque: float = 0.0) -> None:
-        """Reset the integrators, so that the loops continue from a torque."""
+        """Reset the integrators so that the loops continue from `torque`."""
         self._integral = torque
 
     def begin(self) -> None:
-        """Reset everything after the joint was moved elsewhere."""
+        """Reset the complete state of the loops, because the joint was moved to another position."""
         self._place, self._velocity, self._integral = None, 0.0, 0.0
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
-        """Return the limited torque that moves a joint at `angle` to a position and a velocity."""
+        """Return the limited torque that moves a joint at `angle` to a position, with velocity feed-forward."""
         error = position - self._see(angle)
         if velocity == 0.0 and -self.quantum <= error <= self.quantum:
             return self._hold(limit)
@@ -93,7 +94,7 @@ class ServoLoop:
         return place
 
     def _push(self, lacking: float, limit: float) -> float:
-        """Return the torque of the velocity loop, within a limit."""
+        """Return the torque of the velocity loop for a velocity error, limited to `limit`."""
         torque = self.kp * lacking + self._integral
         if torque > limit:
             force = limit
@@ -106,12 +107,12 @@ class ServoLoop:
         return force
 
     def _hold(self, limit: float) -> float:
-        """Return the torque that holds a position within one count, without oscillation."""
+        """Return the torque that keeps the position within one count, without oscillation."""
         return max(-limit, min(limit, self._integral - self.kp * self._velocity))
 
 
 class Moved(Protocol):
-    """Interface of a world for one of its joints."""
+    """Interface of a world to the plants of its joints."""
 
     angles: NDArray[np.float64]
     speeds: NDArray[np.float64]
@@ -122,20 +123,20 @@ class Moved(Protocol):
         """Whether nothing moves and no drive requests motion."""
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Advance all joints to `now`."""
+        """Advance everything to `now`; `by` is the plant that makes this call."""
 
     def wake(self) -> None:
-        """End the sleep, because of an action from outside."""
+        """End the sleep of the world, because something was changed from outside."""
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
-        """Lock a joint at its position, or release the lock."""
+        """Lock a joint at its position, or release it."""
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
-        """Change the friction of a joint."""
+        """Change the friction of a joint, in N m."""
 
 
 class JointPlant:
-    """One axis of the world, a `CoupledPlant`: it advances the world and reports the motion of its joint.
+    """Plant of one joint of a world (a `CoupledPlant`), which advances the world and reports the motion of the joint.
 
     `external` acts in the drive's positive direction and `friction` against the motion, both in per mille of the rated
     torque; `stalled` blocks the joint.
@@ -152,7 +153,7 @@ class JointPlant:
         self._per_mille = self._sign * self.rated_torque / 1000.0  # N m per per mille
         self._peak = place.motor.peak_torque
         self.owner: AxisOwner | None = None
-        self.busy = False  # it is serving its own timers
+        self.busy = False  # whether its timers are being processed
         self._offset = 0.0  # displacement of the encoder in counts
         self._position = self.velocity = self.torque = 0.0
         self._external, self._stalled = 0.0, False
@@ -165,50 +166,50 @@ class JointPlant:
 
     @property
     def follow_ns(self) -> int:
-        """Interval in which the drive updates it in ns; longer at rest."""
+        """Interval in ns at which the drive checks position and load; longer while the world sleeps."""
         return 10 * _FOLLOW_NS if self._world.asleep else _FOLLOW_NS
 
     def set_owner(self, owner: AxisOwner) -> None:
-        """See `CoupledPlant`."""
+        """Set the axis whose demand the joint follows; called once."""
         self.owner = owner
 
     @property
     def position(self) -> float:
-        """Position in counts of the drive."""
+        """Position of the joint in counts of the drive."""
         return self._position
 
     @position.setter
     def position(self, value: float) -> None:
-        """Shift the encoder; the joint does not move."""
+        """Shift the encoder to another position; the joint does not move."""
         self._offset += value - self._position
         self._position = value
         self._world.wake()
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the owner's is read
-        """Follow the demand with the drive's control loops."""
+        """Advance the world to `end_ns`; the joint follows the demand of its owner."""
         self._world.reach(end_ns, self)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Move with a constant torque."""
+        """Advance the world to `end_ns`; the joint is driven by the torque of its owner."""
         self._world.reach(end_ns, self)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Move without power."""
+        """Advance the world to `end_ns`; the joint has no power."""
         self._world.reach(end_ns, self)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Do nothing: the loops already use the demand's velocity."""
+        """Do nothing, because the loops already use the velocity of the demand."""
 
     # -- external actions
 
     @property
     def external(self) -> float:
-        """External torque in per mille of the rated torque."""
+        """External torque in per mille of the rated torque, positive in the drive's direction."""
         return self._external
 
     @external.setter
     def external(self, value: float) -> None:
-        """Set the external torque."""
+        """Set the external torque in per mille of the rated torque."""
         self._external = value
         self._world.wake()
 
@@ -219,7 +220,7 @@ class JointPlant:
 
     @friction.setter
     def friction(self, value: float) -> None:
-        """Set the friction."""
+        """Set the friction in per mille of the rated torque."""
         self._friction = max(0.0, value)
         self._world.set_friction(self.place, self._friction * self.rated_torque / 1000.0)
         self._world.wake()
@@ -238,21 +239,21 @@ class JointPlant:
     # -- world side
 
     def wants(self, now: int) -> bool:
-        """Whether the drive requests motion."""
+        """Whether the drive requests motion at `now`."""
         owner = self.owner
         if owner is None or not owner.powered:
             return False
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return the demand of the drive for comparison with the previous one."""
+        """Return the demand and the settings of the drive, for comparison with earlier ones."""
         owner = self.owner
         if owner is None:
             return ()
         return owner.powered, owner.torque, owner.demand, owner.torque_limit, owner.velocity_mode, owner.gains
 
     def control(self, clock: int) -> None:
-        """Set the torque of the step that begins at `clock`."""
+        """Set the torque of the joint for the step that begins at `clock`."""
         owner, is_stalled, newtons = self.owner, self._stalled, 0.0
         if owner is None or not owner.powered:
             is_stalled = is_stalled or self.place.motor.brake
@@ -274,7 +275,7 @@ class JointPlant:
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
     def _led(self, owner: AxisOwner, clock: int, limit: float) -> float:
-        """Return the torque for the demand."""
+        """Return the torque in N m by which the control loops follow the demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
         if owner.velocity_mode:
@@ -282,7 +283,7 @@ class JointPlant:
         return self.loop.torque(angle, (position - self._offset) / self._scale, speed, limit)
 
     def show(self, beyond: float) -> None:
-        """Update position and velocity, `beyond` s after the last step."""
+        """Update position and velocity from the world, extrapolated by `beyond` s after the last step."""
         speed = float(self._world.speeds[self.place.dof])
         angle = float(self._world.angles[self.place.qpos]) + speed * beyond
         quantum = self.loop.quantum

@@ -1,7 +1,7 @@
-"""Motors of a robot's joints: settings of the plant file, and estimates of missing ones.
+"""Motors of a robot's joints: settings of the plant file, and estimates of missing values.
 
-A wheel's motor is estimated from the mass it moves, that of another joint from its inertia and weight in several
-postures; `effort` of the description is the peak torque.
+The motor of a wheel is estimated from the mass that it moves, the motor of another joint from its inertia and weight in
+several postures. The `effort` in the description is the peak torque.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from canopen_control.physics.physics_file import AxisSettings
 
 
-_ROTOR: Final = 0.2  # fraction of the inertia at the joint; more for a motor with more torque than needed,
-_ROTOR_ACCELERATION: Final = 500.0  # rad/s2 of the rotor alone at the rated torque
+_ROTOR: Final = 0.2  # minimum rotor inertia, as a fraction of the inertia at the joint
+_ROTOR_ACCELERATION: Final = 500.0  # maximum rad/s2 of the rotor alone at the rated torque
 _POSTURES: Final = 8
 _GOLDEN: Final = 0.6180339887498949
 _RATED: Final = 0.8  # fraction of the weight on a wheel, as a force at its rim
@@ -32,7 +32,7 @@ _FRICTION, _DAMPING = 0.02, 0.001  # fraction of the rated torque
 
 @dataclass(frozen=True)
 class EstimatedMotor:
-    """Complete motor, on the joint's side: N m, kg m2, N m s (N, kg, N s for a prismatic joint)."""
+    """Complete motor of a joint, on the joint side of the gear, in N m, kg m2 and N m s (N, kg, N s if prismatic)."""
 
     rated_torque: float
     peak_torque: float
@@ -45,7 +45,7 @@ class EstimatedMotor:
 
 @dataclass(frozen=True)
 class Described:
-    """Values of a joint in the description: N m, N m s and rad/s (N, N s, m/s), None if absent."""
+    """Values of a joint in the robot description, in N m, N m s and rad/s (N, N s, m/s if prismatic)."""
 
     effort: float = math.inf
     friction: float | None = None
@@ -59,7 +59,7 @@ def estimated_motors(
     described: Mapping[str, Described],
     ground: Ground,
 ) -> dict[str, EstimatedMotor]:
-    """Return the motors by joint; settings of an axis take precedence over the description and estimates."""
+    """Return the motors by joint; axis settings take precedence over the description and over estimates."""
     wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is ContactPart.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)
@@ -96,7 +96,7 @@ def _motor(axis: AxisSettings, described: Described, inertia: float, need: float
 
 
 def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
-    """Return the inertia of each joint, as geometric mean over postures, and the largest torque of its weight."""
+    """Return the geometric mean over postures of each joint's inertia, and the largest torque of its weight."""
     data = mujoco.MjData(model)
     matrix = np.zeros((model.nv, model.nv))
     logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)

@@ -34,26 +34,27 @@ if TYPE_CHECKING:
 
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
-"""Kind of a sensor of a world, see `urdf_sensors`."""
+"""Kind of a sensor in a world, see `urdf_sensors`."""
 _AXES = 8  # per node
 AxisAddress = tuple[str, int, int]
-"""Bus ("": the main one), node id, and axis of the node."""
+"""Bus ("" for the main bus), node-ID, and axis of the node."""
 DENSITY = 1000.0
 
 
 class PhysicsError(ConfigError):
-    """Error in a plant file of the physics engine, or in the robot it names."""
+    """Error in a plant file of the physics engine, in its world file, or in the description of the robot."""
 
 
 @dataclass(frozen=True)
 class AxisSettings:
-    """Motor of one axis, on the joint's side of its gear: N m, kg m2, rad (N, kg, m for a prismatic joint).
+    """Motor of one axis, on the joint side of its gear, in N m, kg m2 and rad (N, kg and m if prismatic).
 
-    `scale_pos_to_dev` are counts of the drive per rad, as in bus.yml, negative if it is mounted mirrored. `encoder` are
-    counts per revolution of the motor (per m for a linear one), `rotor_inertia` is that of the motor before the `gear`;
-    `inertia` is the value for which the velocity loop was tuned, with `bandwidth` in rad/s. A `brake` holds the joint
-    without power. The `roller` of a mecanum wheel is the angle of the axle of the roller on the ground, in degrees from
-    ahead to the left. None: estimated, or absent.
+    `scale_pos_to_dev` is the number of counts of the drive per rad, as in bus.yml, negative if the motor is mounted
+    mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the
+    inertia of the motor before the `gear`. `inertia` is the inertia for which the velocity loop was tuned, with
+    `bandwidth` in rad/s. A `brake` holds the joint without power. The `roller` of a mecanum wheel is the angle, in
+    degrees from ahead to the left, of the axle of the roller on the ground. None stands for an estimated value, or for
+    an absent part.
     """
 
     joint: str
@@ -75,7 +76,7 @@ class AxisSettings:
 
 @dataclass(frozen=True)
 class FloorContact:
-    """Sliding friction of wheels, of casters, and of all other parts of the robot on the floor."""
+    """Sliding friction on the floor: of wheels, and (`caster_friction`) of all other parts of the robot."""
 
     friction: float = setting(0.8, low=0.0, high=10.0)
     caster_friction: float = setting(0.02, low=0.0, high=10.0)
@@ -83,9 +84,10 @@ class FloorContact:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """Sensor on a link, see `world_sensors`; `reach` in m is that of a range finder, `seed` that of its noise.
+    """Sensor on a link, see `world_sensors`.
 
-    `scene` is the prefix of its sensors in a MuJoCo scene that already has them.
+    `reach` is the range of a range finder in m, `seed` that of the noise. `scene` is the prefix of the names of the
+    parts if a MuJoCo scene already has the sensor.
     """
 
     kind: SensorKind
@@ -98,7 +100,7 @@ class SensorSettings:
 
 @dataclass(frozen=True)
 class EncoderSettings:
-    """Encoder on a joint, behind a `gear`: turns (m) of the joint per turn of the encoder."""
+    """Encoder on a joint behind a `gear`: turns (or m) of the joint for one turn of the encoder."""
 
     joint: str
     gear: float = setting(1.0, low=1e-6)
@@ -107,18 +109,21 @@ class EncoderSettings:
 
     @property
     def factor(self) -> float:
-        """Rad or m of the encoder per rad or m of the joint."""
+        """Motion of the encoder for one rad (or m) of the joint, negative if `reversed`."""
         return (-1.0 if self.reversed else 1.0) / self.gear
 
 
 @dataclass(frozen=True)
 class PhysicsFile:
-    """Contents of a plant file; `arguments` are those of xacro, `density` in kg/m3 is that of links without masses."""
+    """Contents of a plant file of the engine `mujoco`.
+
+    `arguments` are the arguments of xacro, `density` in kg/m3 is used for links without a mass.
+    """
 
     axes: dict[str, AxisSettings]
     engine: str = "mujoco"
     urdf: str = ""
-    urdf_source: str = ""  # the file that `urdf` is a copy of; messages name it
+    urdf_source: str = ""  # file of which `urdf` is a copy; named in messages
     mjcf: str = ""
     arguments: dict[str, str] = setting(factory=dict)
     step_ms: float = setting(1.0, low=0.1, high=4.0)
@@ -132,7 +137,7 @@ class PhysicsFile:
 
 
 def axis_address(name: str) -> AxisAddress:
-    """Return bus, node id and axis of ``3``, ``3/1`` or ``BUS:3/1``; ValueError for other texts."""
+    """Return bus, node-ID and axis of ``3``, ``3/1`` or ``BUS:3/1``; raise ValueError for other texts."""
     bus, _, place = name.rpartition(":")
     node, _, axis = place.partition("/")
     address = bus, int(node), int(axis or "0")
@@ -142,7 +147,7 @@ def axis_address(name: str) -> AxisAddress:
 
 
 def read_physics_file(path: Path) -> PhysicsFile:
-    """Return the file; PhysicsError with all mistakes and their lines."""
+    """Read a plant file; raise PhysicsError that lists all errors with their lines."""
     return load(path, PhysicsFile, error=PhysicsError, check=_check)
 
 

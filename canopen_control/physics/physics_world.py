@@ -1,9 +1,9 @@
 """World of the virtual drives of a process: all their joints in one simulation, advanced on demand.
 
-The world has a fixed time step. A call for one axis advances all of them: the timers of the other axes are served at
-their own times, in order, and the demand of each drive is read at each step. The result therefore depends only on the
+The world has a fixed time step. A call for one axis advances all axes: the timers of the other axes are processed at
+their own times, in order, and the demand of every drive is read at each step. The result therefore depends only on the
 demands and their times, not on the number of calls. While nothing moves and no drive requests motion, time passes
-without steps. The world may contain several robots: `side` is the view of one of them.
+without steps. The world may contain several robots: `side` is the view of one robot.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _KINDS: Final = {_GEOMS.mjGEOM_BOX: "box", _GEOMS.mjGEOM_CYLINDER: "cylinder", _
 
 
 def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
-    """Return the patches of a floor as flat shapes with their friction."""
+    """Return the patches of a floor as flat shapes for display, with their friction."""
     return tuple(
         WorldShape(
             name=f"patch {number}",
@@ -60,9 +60,9 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
 
 
 def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return the shapes of a world without those of the robot with the name prefix `own`.
+    """Return the shapes of a world for display, without those of the robot with the name prefix `own`.
 
-    Positions are those in `data`; m, quaternions w, x, y, z.
+    Poses are those in `data`, in m and as quaternions w, x, y, z.
     """
     return tuple(_shapes(model, data, own))
 
@@ -94,7 +94,7 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
 
 
 def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
-    """Return the lengths of a shape along its own axes."""
+    """Return the lengths of a shape along its own axes in m."""
     kind, size = int(model.geom_type[number]), model.geom_size[number]
     if kind == _GEOMS.mjGEOM_SPHERE:
         return np.full(3, 2.0 * size[0])
@@ -107,7 +107,7 @@ def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
 
 
 def _middle(model: Any, data: Any, number: int) -> Any:  # noqa: ANN401 - as above
-    """Return the offset in the world from a shape's position to its centre; nonzero only for a mesh."""
+    """Return the offset in world axes from the position of a shape to its centre; zero except for a mesh."""
     return data.geom_xmat[number].reshape(3, 3) @ model.geom_aabb[number, :3]
 
 
@@ -124,7 +124,10 @@ _AT_REST: Final = 1e-3  # rad/s, m/s
 
 
 class PhysicsWorld:
-    """World of robots by name, and the `World` of the first one; `notes` are guesses."""
+    """Simulation of robots by name, which is also the `World` of the first robot.
+
+    `notes` are sentences about assumptions made while the world was built.
+    """
 
     def __init__(
         self, robots: Mapping[str, WorldRobot], disturbances: Disturbances, notes: tuple[str, ...] = ()
@@ -157,7 +160,7 @@ class PhysicsWorld:
         disturbances.update_friction()
 
     def _settle(self) -> None:
-        """Let the robots settle on the floor before the start, with locked joints."""
+        """Let the robots sink onto the floor before the start, with locked joints."""
         places = [place for robot in self._robots.values() for place in robot.body.joints.values()]
         for place in places:
             self.set_lock(place, True)
@@ -172,7 +175,7 @@ class PhysicsWorld:
 
     @property
     def period_ns(self) -> int | None:
-        """Interval in ns at which the axes are advanced without a request."""
+        """Interval in ns at which the axes are advanced without a request; longer while the world sleeps."""
         return _ASLEEP_NS if self._asleep else self._awake_ns
 
     @property
@@ -181,15 +184,15 @@ class PhysicsWorld:
         return self._asleep
 
     def side(self, robot: str, bus: str = "") -> WorldSide:
-        """Return the view of a robot's drives on one of its buses; KeyError for an unknown robot."""
+        """Return the part of the world for a robot's drives on one bus; raise KeyError for an unknown robot."""
         return WorldSide(self, self._robots[robot], bus)
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis of the first robot, on its main bus; KeyError if there is none."""
+        """Return the plant of an axis of the first robot, on its main bus; raise KeyError if there is none."""
         return self.joint_plant(self._first, ("", node_id, axis))
 
     def joint_plant(self, robot: str, address: AxisAddress) -> JointPlant:
-        """Return the plant of an axis of a robot; KeyError if there is none."""
+        """Return a new plant for an axis of a robot; raise KeyError if there is no such axis."""
         owner = self._robots[robot]
         settings = owner.axes[address]
         plant = JointPlant(self, owner.body.joints[settings.joint], settings, self.period)
@@ -205,13 +208,13 @@ class PhysicsWorld:
         self.model.dof_frictionloss[place.dof] = torque
 
     def wake(self) -> None:
-        """End the sleep, because of an action from outside."""
+        """End the sleep of the world, because something was changed from outside."""
         self._asleep, self._quiet = False, 0
 
     # -- time
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Advance everything to `now`; `by` is the axis that serves its own timers."""
+        """Advance everything to `now`; `by` is the axis that makes this call and processes its own timers."""
         if now <= self._shown:
             return
         was, by.busy = by.busy, True
@@ -222,7 +225,7 @@ class PhysicsWorld:
             by.busy = was
 
     def _serve_others(self, now: int) -> None:
-        """Serve the timers of the other axes, in order, up to `now`."""
+        """Process the timers of the other axes, in order of time, up to `now`."""
         while (event := self._next(now)) is not None:
             event_ns, plant = event
             plant.busy = True
@@ -243,7 +246,7 @@ class PhysicsWorld:
         return nearest
 
     def _advance(self, now: int) -> None:
-        """Step to the last grid point at or before `now`."""
+        """Simulate the steps up to the last grid point at or before `now`."""
         if now <= self._shown:
             return
         last, plants = now // self.step_ns, list(self._plants.values())
@@ -267,21 +270,21 @@ class PhysicsWorld:
             plant.show(beyond)
 
     def _age_ns(self) -> int:
-        """Return the time since the start of the world."""
+        """Return the time in ns since the start of the world."""
         return ((self._point or 0) - (self._began or 0)) * self.step_ns
 
     def _sleep_until(self, last: int) -> int:
-        """Return the grid point before which nothing can happen."""
+        """Return the grid point up to which the world can sleep: that of the next disturbance, or `last`."""
         event_ns = self._disturbances.next_ns()
         return last if event_ns is None else min(last, (self._began or 0) - (-event_ns // self.step_ns))
 
     def act(self, world_act: WorldAct, robot: str | None = None) -> None:
-        """Apply a disturbance at the present time of the world."""
+        """Apply a disturbance to a robot (None: the first robot) at the present time of the world."""
         self._disturbances.act(world_act, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
     def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block a joint, or release it."""
+        """Block a joint of a robot, or release it."""
         for (owner, _), plant in self._plants.items():
             if owner == robot and plant.joint == joint:
                 plant.stalled = on
@@ -297,7 +300,7 @@ class PhysicsWorld:
         self.steps += 1
 
     def _check_sleep(self, plants: list[JointPlant]) -> None:
-        """Start to sleep after a time without motion and demands."""
+        """Let the world sleep after a time without motion and without changed demands."""
         for robot in self._robots.values():
             robot.count_turns()
         clock = (self._point or 0) * self.step_ns
@@ -315,71 +318,71 @@ class PhysicsWorld:
     # -- state
 
     def describe(self) -> WorldState:
-        """Return the state of the first robot, see `WorldSide.describe`."""
+        """Return the pose of the first robot's base and the measurements of its sensors."""
         return self._robots[self._first].describe(max(0, self._shown))
 
     @property
     def shown_ns(self) -> int:
-        """Time to which everything was advanced."""
+        """Time in ns to which everything was advanced, 0 before the first call."""
         return max(0, self._shown)
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
-        """Return the shapes around a robot, including other robots."""
+        """Return the shapes around a robot (None: the first robot), including other robots."""
         own = self._robots[self._first if robot is None else robot].body.prefix
         return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
 
     def has_shaft(self, node_id: int) -> bool:
-        """See `ShaftWorld`; for the first robot, on its main bus."""
+        """Return whether a node on the main bus of the first robot is an encoder on a shaft."""
         return ("", node_id) in self._robots[self._first].encoders
 
     def shaft_position(self, node_id: int) -> float | None:
-        """See `ShaftWorld`; for the first robot, on its main bus."""
+        """Return the position in rad (m) of an encoder on the main bus of the first robot."""
         return self._robots[self._first].shaft_position("", node_id)
 
     def publish(self) -> None:
-        """Do nothing: no other process needs the position of a shaft."""
+        """Do nothing, because no other process needs the positions of shafts."""
 
     def close(self) -> None:
         """Do nothing, because there are no resources to release."""
 
 
 class WorldSide:
-    """`World` for the drives of one robot on one bus: their axes, its pose, and all other shapes."""
+    """`World` for the drives of one robot on one bus: their axes, the robot's pose, and all other shapes."""
 
     def __init__(self, world: PhysicsWorld, robot: WorldRobot, bus: str) -> None:
         self._world, self._robot, self._bus = world, robot, bus
 
     @property
     def period_ns(self) -> int | None:
-        """See `PhysicsWorld.period_ns`."""
+        """Interval in ns at which the axes are advanced without a request; longer while the world sleeps."""
         return self._world.period_ns
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis; KeyError if there is none."""
+        """Return a new plant for an axis of this robot on this bus; raise KeyError if there is no such axis."""
         return self._world.joint_plant(self._robot.name, (self._bus, node_id, axis))
 
     def describe(self) -> WorldState:
-        """Return the true pose of the base, and the measurements of the sensors."""
+        """Return the true pose of this robot's base and the measurements of its sensors."""
         return self._robot.describe(self._world.shown_ns)
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to this robot now."""
+        """Apply a disturbance to this robot at the present time of the world."""
         self._world.act(world_act, self._robot.name)
 
     def shapes(self) -> tuple[WorldShape, ...]:
-        """Return the shapes around this robot."""
+        """Return the shapes around this robot, including other robots."""
         return self._world.shapes(self._robot.name)
 
     def has_shaft(self, node_id: int) -> bool:
-        """See `ShaftWorld`."""
+        """Return whether a node on this bus is an encoder on a shaft."""
         return (self._bus, node_id) in self._robot.encoders
 
     def shaft_position(self, node_id: int) -> float | None:
-        """See `ShaftWorld`."""
+        """Return the position in rad (m) of an encoder on this bus."""
         return self._robot.shaft_position(self._bus, node_id)
 
     def publish(self) -> None:
-        """See `PhysicsWorld.publish`."""
+        """Do nothing, because no other process needs the positions of shafts."""
 
     def close(self) -> None:
-        """Do nothing: other robots still use the world."""
+        """Do nothing, because other robots still use the world."""

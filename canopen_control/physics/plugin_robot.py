@@ -1,8 +1,9 @@
 """Robot in physics without drives, for simulation plugins of ros2_control, as in Gazebo or MuJoCo.
 
-Each joint follows a position, a velocity or an effort with a servo of its own, like a drive; all joints advance
-together once per cycle. A position is approached evenly within the cycle. Sensors of the tag (`urdf_sensors`) measure
-in the world. Payloads, pushes, blocked joints and friction changes are as in the world of drives, until the next reset.
+Every joint follows a position, a velocity or an effort with a servo of its own, like a drive; all joints advance
+together once per cycle. A position is approached at constant velocity within the cycle. Sensors of the <ros2_control>
+tag (`urdf_sensors`) measure in the world. Payloads, pushes, blocked joints and friction changes are the same as in the
+world of drives, and end at the next reset.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ _FASTEST: Final = 1000.0
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """Lidar with its name: rad, m, Hz; `place` is that of its tag."""
+    """Lidar with its name, in rad, m and Hz; `place` is the position of its tag in the file."""
 
     name: str
     frame: str
@@ -72,12 +73,12 @@ class LidarSettings:
 
     @property
     def count(self) -> int:
-        """Number of rays in a scan."""
+        """Number of rays in a scan, limited to 1e9."""
         return int(min(_COUNTLESS, (self.max_angle - self.min_angle) / self.increment + 1e-9)) + 1
 
 
 def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettings]:
-    """Return the lidars of a tag; PhysicsError with all errors and their places in the file at `path`."""
+    """Return the lidars of a <ros2_control> tag; raise PhysicsError that lists all errors with file and line."""
     lidars, problems = [], list[str]()
     for part in tag.sensors:
         if not any(key in part.parameters for key in _NEEDED):
@@ -93,7 +94,7 @@ def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettin
 
 
 def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: str, wrong: list[str]) -> LidarSettings:
-    """Return a lidar; errors are added to `wrong`."""
+    """Return the settings of a lidar; errors are added to `wrong`."""
     params = part.parameters
     wrong += [f"no {key}; a lidar has {', '.join(_NEEDED)} in rad" for key in _NEEDED if key not in params]
     number = {key: _number(params, key, 0.0, wrong) for key in _NEEDED}
@@ -145,7 +146,7 @@ def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str
 
 
 def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> list[str]:
-    """Return a sentence for each ignored camera of a tag or a scene."""
+    """Return a sentence for every camera of a tag or a scene, because cameras are ignored."""
     names = [part.name for part in parts if any(key in part.parameters for key in _CAMERA)]
     names += [part.name for part in parts if part.parameters.get("mujoco_type", "").strip() == "camera"]
     return [
@@ -155,16 +156,16 @@ def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> 
 
 
 def frame_error(lidar: LidarSettings, frames: Iterable[str]) -> PhysicsError:
-    """Return the error for a lidar whose frame is missing."""
+    """Return the error for a lidar whose frame does not exist."""
     names = [frame for frame in frames if frame]
     return PhysicsError(
         f"{lidar.place}: sensor {lidar.name}: no link {lidar.frame!r} for its frame_name{nearest(lidar.frame, names)}"
     )
 
 
-# Planar lidar: rays are cast from a link, or a site of a scene, at each scan. They lie in the plane of the link's x and
-# y axes, from `min_angle` to `max_angle` about z, and ignore the link's own shapes. Distances below `range_min` or
-# above `range_max` are -1, as in mujoco_ros2_control.
+# Planar lidar: rays are cast from a link, or from a site of a scene, at each scan. They lie in the plane of the x and y
+# axes of the link, from `min_angle` to `max_angle` about z, and ignore the shapes of the link itself. Distances below
+# `range_min` or above `range_max` are -1, as in mujoco_ros2_control.
 
 
 _NOTHING: Final = -1.0
@@ -172,7 +173,7 @@ _DIGITS: Final = 4  # decimal digits of a distance in m
 
 
 class LidarScanner:
-    """Lidar of a model in a state; PhysicsError if its frame is missing."""
+    """Lidar in a MuJoCo model and its state; raises PhysicsError if the frame of the lidar does not exist."""
 
     def __init__(self, model: Any, data: Any, settings: LidarSettings) -> None:  # noqa: ANN401 - MuJoCo has no types
         self._model, self._data, self._settings = model, data, settings
@@ -194,11 +195,11 @@ class LidarScanner:
         self.begin()
 
     def begin(self) -> None:
-        """Reset its noise."""
+        """Restart the noise, so that it repeats after a reset."""
         self._random = random.Random(f"{self._settings.seed} {self._settings.name}")
 
     def scan(self, seconds: float) -> LaserScanReading:
-        """Return a scan at `seconds` of the simulation."""
+        """Return a scan of the present state, stamped with `seconds` of simulation time."""
         settings = self._settings
         rays = (self._rays @ self._turn.reshape(3, 3).T).flatten()
         place, count, cutoff = self._place.copy(), settings.count, settings.range_max
@@ -250,7 +251,7 @@ _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
-    """Return the commanded joints of a tag, each with an estimated motor."""
+    """Return settings for the commanded joints of a <ros2_control> tag; their motors are estimated."""
     return {
         part.name: AxisSettings(part.name, _SCALE, brake=False)
         for part in tag.joints
@@ -259,7 +260,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 
 
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world supports; PhysicsError with their errors."""
+    """Return the sensors of a tag that a world supports; raise PhysicsError if a sensor has errors."""
     model = description.model
     sensors = urdf_sensors(tag.sensors, model.links, model.root, description.path)
     return [WorldSensor.of(name, sensor) for name, sensor in sensors.items()]
@@ -267,7 +268,7 @@ def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[Wor
 
 @dataclass(slots=True)
 class _Target:
-    """Target of a joint until the end of a cycle."""
+    """Target of a joint until the end of a cycle, and the previous target."""
 
     interface: str = "velocity"
     before: float = 0.0
@@ -275,21 +276,22 @@ class _Target:
 
 
 class EffortLoop(Protocol):
-    """Control loop from an error to an effort, in place of a joint's own servo."""
+    """Interface of a control loop from an error to an effort, which replaces the servo of a joint."""
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the effort for an error, `dt` s after the previous one."""
+        """Return the effort for an error, `dt` s after the previous call."""
         ...
 
     def reset(self) -> None:
-        """Reset the state of the loop."""
+        """Reset the state of the control loop."""
         ...
 
 
 class JointMotor:
-    """Motor of one joint of the world: rad, rad/s, N m (m, m/s, N); its target applies from the next step on.
+    """Motor of one joint of the world, in rad, rad/s and N m (m, m/s and N if prismatic).
 
-    `loops`, by commanded interface, replace its servo; its peak torque limits them too.
+    A target applies from the next step on. `loops`, by commanded interface, replace the servo; the peak torque of the
+    motor limits them too.
     """
 
     def __init__(
@@ -309,35 +311,35 @@ class JointMotor:
 
     @property
     def position(self) -> float:
-        """Position of the joint."""
+        """Position of the joint in rad or m."""
         return float(self._robot.data.qpos[self._place.qpos])
 
     @position.setter
     def position(self, value: float) -> None:
-        """Set the position of the joint before the start."""
+        """Set the position of the joint before the start, and its target."""
         self._robot.data.qpos[self._place.qpos] = value
         self._place_wanted = self._target.before = self._target.value = value
 
     @property
     def velocity(self) -> float:
-        """Velocity of the joint."""
+        """Velocity of the joint in rad/s or m/s."""
         return float(self._robot.data.qvel[self._place.dof])
 
     @velocity.setter
     def velocity(self, value: float) -> None:
-        """Set the velocity of the joint."""
+        """Set the velocity of the joint in rad/s or m/s."""
         self._robot.data.qvel[self._place.dof] = value
 
     def rest(self) -> None:
-        """Clear the target and hold the position."""
+        """Reset target and control loops, so that the joint stays at its position."""
         self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._place_wanted
         self._loop.begin()
         for loop in self._loops.values():
             loop.reset()
 
-    def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # the common step has the value
-        """Set the target of a position, a velocity or an effort until the next cycle."""
+    def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # `step` has the duration
+        """Set the target of a command interface (position, velocity or effort) until the next cycle."""
         old = self._target
         if interface != old.interface:  # the previous target of another interface is not a position to start from
             self._place_wanted = self.position
@@ -347,7 +349,7 @@ class JointMotor:
         self._target = _Target(interface, old.value, target)
 
     def push(self, part: float, length: float) -> None:
-        """Set the torque of one step, at the fraction `part` of a cycle of `length` s."""
+        """Apply the effort of one step, at the fraction `part` of a cycle of `length` s."""
         target, place, peak = self._target, self._place, self._place.motor.peak_torque
         angle = self.position
         if target.interface == "effort":
@@ -364,7 +366,7 @@ class JointMotor:
         self._robot.data.qfrc_applied[place.dof] = self.effort
 
     def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
-        """Return the effort of the commanded interface's loop, else of the servo for a position and a velocity."""
+        """Return the limited effort of the loop for the commanded interface, or of the servo without such a loop."""
         peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
         if loop is None:
             return self._loop.torque(angle, place, speed, peak)
@@ -372,7 +374,7 @@ class JointMotor:
 
 
 class DriverlessRobot:
-    """Joints and sensors of a robot, advanced once per cycle; an `Engine` of `hardware.driverless_system`."""
+    """Joints and sensors of a robot without drives, advanced once per cycle; an `Engine` of `driverless_system`."""
 
     def __init__(
         self,
@@ -411,7 +413,7 @@ class DriverlessRobot:
         self._read_states()
 
     def problems(self) -> Iterator[str]:
-        """Yield a sentence with its line for each missing link or joint in the steps of its world."""
+        """Yield a sentence with a line for every missing link or joint in the steps of the world file."""
         return self._disturbances.problems()
 
     def motor(self, joint: str) -> JointMotor | None:
@@ -419,11 +421,11 @@ class DriverlessRobot:
         return self._motors.get(joint)
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a reader for a sensor's state interface, such as "imu/orientation.x", None if it is not measured."""
+        """Return a function that reads a sensor's state interface, such as "imu/orientation.x", None if unknown."""
         return (lambda: self._measured[interface]) if interface in self._measured else None
 
     def step(self, seconds: float) -> None:
-        """Advance by whole steps; the remaining time is added to the next cycle."""
+        """Advance by the whole steps in `seconds`; the remaining time is added to the next cycle."""
         self._left_ns = min(_LONGEST_NS, self._left_ns + round(seconds * _NS))
         count = self._left_ns // self._period_ns
         self._left_ns -= count * self._period_ns
@@ -443,20 +445,20 @@ class DriverlessRobot:
             self._read_states()
 
     def scan(self, seconds: float) -> list[LaserScanReading]:
-        """Return the scans of its lidars at `seconds` of the simulation."""
+        """Return a scan of every lidar, stamped with `seconds` of simulation time."""
         return [lidar.scan(seconds) for lidar in self.lidars]
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance now; ConfigError for a missing link or joint."""
+        """Apply a disturbance now; raise ConfigError for a missing link or joint."""
         self._disturbances.act(world_act, self._steps * self._period_ns)
 
     def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block a joint, or release it."""
+        """Block a joint at its position, or release it."""
         del robot
         self.body.joints[joint].hold(self.model, self.data, on)
 
     def reset(self, keyframe: str) -> None:
-        """Reset to the state before the first step, or to a key frame of the model; ControlError for an unknown one."""
+        """Reset to the state before the first step, or to a MuJoCo key frame; raise ControlError if it is unknown."""
         names = [self.model.key(number).name for number in range(self.model.nkey)]
         if keyframe:
             if keyframe not in names:
@@ -490,9 +492,9 @@ def make_simulated(
     loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
     world: WorldDescription | None = None,
 ) -> DriverlessRobot:
-    """Return the robot of a tag on a floor, or in an MJCF `scene`; PhysicsError if it cannot be simulated.
+    """Return the robot of a tag on a floor, or in an MJCF `scene`; raise PhysicsError if it cannot be simulated.
 
-    `loops` replace the servos, by joint and commanded interface; objects of a `world` are added.
+    `loops` replace the servos, by joint and commanded interface; the objects of a `world` are added.
     """
     lidars = tag_lidars(tag, description.model.root, description.path)
     robot = _build(description, tag, scene, loops or {}, WorldDescription() if world is None else world)

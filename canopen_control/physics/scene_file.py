@@ -1,4 +1,4 @@
-"""World file: objects on the floor, its friction, and timed disturbances.
+"""World file: objects on the floor, friction of the floor, and timed disturbances.
 
     floor: {friction: 0.8, caster_friction: 0.02}
     start: {at: [0, 0], heading: 0}                                   # of the robot; m and degrees
@@ -22,7 +22,7 @@ Several robots in one world (only with `run --world FILE`), each with its own na
 `sdf: hall.sdf` adds the static shapes of a Gazebo world; such a file may also be given directly (`--world hall.sdf`),
 see `sdf_world`.
 
-Times count from the start of the drives. Lengths in m, angles in degrees, masses in kg, forces in N.
+Times count from the start of the drives. Lengths are in m, angles in degrees, masses in kg, forces in N.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ Timed = tuple[int, str, WorldAct]
 
 @dataclass(frozen=True)
 class Start:
-    """Start pose of a robot, with its heading in degrees."""
+    """Start pose of a robot: position in m and heading in degrees."""
 
     at: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
@@ -65,7 +65,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart(Start):
-    """One of several robots: its name, its folder or bundled robot, and the arguments of its xacro."""
+    """Start pose of one of several robots, with its name, its folder or bundled name, and its xacro arguments."""
 
     name: str = setting()
     robot: str = setting()
@@ -76,7 +76,7 @@ class RobotStart(Start):
 
 @dataclass(frozen=True)
 class Patch:
-    """Rectangle of the floor with its own friction, defined by its centre."""
+    """Rectangle of the floor with its own friction; `at` is the centre."""
 
     at: tuple[float, float]
     size: tuple[float, float]
@@ -84,7 +84,7 @@ class Patch:
     heading: float = 0.0
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a point of the floor is on the patch."""
+        """Whether a point of the floor, in m, is on the patch."""
         turn = math.radians(self.heading)
         right, up = x - self.at[0], y - self.at[1]
         along = right * math.cos(turn) + up * math.sin(turn)
@@ -94,7 +94,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Ramp:
-    """Plane that rises by `angle` degrees along `heading`, from the middle of its lower edge."""
+    """Plane that rises by `angle` degrees along `heading`; `at` is the middle of the lower edge."""
 
     at: tuple[float, float]
     angle: float = setting(low=0.0, high=60.0)
@@ -105,7 +105,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Box:
-    """Box on the floor, or `above` it; movable if it has a mass."""
+    """Box on the floor, or `above` the floor by some m; a box with a mass is movable."""
 
     at: tuple[float, float]
     size: tuple[float, float, float]
@@ -118,7 +118,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Wall:
-    """Wall between two points."""
+    """Straight wall between two points of the floor."""
 
     begin: tuple[float, float] = setting(key="from")
     end: tuple[float, float] = setting(key="to")
@@ -129,7 +129,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class WorldStep(WorldEvent):
-    """Disturbance at a time."""
+    """Step of a world file: a disturbance at a time."""
 
     at: float | str
     length: float | str | None = setting(None, key="for")
@@ -137,7 +137,7 @@ class WorldStep(WorldEvent):
     here: Node = position()
 
     def timed(self) -> Iterator[Timed]:
-        """Yield the disturbances, each with its time in ns and the name of the robot."""
+        """Yield the disturbances of the step, each with its time in ns and the name of the robot."""
         at_ns = round(seconds_of(self.at) * 1e9)
         for act in self.acts():
             yield at_ns, self.robot, act
@@ -147,9 +147,10 @@ class WorldStep(WorldEvent):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """Contents of a world file; without `floor` that of the plant file.
+    """Contents of a world file; without `floor` the floor of the plant file is used.
 
-    `solids` are the shapes of its `sdf`, or of an SDF file given directly, `notes` differences from Gazebo in them.
+    `solids` are the shapes of the file named by `sdf`, or of an SDF file given directly; `notes` are the differences of
+    these shapes from Gazebo.
     """
 
     floor: FloorContact | None = None
@@ -165,12 +166,12 @@ class WorldDescription:
     notes: tuple[str, ...] = derived(())
 
     def timeline(self) -> list[Timed]:
-        """Return the disturbances in order; times in ns from the start."""
+        """Return the disturbances in order of time, with times in ns from the start."""
         return sorted((item for step in self.steps for item in step.timed()), key=lambda item: item[0])
 
 
 def read_world_description(path: Path) -> WorldDescription:
-    """Return the file, YAML or SDF by its suffix; PhysicsError with all mistakes and their lines."""
+    """Read a world file, YAML or SDF by its suffix; raise PhysicsError that lists all errors with lines."""
     if path.suffix.lower() in SDF_SUFFIXES:
         return _with_solids(WorldDescription(), path)
     description = load(path, WorldDescription, error=PhysicsError, check=_check)
@@ -203,7 +204,7 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
 
 
 def _check_robots(file: WorldDescription) -> None:
-    """Report invalid and duplicate names of robots, and steps for unknown robots."""
+    """Report invalid and duplicate names of robots, too many robots, and steps for unknown robots."""
     if file.robots and file.start is not None:
         file.robots[0].here.error("each robot has its own at and heading; omit `start`")
     names: set[str] = set()

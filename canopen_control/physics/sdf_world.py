@@ -1,12 +1,12 @@
 """Static shapes of an SDF world (`.sdf`, `.world`), at the same places as in Gazebo.
 
-Collisions of all links are read: box, sphere, cylinder, capsule, ellipsoid, plane and mesh, with the poses of SDF
+The collisions of all links are read: box, sphere, cylinder, capsule, ellipsoid, plane and mesh, with the poses of SDF
 (including `relative_to` and `attached_to`), in models, nested models, and includes of local files. `model://` is
-searched next to the file, in the folders of GZ_SIM_RESOURCE_PATH and GAZEBO_MODEL_PATH, and as a ROS package. The sun
-and the ground plane are known without a file, since the floor always exists. Visuals, lights, plugins, sensors and
-joints are ignored.
+searched next to the file, in the folders of GZ_SIM_RESOURCE_PATH, IGN_GAZEBO_RESOURCE_PATH and GAZEBO_MODEL_PATH, and
+as a ROS package. The sun and the ground plane need no file, since the floor always exists. Visuals, lights, plugins,
+sensors and joints are ignored.
 
-A shape that cannot be placed is a mistake with its line; all mistakes of a world are reported at once.
+A shape that cannot be placed is an error with its line; all errors of a world are reported at once.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ _MOST_FACES: Final = 200_000
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """Vertices of a convex part in m: one row of x, y and z each."""
+    """Vertices of a convex part of a mesh in m, as rows of x, y and z."""
 
     corners: Any
 
 
 def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
-    """Return the convex parts of binary STL at a scale; ValueError if a part is degenerate."""
+    """Return the convex parts of a scaled binary STL mesh; raise ValueError if it has invalid or too many parts."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         raise ValueError(f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one")
@@ -70,7 +70,7 @@ def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
 
 
 def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - numpy's
-    """Yield the vertices of each connected piece."""
+    """Yield the indices of the vertices of each connected piece of a mesh."""
     owner = list(range(count))
 
     def first(corner: int) -> int:
@@ -88,7 +88,7 @@ def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - nu
 
 
 def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
-    """Return the vertices of a solid; those of a flat piece are doubled on both sides."""
+    """Return the vertices of a piece; a flat piece gets vertices on both sides, so that it has a thickness."""
     middle = corners.mean(axis=0)
     axes = np.linalg.svd(corners - middle, full_matrices=True)[2]
     spread = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -107,7 +107,7 @@ _YES: Final = ("true", "1")
 
 @dataclass(frozen=True)
 class Solid:
-    """Fixed shape: `size` in m as in MuJoCo (half lengths, radius first), `parts` are those of a mesh.
+    """Fixed shape of a world; `size` is in m as in MuJoCo (half lengths, radius first), `parts` are those of a mesh.
 
     The upper side of a plane is in the direction of its z axis.
     """
@@ -121,14 +121,14 @@ class Solid:
 
 @dataclass(frozen=True)
 class SdfWorld:
-    """Shapes of an SDF file; `notes` list differences from Gazebo."""
+    """Shapes of an SDF file; `notes` are sentences about differences from Gazebo."""
 
     solids: tuple[Solid, ...]
     notes: tuple[str, ...] = ()
 
 
 def read_sdf_world(path: Path) -> SdfWorld:
-    """Return the shapes of a world; PhysicsError with all mistakes, each with its file and line."""
+    """Return the shapes of an SDF world; raise PhysicsError that lists all errors with file and line."""
     reader = _Reader()
     root = reader.root(path)
     if root is not None:
@@ -146,7 +146,7 @@ def read_sdf_world(path: Path) -> SdfWorld:
 
 @dataclass
 class _Scope:
-    """World, model or link during reading: its pose in the world, and the poses of the named elements in it."""
+    """World, model or link during reading: its pose in the world, and the named elements inside."""
 
     path: Path
     element: Element
@@ -161,7 +161,7 @@ class _Scope:
 
 
 class _Reader:
-    """Reading of one world with its includes."""
+    """Reader of one SDF world with its includes."""
 
     def __init__(self) -> None:
         self.solids: list[Solid] = []
@@ -170,7 +170,7 @@ class _Reader:
         self._meshes: dict[tuple[Path, Vector], tuple[MeshPart, ...]] = {}
 
     def notes(self, path: Path) -> Iterator[str]:
-        """Yield the differences from Gazebo."""
+        """Yield sentences about differences from Gazebo."""
         if self._loose:
             yield f"{path}: these models are not static, and stand fast here: {', '.join(self._loose)}"
         if self._meshes:
@@ -179,11 +179,11 @@ class _Reader:
             yield f"{path}: each part of a mesh touches as its convex hull: {listed}"
 
     def mistake(self, path: Path, element: Element, text: str) -> None:
-        """Add an error with its place."""
+        """Add an error with its file, line and column."""
         self.problems.append(f"{path}:{element.place.line}:{element.place.column}: {text}")
 
     def root(self, path: Path) -> Element | None:
-        """Return the root element of a file, None if it cannot be read, which is reported."""
+        """Return the root element of a file; None, and an error is added, if it cannot be read."""
         try:
             root = read_document(path.read_text(encoding="utf-8"), str(path)).root
         except RobotConfigError as error:
@@ -223,7 +223,7 @@ class _Reader:
         return f"{scope.name}::{name}" if scope.name else name
 
     def _include(self, scope: _Scope, element: Element, depth: int) -> None:
-        """Read the model of another file, with the pose and the name of the include."""
+        """Read the model of an included file, with the pose and the name given by the include."""
         uri = _text(element, "uri")
         if not uri:
             self.mistake(scope.path, element, "<include> has no <uri>; name the file of the model in it")
@@ -246,7 +246,7 @@ class _Reader:
         self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
 
     def _included(self, path: Path, element: Element, uri: str) -> Path | None:
-        """Return the file of an include, None if it is not local, which is reported."""
+        """Return the file of an include; None, and an error is added, if it is missing or not local."""
         parts = urlsplit(uri)
         if parts.scheme not in ("", "file", "model", "package"):
             text = f"{uri} is not on this computer; download the model, and give its folder as <uri>"
@@ -270,11 +270,11 @@ class _Reader:
     # -- poses
 
     def _place(self, scope: _Scope, element: Element) -> Pose:
-        """Return the pose of a child of a scope in the world."""
+        """Return the pose in the world of an element in a scope."""
         return scope.place.then(self._inside(scope, element))
 
     def _inside(self, scope: _Scope, element: Element) -> Pose:
-        """Return the pose of a child in its scope, by its <pose> and reference frame."""
+        """Return the pose of an element relative to its scope, from its <pose> and reference frame."""
         pose = element.child("pose")
         base = element.attributes.get("attached_to", "") if element.tag == "frame" else ""
         base = base if pose is None else pose.attributes.get("relative_to", "") or base
@@ -341,7 +341,7 @@ class _Reader:
             self.solids.append(solid)
 
     def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
-        """Return the positive numbers of a shape's element, None if they are invalid, which is reported."""
+        """Return the positive numbers in an element of a shape; None, and an error is added, if they are invalid."""
         words = _text(shape, tag).split()
         numbers = tuple(number for number in map(finite_number, words) if number is not None and number > 0.0)
         if len(numbers) == len(words) == count:
@@ -351,7 +351,7 @@ class _Reader:
         return None
 
     def mesh(self, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-        """Return a mesh as convex parts; None for a file that cannot be read, which is reported."""
+        """Return a mesh as convex parts; None, and an error is added, if its file is unusable."""
         uri = _text(shape, "uri")
         scale = (1.0, 1.0, 1.0)
         if shape.child("scale") is not None:
@@ -395,7 +395,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-    """Return an infinite plane; the floor itself is skipped."""
+    """Return an infinite plane; None for a plane that is the floor itself."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
     numbers = [number for number in map(finite_number, words) if number is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
@@ -409,7 +409,7 @@ def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _turn_up(normal: Vector) -> tuple[float, float, float, float]:
-    """Return the rotation from z to a normal."""
+    """Return the rotation, as a quaternion, that turns the z axis to `normal`."""
     x, y, z = (component / math.hypot(*normal) for component in normal)
     if math.hypot(x, y) < _ON_FLOOR:
         return about((1.0, 0.0, 0.0), 0.0 if z > 0.0 else math.pi)
@@ -426,7 +426,7 @@ _SHAPES: Final[dict[str, Callable[[_Reader, Path, Element, str, Pose], Solid | N
     "mesh": _Reader.mesh,
     "empty": lambda *_: None,
 }
-"""Shape of SDF to the function that creates it."""
+"""Functions that create the solids, by the SDF element of the shape."""
 
 
 def _text(element: Element, tag: str) -> str:
@@ -443,14 +443,14 @@ def _is_yes(text: str) -> bool:
 
 
 def _resources(path: Path) -> Iterator[Path]:
-    """Yield the model folders: those around the file, and those that Gazebo searches."""
+    """Yield the folders in which models are searched: those around the file, and those of Gazebo's variables."""
     yield from (path.parent, path.parent.parent, path.parent.parent / "models")
     for key in _PATHS:
         yield from (Path(entry) for entry in os.environ.get(key, "").split(os.pathsep) if entry)
 
 
 def _model_file(folder: Path) -> Path:
-    """Return the file of a model's folder: the last one in model.config, else model.sdf."""
+    """Return the SDF file in a model's folder: the last one listed in model.config, else model.sdf."""
     config = folder / "model.config"
     try:
         root = read_document(config.read_text(encoding="utf-8"), str(config)).root
@@ -461,7 +461,7 @@ def _model_file(folder: Path) -> Path:
 
 
 def _mesh_file(path: Path, uri: str) -> Path:
-    """Return the file of a mesh; ConfigError if it is missing."""
+    """Return the file of a mesh URI; raise ConfigError if it is missing."""
     if not uri:
         raise ConfigError("<mesh> has no <uri>; name its file in it")
     parts = urlsplit(uri)

@@ -1,13 +1,13 @@
 """Repair of a URDF for MuJoCo's reader, which would otherwise drop or refuse parts of it.
 
 The reader drops visuals, so that a link without collisions would have neither shape nor mass: its visuals become
-collisions. It supports neither `package://` nor COLLADA nor text, so that meshes are found by their package
-and passed as binary STL. Parts that neither reader nor contacts support are omitted and listed in the notes. A moving
-link with neither mass nor shape is a mistake of the description.
+collisions. The reader supports neither `package://` nor COLLADA nor text meshes: meshes are found by their package and
+passed as binary STL. Parts that the reader or the contacts do not support are omitted and listed in the notes. A moving
+link with neither mass nor shape is an error of the description.
 
 A principal moment of inertia cannot exceed the sum of the other two. The reader would silently replace all three by
-their mean, even for a rounding error. Here the largest moment is reduced to the sum, and the notes list the link.
-Moments that are not above 0 are a mistake of the description.
+their mean, even for a rounding error. Here the largest moment is reduced to the sum, and the notes list the link if the
+excess is more than a rounding error. Moments that are not above 0 are an error of the description.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2"
 
 @dataclass(frozen=True)
 class RepairedUrdf:
-    """Text for MuJoCo; `guessed` are links whose mass follows from their shapes, `notes` list omissions.
+    """URDF text for MuJoCo; `guessed` are links whose mass follows from their shapes, `notes` list omissions.
 
-    `meshes` are the files named in the text, by these names.
+    `meshes` are the contents of the mesh files by the names used in the text.
     """
 
     text: str
@@ -53,7 +53,7 @@ class RepairedUrdf:
 
 
 def repaired(description: UrdfDescription) -> RepairedUrdf:
-    """Return a description for MuJoCo's reader; PhysicsError if it cannot be repaired."""
+    """Return a description as a URDF for MuJoCo's reader; raise PhysicsError if it cannot be repaired."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
     meshes = _Meshes()
@@ -77,7 +77,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
 
 
 def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
-    """Return a sentence about links with a guessed mass, at a density in kg/m3; nothing without such links."""
+    """Return a sentence about the links whose mass is guessed, at a density in kg/m3; empty if there are none."""
     if not urdf.guessed:
         return ()
     return (f"masses are guessed from shapes at {density:g} kg/m3: {', '.join(urdf.guessed)}",)
@@ -110,14 +110,14 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes)
 
 
 class _Meshes:
-    """Mesh files in a form that MuJoCo reads, `contents` by the names used in the text."""
+    """Mesh files converted to binary STL; `contents` by the names used in the URDF text."""
 
     def __init__(self) -> None:
         self.contents: dict[str, bytes] = {}
         self._names: dict[Path, str] = {}
 
     def add(self, file: Path) -> str:
-        """Return the name of a file, which is read once; ConfigError if it is unusable."""
+        """Return the name for a file, which is read only once; raise ConfigError if it is unusable."""
         if file not in self._names:
             mesh = read_mesh(file)
             if mesh.format != "stl":
@@ -130,7 +130,7 @@ class _Meshes:
 
 
 def _unusable(stl: bytes) -> str:
-    """Return the reason why binary STL cannot be simulated, empty if it can."""
+    """Return the reason why a binary STL mesh cannot be simulated, empty if it can."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         return f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one for <collision>"
@@ -151,7 +151,7 @@ def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
 
 
 def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
-    """Replace an impossible inertia by the nearest possible one; report an invalid one."""
+    """Reduce a principal moment above the sum of the other two; report an inertia that is not valid."""
     element, mass = link.find("inertial/inertia"), _mass_of(link)
     if element is None or mass <= 0.0:
         return
@@ -203,7 +203,7 @@ def _mass_of(link: ET.Element) -> float:
 
 
 def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
-    """Return the moving links without a mass or a shape to compute one from, with the lines of their joints."""
+    """Return errors for moving links that have neither a mass nor a shape, with the lines of their joints."""
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
@@ -220,7 +220,7 @@ def _weighs(link: ET.Element) -> bool:
 
 
 def _rigid(description: UrdfDescription, link: str) -> Iterator[str]:
-    """Yield a link and the links fixed to it further out."""
+    """Yield a link, and all links fixed to it directly or indirectly as children."""
     yield link
     for joint in description.joints.values():
         if joint.parent == link and joint.fixed:

@@ -1,8 +1,8 @@
 """<sensor> tags that a world can measure: kind, link and noise.
 
-The kind follows from the state interfaces, or is the parameter `mujoco_type`, as in mujoco_ros2_control. Other
-parameters are `frame_id` (the link, default the root), `noise` (standard deviation), `seed` of the noise, `range_max`
-in m. A sensor without any of these interfaces is ignored. MuJoCo is not needed here.
+The kind follows from the state interfaces, or from the parameter `mujoco_type`, as in mujoco_ros2_control. Other
+parameters are `frame_id` (the link, default the root), `noise` (standard deviation), `seed` (of the noise) and
+`range_max` in m. A sensor of another kind is ignored. MuJoCo is not needed here.
 """
 
 from __future__ import annotations
@@ -53,14 +53,14 @@ _BEGINNINGS: Final[tuple[tuple[str, SensorKind], ...]] = (
 _TYPES: Final[Mapping[str, SensorKind]] = {"imu": IMU, "fts": FORCE, "pose": POSE, "magnetometer": MAGNET}
 _OTHERS: Final = ("camera", "lidar")  # see `tag_lidars`
 SENSOR_PREFIX: Final = "mujoco_sensor_name"
-"""Parameter with the prefix of the sensor names in a MuJoCo scene."""
+"""Name of the parameter with the prefix of the sensor names in a MuJoCo scene."""
 _LARGEST_SEED: Final = 2**31 - 1
 
 
 def urdf_sensors(
     parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
 ) -> dict[str, SensorSettings]:
-    """Return the sensors of a tag by name; PhysicsError with all errors and their lines in the file at `path`."""
+    """Return the sensors of a <ros2_control> tag by name; raise PhysicsError that lists all errors with lines."""
     sensors, problems = {}, list[str]()
     for part in parts:
         wrong = list[str]()
@@ -74,7 +74,7 @@ def urdf_sensors(
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
-    """Return the kind of a tag; None if a world cannot measure it, also for an unknown `mujoco_type`."""
+    """Return the kind of a sensor tag, None if a world cannot measure it or its `mujoco_type` is unknown."""
     mujoco_type = part.parameters.get("mujoco_type")
     if mujoco_type is not None:
         return _TYPES.get(mujoco_type.strip())
@@ -83,7 +83,7 @@ def _kind(part: ControlJoint) -> SensorKind | None:
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
-    """Return one sensor, None if a world cannot measure it; errors are added to `wrong`."""
+    """Return the settings of a sensor tag, None if a world cannot measure it; errors are added to `wrong`."""
     params = part.parameters
     mujoco_type = params.get("mujoco_type", "").strip()
     if mujoco_type and mujoco_type not in (*_TYPES, *_OTHERS):

@@ -1,7 +1,7 @@
 """Robot in a simulated world: joints of its axes, pose of its base, measurements of its sensors.
 
-The heading of a base counts full turns, so that it must be read frequently while the robot moves. An encoder reads the
-angle of its joint, without counts of its own.
+The heading of the base counts full turns, so that it must be read frequently while the robot moves. An encoder reads
+the angle of its joint directly.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _BASE_DOFS: Final = 6  # degrees of freedom of a free root
 
 
 class WorldRobot:
-    """Robot in a world, named "" if it is the only one; `encoders` are those on its joints by bus and node id.
+    """Robot in a world, named "" if it is the only robot; `encoders` are by bus and node-ID.
 
-    `begin` sets the state of the world, `touch_down` is called when it stands on the floor.
+    `begin` sets the state of the world, `touch_down` is called when the robot stands on the floor.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class WorldRobot:
         self._rollers: list[MecanumContact] = []
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
-        """Use this state from now on."""
+        """Use the MuJoCo state `data` from now on."""
         model = self.body.model
         self._data = data
         self._sensors = SensorReader(model, data, self._sensors_here, prefix=self.body.prefix)
@@ -62,13 +62,13 @@ class WorldRobot:
             self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     def touch_down(self) -> None:
-        """Initialise the load on its rollers and its initial heading after the robot was put on the floor."""
+        """Initialise the load of the mecanum wheels and the heading, when the robot stands on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
         self._rollers = [MecanumContact(self.body.model, self._data, wheel, load) for wheel in self.body.rollers]
         self.count_turns()
 
     def _weight(self) -> float:
-        """Return the robot's weight in N."""
+        """Return the robot's weight in N, 0 if its root is fixed."""
         if self.body.base is None:
             return 0.0
         model = self.body.model
@@ -80,7 +80,7 @@ class WorldRobot:
         return bool(self._rollers)
 
     def push_rollers(self, grip_at: Callable[[float, float], float]) -> None:
-        """Add the forces of its rollers, with the floor's friction, to the next step."""
+        """Add the forces of the mecanum rollers, limited by the floor's friction, to the next step."""
         x, y = self._place()[:2]
         # the forces of the joints are set again in each step
         self._data.qfrc_applied[self._dof : self._dof + _BASE_DOFS] = 0.0
@@ -88,7 +88,7 @@ class WorldRobot:
             roller.add_force(grip_at(x, y))
 
     def shaft_position(self, bus: str, node_id: int) -> float:
-        """Return the angle in rad (m) of a node's encoder."""
+        """Return the position of an encoder in rad, or m if it is on a prismatic joint."""
         return float(self._data.qpos[self._shafts[bus, node_id]]) * self.encoders[bus, node_id].factor
 
     # -- its base
@@ -102,7 +102,7 @@ class WorldRobot:
         return w, x, y, z
 
     def count_turns(self) -> None:
-        """Update the number of turns of the base."""
+        """Update the heading of the base and the number of its full turns."""
         if self.body.base is None:
             return
         heading = _heading(self._rotation())
@@ -110,7 +110,7 @@ class WorldRobot:
         self._heading = heading
 
     def describe(self, time_ns: int) -> WorldState:
-        """Return the true pose of the base at a time, and the measurements of the sensors."""
+        """Return the true pose of the base, stamped with `time_ns`, and the measurements of the sensors."""
         sensors = self._sensors.read()
         if self.body.base is None:
             return WorldState(sensors=sensors)

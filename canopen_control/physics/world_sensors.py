@@ -1,10 +1,10 @@
-"""Sensors of a world: IMU, range finder and force-torque sensor on links, with reproducible noise.
+"""Sensors of a world on links: IMU, range finder, force-torque sensor, pose and magnetometer, with repeatable noise.
 
-An IMU measures the orientation of its link in the world, and angular velocities and accelerations along the link's own
-axes, including gravity; a pose is that of its link in the world. A range finder measures along the x axis of its link
-and returns -1 if nothing is in range. A force-torque sensor measures the load from the parent link, in its own axes.
-Units are rad/s, m/s2, m, N, Nm and tesla; `noise` is the standard deviation of each value except those of an
-orientation.
+An IMU measures the orientation of its link in the world, and angular velocities and accelerations, including gravity,
+along the axes of the link. A pose is the pose of its link in the world. A range finder measures along the x axis of its
+link and returns -1 if nothing is in range. A force-torque sensor measures the load from the parent link, in the axes of
+its own link. Units are rad/s, m/s2, m, N, N m and tesla; `noise` is the standard deviation of every value except those
+of an orientation.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
 
 @dataclass(frozen=True)
 class WorldSensor:
-    """Sensor by its name: kind, link, noise, and the range of a range finder in m."""
+    """Sensor of a world: name, kind, link, noise, and the range of a range finder in m."""
 
     name: str
     kind: SensorKind
@@ -61,20 +61,20 @@ class WorldSensor:
 
     @classmethod
     def of(cls, name: str, settings: SensorSettings) -> WorldSensor:
-        """Return the sensor described by a file or a tag."""
+        """Return the sensor that a plant file or a tag describes."""
         return cls(name, settings.kind, settings.link, settings.noise, settings.reach, settings.seed, settings.scene)
 
     def own(self) -> tuple[str, ...]:
-        """Return the names of its parts in a model."""
+        """Return the names that the sensor's parts get in a model."""
         return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
 
     def of_scene(self) -> tuple[str, ...]:
-        """Return the names of its parts in a scene that contains the sensor, with mujoco_ros2_control's suffixes."""
+        """Return the names of the sensor's parts in a scene, with the suffixes of mujoco_ros2_control, if any."""
         return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add sensors to a specification; PhysicsError for a missing link."""
+    """Add sensors to a specification, unless a scene already has them; raise PhysicsError for a missing link."""
     existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for placed in sensors:
@@ -94,7 +94,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
 
 
 def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
-    """Return whether a scene already has the sensor; PhysicsError if another MuJoCo object has its name."""
+    """Return whether a scene already has the sensor; raise PhysicsError if the scene's type is another one."""
     names = sensor.of_scene()
     if not names or not all(name in existing for name in names):
         return False
@@ -106,7 +106,7 @@ def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> 
 
 
 class SensorReader:
-    """Reader of the sensors of a state, those of one robot by its `prefix` in the model.
+    """Reader of the sensors in a simulation state; `prefix` selects the names of one robot.
 
     The noise depends on the seed and on the number of reads.
     """
@@ -129,7 +129,7 @@ class SensorReader:
             self._places[sensor.name] = [(int(part.adr[0]), int(part.adr[0]) + int(part.dim[0])) for part in parts]
 
     def read(self) -> dict[str, tuple[float, ...]]:
-        """Return the values of each sensor by its name."""
+        """Return the values of every sensor by name."""
         readings = {}
         for sensor in self._sensors:
             numbers: list[float] = []
@@ -144,5 +144,5 @@ class SensorReader:
 
 
 def _error(of: random.Random, noise: float, value: float) -> float:
-    """Return the noise added to a value; a range finder without a target returns -1 exactly."""
+    """Return the noise to add to a value; none for the value -1 of a range finder without a target."""
     return of.gauss(0.0, noise) if noise and value != -1.0 else 0.0
