@@ -50,7 +50,10 @@ class Direction(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class SquareRun:
-    """Error of one square: true end position minus that by odometry, in m ahead and to the left of the start."""
+    """Error of one square: true end position minus end position by odometry.
+
+    `x` is ahead of the start and `y` to its left, in m.
+    """
 
     direction: Direction
     x: float

@@ -582,7 +582,7 @@ def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> Ba
 
 
 def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
-    """Combine the states of all batteries into one state: means, sums or maxima, as listed above."""
+    """Combine the states of all batteries into one state, by means, sums or maxima of the known values."""
     technologies = {battery.power_supply_technology for battery in batteries}
     return BatteryReading(
         name="",

@@ -136,7 +136,7 @@ class JointCommands(Limited):
         return sentence
 
     def _begin(self, actual: list[float], before: list[float]) -> None:
-        """Prepare the start values: the last commands, else the measured state, clamped to the position range."""
+        """Set the start values to the last commands, else the measured state; clamp the measured position."""
         limits, here = self._limits, actual[POS]
         self._starts[POS] = before[POS] if math.isfinite(before[POS]) else here
         if here < limits.min_position or here > limits.max_position:

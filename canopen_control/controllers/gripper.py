@@ -93,7 +93,7 @@ class EffortGripperParams(GripperParams):
 
 
 def read_params(params: Params, name: str, cls: type[P]) -> P:
-    """Return the parameters of gripper controller `name`; raise RobotConfigError with all errors in them."""
+    """Return the parameters of gripper controller `name`; raise RobotConfigError if they are invalid."""
     node = params.flat.get("joint")
     joint = "" if node is None else node.text
     settings = params.read(_with_gains(cls, joint))

@@ -96,7 +96,7 @@ class PidParams(CommonParams):
 
 
 def read_params(params: Params, name: str) -> PidParams:
-    """Return the parameters of PID controller `name`; raise RobotConfigError with all errors in them."""
+    """Return the parameters of PID controller `name`; raise RobotConfigError if they are invalid."""
     node = params.flat.get("dof_names")
     dofs = tuple(dict.fromkeys(element.text for element in node.elements())) if node is not None else ()
     settings = params.read(_with_gains(dofs))

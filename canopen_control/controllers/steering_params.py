@@ -81,7 +81,7 @@ class SteeringParams(BaseParams):
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """Limits of the twist axes, none here: the steering controllers of ros2_controllers do not limit twists."""
+        """Limits of the twist axes; empty, because the steering controllers of ros2_controllers have no limits."""
         return ()
 
     @property

@@ -480,7 +480,7 @@ class UpdateLoop:
         return next((slot for slot in self._order if slot.controller is controller), None)
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client that no other client has replaced; `why` is a clause."""
+        """End the active commands of a disconnected client; `why` is a clause for the report."""
         for slot in self._commanding:
             controller = slot.controller
             if controller.life.holder is holder:

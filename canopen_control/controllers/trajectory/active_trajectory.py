@@ -77,7 +77,8 @@ class Segment:
     def evaluate(self, t: int, out: Point) -> None:
         """Write the state at `t`, in ns, into `out`.
 
-        Before the begin and after the end, the position is that of the nearer point, and the velocity is the mean one.
+        Before the first point and after the second point, the position is that of the nearer point, and the velocity is
+        the mean velocity of the segment.
         """
         joints = self._joints
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:

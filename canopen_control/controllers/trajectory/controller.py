@@ -98,8 +98,8 @@ class ToleranceMonitor:
     """Tolerance check of the current cycle.
 
     `left` is the index of a joint outside its path tolerance, `outside` that of a joint outside its goal tolerance,
-    both -1 if there is none. `over` is True at the end of the trajectory, `late` when `goal_time` has passed since
-    then.
+    both -1 if there is none. `over` is True at the end of the trajectory, `late` if the goal is not reached within
+    `goal_time` after the end.
     """
 
     def __init__(self, group: JointGroup) -> None:

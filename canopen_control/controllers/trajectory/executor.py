@@ -474,7 +474,7 @@ class TrajectoryExecutor:
 
     @property
     def time_since_end(self) -> float:
-        """Time in s since the point before the last sample; after the end, since the last point."""
+        """Time in s since the last point that was passed, which is the end of a trajectory that is over."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
 
