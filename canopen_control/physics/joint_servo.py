@@ -120,7 +120,7 @@ class Moved(Protocol):
 
     @property
     def asleep(self) -> bool:
-        """Whether nothing moves and no drive requests motion."""
+        """Whether the world sleeps, because nothing moves and no drive requests motion."""
 
     def reach(self, now: int, by: JointPlant) -> None:
         """Advance everything to `now`; `by` is the plant that makes this call."""

@@ -180,7 +180,7 @@ class PhysicsWorld:
 
     @property
     def asleep(self) -> bool:
-        """Whether nothing moves and no drive requests motion."""
+        """Whether the world sleeps, because nothing moves and no drive requests motion."""
         return self._asleep
 
     def side(self, robot: str, bus: str = "") -> WorldSide:

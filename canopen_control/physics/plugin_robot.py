@@ -417,7 +417,7 @@ class DriverlessRobot:
         return self._disturbances.problems()
 
     def motor(self, joint: str) -> JointMotor | None:
-        """Return the motor of a joint, None if there is none."""
+        """Return the motor of a commanded joint, None if there is none."""
         return self._motors.get(joint)
 
     def sensed(self, interface: str) -> Callable[[], float] | None:

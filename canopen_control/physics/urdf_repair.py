@@ -88,7 +88,7 @@ def _is_guessed(link: ET.Element) -> bool:
 
 
 def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
-    """Use visuals as collisions if the link has none; omit meshes that cannot be read."""
+    """Use the visuals of a link as collisions if it has none; omit unusable meshes."""
     visuals = link.findall("visual")
     seen_only = link.find("collision") is None
     for visual in visuals:
@@ -190,7 +190,7 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
 
 
 def _is_moved(description: UrdfDescription, link: str) -> bool:
-    """Whether a movable joint ends at a link."""
+    """Whether the link is the child of a movable joint."""
     return any(joint.child == link and not joint.fixed for joint in description.joints.values())
 
 

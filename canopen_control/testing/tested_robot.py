@@ -119,7 +119,7 @@ class TestedRobot:
 
     @property
     def state(self) -> str:
-        """State of the robot: "running", "disabled", "fault", ..."""
+        """State of the robot, such as "running", "disabled" or "fault"."""
         return self.simulated.core.state.value
 
     @property
@@ -191,7 +191,7 @@ class TestedRobot:
         self.do("latch" if latch else "stop")
 
     def release(self) -> None:
-        """Release a latched stop."""
+        """Release the latched stop."""
         self.do("release")
 
     def stall(self, seconds: float) -> None:
@@ -262,7 +262,7 @@ class TestedDrive:
         self._robot.do("heal", str(self._drive.node_id), name=name)
 
     def start_with(self, quirks: Sequence[str]) -> None:
-        """Add quirks that take effect at the next power-on."""
+        """Add quirks that take effect at the next power-on of the drive."""
         self._drive.quirks = [*self._drive.quirks, *quirks]
 
     def quirk(self, text: str, seconds: float | None = None) -> None:

@@ -93,7 +93,7 @@ class DriveUnits:
         return wrap32((place - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
-        """Shift the encoder's position by `counts` (a fault)."""
+        """Shift the encoder's position by `counts`, as a fault."""
         self.zero -= counts
 
 
@@ -112,7 +112,7 @@ class AxisObjects:
         return value if isinstance(value, int) else default
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Return whether the axis has an object."""
+        """Return whether the axis has an object, as an index of axis 0."""
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
@@ -212,11 +212,11 @@ class Switches:
         self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
 
     def open_positive(self) -> None:
-        """Use the limit switches only for homing again."""
+        """Undo `close_positive`: the limit switches are used only for homing again."""
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
-        """Set the positions of the switches, or move them out of reach of homing (a fault)."""
+        """Set the switches to their normal positions, or out of reach of homing (a fault)."""
         far = 0.0 if reachable else _OUT_OF_REACH
         self.negative, self.positive = -_LIMIT - far, _LIMIT + far
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far

@@ -67,7 +67,7 @@ class StreamMode(FollowingMode):
     """Base of the modes whose set-points come in a stream of RPDOs: CSP, IP, CSV and CST."""
 
     def reset(self) -> None:
-        """Reset the target and the stream."""
+        """Reset the target and the stream of set-points."""
         super().reset()
         self._arrived = 0  # set-points since the mode began or was stopped
         self._begun = False
@@ -108,7 +108,7 @@ class StreamMode(FollowingMode):
         return round(self.objects.interpolation_s * 1e9) or _MS
 
     def take(self, now: int) -> None:
-        """Count the set-point, evaluate it even if it is unchanged, and expect the next one."""
+        """Count a set-point from an RPDO, apply it, and supervise the arrival of the next set-point."""
         self._arrived += 1
         self.meter.take(self.compared(), now)
         self.update(now)
@@ -124,7 +124,7 @@ class StreamMode(FollowingMode):
             self.meter.missed += 1
 
     def supervise(self, now: int) -> None:
-        """Schedule the fault of a drive that continues without set-points only for a limited time."""
+        """Schedule the fault of a drive that tolerates missing set-points only for a limited time."""
         cycles = self.cycles if self.model.missing.fault and self.streaming else 0
         if cycles:
             period = self.period_ns
@@ -160,7 +160,7 @@ class CyclicPosition(StreamMode):
         self._unseen = 0  # set-points since the last evaluation by the drive's own clock
 
     def start(self, now: int) -> None:
-        """Continue to the target from the present motion."""
+        """Continue from the present motion to the target."""
         self._in_use = True
         super().start(now)
 
@@ -172,7 +172,7 @@ class CyclicPosition(StreamMode):
         super().take(now)
 
     def compared(self) -> float | None:
-        """Return the target position."""
+        """Return the target position, which must change during a motion."""
         return self.target()
 
     def missed(self) -> None:
@@ -189,7 +189,7 @@ class CyclicPosition(StreamMode):
 
     @property
     def _drifts(self) -> bool:
-        """Whether the drive's clock drifts relative to the master, because it does not follow SYNC."""
+        """Whether the drive's clock runs at another rate than the master's, without following SYNC."""
         locked = self.model.follows_sync and self.clock.sync_ns is not None
         return bool(self.clock.drift_ppm.value) and not locked
 
@@ -304,7 +304,7 @@ class Torque(StreamMode):
         self.set_point = o.TARGET_TORQUE if cyclic else 0
 
     def start(self, now: int) -> None:
-        """Continue to the target; TQ has no stream and no quality statistics."""
+        """Continue from the present motion with the target torque; only CST has quality statistics."""
         self._begun = self._begun or not self._cyclic
         super().start(now)
 
@@ -382,7 +382,7 @@ class SetPointBuffer:
         return self._waiting.popleft() if self._waiting else None
 
     def clear(self) -> None:
-        """Remove all records."""
+        """Remove all records from the buffer."""
         self._waiting.clear()
 
     def _check(self, entry: Entry, value: Value) -> Value:
@@ -490,7 +490,7 @@ class InterpolatedPosition(CyclicPosition):
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def bits(self) -> int:
-        """Return bit 12 while interpolation is active, bit 10 at the set-point."""
+        """Return bit 12 of the statusword while interpolation is active, and bit 10 at the set-point."""
         reached = self.mover.demand.end_ns <= self.mover.time
         return (BIT_12 if self._enabled and self.power.live else 0) | (REACHED if reached else 0)
 
@@ -544,7 +544,7 @@ class DriveModes:
         self._all[number] = MODES[like](self._axis)
 
     def remove(self, number: int) -> None:
-        """Remove a manufacturer-specific mode."""
+        """Remove a manufacturer-specific mode added by `add`."""
         self._all.pop(number, None)
 
     def set_gate(self, gate: ModeGate | None) -> None:
@@ -557,7 +557,7 @@ class DriveModes:
             self.active = self._all.get(self.number, self._none)
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model."""
+        """Apply another device model to every mode."""
         for mode in (self._none, *self._all.values()):
             mode.set_model(model)
 

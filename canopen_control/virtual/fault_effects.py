@@ -64,12 +64,12 @@ def boot_after(delay_ns: int | None) -> Switch:
 
 
 def brown_out(node: VirtualNode, _on: bool, now: int) -> None:
-    """Switch the power off and on again."""
+    """Switch the power of the node off and on again."""
     node.power_on(now)
 
 
 def drop_out(node: VirtualNode, _on: bool, now: int) -> None:
-    """Leave OPERATIONAL without a command."""
+    """Leave OPERATIONAL for PRE-OPERATIONAL without a command."""
     node.command(NmtCommand.ENTER_PRE_OPERATIONAL, now)
 
 
@@ -118,7 +118,7 @@ def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
 
 
 def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Switch off the supply of the power stage, or restore it."""
+    """Switch off the supply of an axis's power stage, or restore it."""
     if on:
         drive.power.lose_voltage(now)
     else:
@@ -318,7 +318,7 @@ def is_tpdo(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def drop_all(_node: VirtualNode, _frame: CanFrame, _now: int) -> list[tuple[int, CanFrame]]:
-    """Drop all frames."""
+    """Drop all frames that leave the node."""
     return []
 
 
@@ -384,22 +384,22 @@ sdo_one_byte: Outgoing = _on(is_sdo_answer, _one_byte)
 
 
 def deaf(_node: VirtualNode, _frame: CanFrame, _now: int) -> CanFrame | None:
-    """Drop all received frames."""
+    """Drop all frames that reach the node."""
     return None
 
 
 def deaf_to_sdo(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Drop SDO requests."""
+    """Drop SDO requests to the node."""
     return None if is_sdo_request(node, frame) else frame
 
 
 def deaf_to_start(_node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Drop NMT start."""
+    """Drop NMT start commands."""
     return None if frame.can_id == 0 and frame.data[:1] == bytes((NmtCommand.START,)) else frame
 
 
 def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
-    """Drop SYNC."""
+    """Drop SYNC messages."""
     return None if frame.can_id == node.sync.cob_id else frame
 
 

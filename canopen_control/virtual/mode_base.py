@@ -235,7 +235,7 @@ NEW_SET_POINT = 1 << 4  # of the controlword; HM and IP use the bit as well
 
 
 class AxisParts:
-    """Parts of one axis that a mode uses."""
+    """Parts of one axis that its modes of operation use."""
 
     __slots__ = ("clock", "limits", "meter", "mover", "objects", "outbox", "power")
 
@@ -268,7 +268,7 @@ class Mode:
         self.reset()
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model."""
+        """Apply another device model from now on."""
         self.model = model
 
     def reset(self) -> None:
@@ -305,14 +305,14 @@ class Mode:
         """Process the mode-specific bits of the controlword while the motor has no power."""
 
     def arrived(self, now: int) -> None:
-        """Continue after the end of a demand."""
+        """Continue after the end of a demand, which was reached."""
 
     def bits(self) -> int:
         """Return bits 10, 12 and 13 of the statusword; without a mode, bit 10 at standstill."""
         return REACHED if self.mover.at_standstill else 0
 
     def unpowered_bits(self) -> int:
-        """Return the mode's own bits of the statusword outside operation."""
+        """Return bits 10, 12 and 13 of the statusword outside OPERATION ENABLED."""
         return 0
 
     def measured_velocity(self) -> float:
@@ -328,7 +328,7 @@ class Mode:
         return self.objects.ramp(o.QUICK_STOP_DECELERATION)
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 has an effect."""
+        """Whether the halt bit (bit 8) of the controlword has an effect."""
         return True
 
 
@@ -394,11 +394,11 @@ class GatedMode(Mode):
             self.inner.control(word, previous, now)
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Process the mode-specific bits of the controlword while the motor has no power."""
+        """Pass the controlword to the inner mode while the motor has no power."""
         self.inner.control_unpowered(word, previous, now)
 
     def arrived(self, now: int) -> None:
-        """Continue after the end of a demand."""
+        """Let the inner mode continue after the end of a demand."""
         self.inner.arrived(now)
 
     def bits(self) -> int:
@@ -406,7 +406,7 @@ class GatedMode(Mode):
         return self.inner.bits()
 
     def unpowered_bits(self) -> int:
-        """Return the mode's own bits of the statusword outside operation."""
+        """Return bits 10, 12 and 13 of the statusword outside OPERATION ENABLED."""
         return self.inner.unpowered_bits()
 
     def measured_velocity(self) -> float:
@@ -422,7 +422,7 @@ class GatedMode(Mode):
         return self.inner.quick_stop_deceleration()
 
     def can_halt(self) -> bool:
-        """Whether controlword bit 8 has an effect."""
+        """Whether the halt bit (bit 8) of the controlword has an effect."""
         return self.inner.can_halt()
 
 
@@ -430,7 +430,7 @@ class FollowingMode(Mode):
     """Base of the modes that follow a target without a handshake; `update` acts only on changed inputs."""
 
     def reset(self) -> None:
-        """Reset the last target."""
+        """Reset the stored inputs, so that the next update makes a new demand."""
         self._inputs: object = None
         self._looked: tuple[int, float] | None = None  # at which version of the values, and with which zero
 

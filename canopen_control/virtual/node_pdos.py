@@ -124,7 +124,7 @@ class MappedTpdo:
         return self.last
 
     def changed_since(self, before: bytes) -> list[Address]:
-        """Return the objects that have changed since the sample `before`."""
+        """Return the addresses of the mapped objects that have changed since the sample `before`."""
         if len(before) != len(self.last) or len(self.mapped) != len(self.codec.objects):
             return list(self.mapped)
         pairs = zip(self.codec.unpack(before), self.codec.unpack(self.last), strict=True)

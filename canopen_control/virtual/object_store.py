@@ -174,7 +174,7 @@ class VirtualStore:
         self._gates[index] = check
 
     def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
-        """Call `watcher` after every accepted write at `indices`."""
+        """Call `watcher` after every accepted write to one of `indices`."""
         for index in indices:
             self._watchers.setdefault(index, []).append(watcher)
 
@@ -222,7 +222,7 @@ class VirtualStore:
             raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the required length of a download to an entry in bytes, None if it is variable.
+        """Return the required length in bytes of a download to an entry, None if it is variable.
 
         Raise SdoServerAbort if the entry is missing or not writable, or if its gate refuses, because the initiation is
         refused then (CiA 301, 7.2.4.3.3).

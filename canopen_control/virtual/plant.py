@@ -42,7 +42,7 @@ class Plant(Protocol):
         """Move without power, and clear the feed-forward."""
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the loops: 0x60B1 in counts/s and 0x60B2 in per mille."""
+        """Set the feed-forward of the control loops: 0x60B1 in counts/s and 0x60B2 in per mille."""
 
 
 class ServoGains(NamedTuple):
@@ -134,7 +134,7 @@ class IdealPlant:
         self.velocity = self.torque = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Do nothing: the plant has no following error."""
+        """Do nothing, because the plant has no following error."""
 
 
 @dataclass(slots=True)
@@ -277,7 +277,7 @@ class World(Protocol):
     """Period in ns at which every axis is advanced even without an event; None if that is not needed."""
 
     def plant(self, node_id: int, axis: int) -> Plant:
-        """Return the plant of an axis; called once per axis."""
+        """Return the plant of an axis; called once for every axis."""
 
     def describe(self) -> WorldState:
         """Return the state beyond the axes, such as the true pose of a base at the time reached by all its axes."""
@@ -317,12 +317,12 @@ class AcceptsEvents(World, Protocol):
 
 
 class IndependentPlants:
-    """World of ideal plants that are independent of each other."""
+    """World of ideal plants that do not affect each other."""
 
     period_ns: int | None = None
 
     def plant(self, node_id: int, axis: int) -> Plant:  # noqa: ARG002 # all plants are alike
-        """Return an ideal plant."""
+        """Return a new ideal plant for any axis."""
         return IdealPlant()
 
     def describe(self) -> WorldState:

@@ -1,8 +1,8 @@
-"""Plant file of a process of drives: plants, and a base that couples two of them.
+"""Plant file (YAML) of a process of drives: the plant of every axis, encoders, and a base with two wheels.
 
-An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the file.
+An engine is a `plant.World`; the default is `OwnWorld`, another engine is named in the file.
 
-    seed: 1                        # of everything random
+    seed: 1                        # of all random numbers
     default: {kind: ideal}         # the axes not named below; kinds: ideal, lag, loaded
     axes:
       "3": {kind: loaded, torque_limit: 800, inertia: 2.0, friction: 30, external: -50, backlash: 20}
@@ -10,25 +10,25 @@ An engine is a `plant.World`; ours is `OwnWorld`, another one is named in the fi
     base:                          # a diff-drive base on a floor
       left: 3
       right: 2
-      wheel_radius: 0.1            # m, the true one, independent of ros2_controllers.yaml
-      left_wheel_radius: 0.1005    # m, if this wheel has another one; likewise right_wheel_radius
+      wheel_radius: 0.1            # m, the true radius, independent of ros2_controllers.yaml
+      left_wheel_radius: 0.1005    # m, if this wheel has another radius; likewise right_wheel_radius
       wheel_separation: 0.4        # m
       counts_per_revolution: 51200
       reversed: [right]            # wheels whose positive direction is backwards
-      slip: 0.01                   # standard deviation of each step's way, relative
-      share: robby-floor           # where the wheels' drives are processes of their own: the same name for all
+      slip: 0.01                   # relative standard deviation of the distance of each step
+      share: robby-floor           # if the wheels' drives run in several processes: the same name for all
     encoders:                      # CiA 406 nodes on the shafts of drives
       "5":
-        axis: "3"                  # the axis that turns it
-        counts_per_revolution: 51200   # of its motor
+        axis: "3"                  # the axis that turns the encoder
+        counts_per_revolution: 51200   # of the motor
         gear: 10                   # motor turns for each turn of the encoder
-        reversed: true             # it turns the other way round
-        lead: 0.005                # m for each of these turns, of a linear encoder
-        share: robby-shafts        # where the drive is a process of its own: the same name for both
-    engine: mujoco                     # physics, see `canopen_control.physics`; the rest is then its own
-    engine: package.module:function    # called with this file's Path, returns a World; the rest is then its own
+        reversed: true             # the encoder turns in the other direction
+        lead: 0.005                # m for each turn of the encoder, if it is linear
+        share: robby-shafts        # if the drive runs in another process: the same name for both
+    engine: mujoco                     # physics, see `canopen_control.physics`; this defines the rest of the file
+    engine: package.module:function    # called with this file's Path, returns a World and defines the rest of the file
 
-The other keys of an axis are the numbers of its plant, see `plant`.
+The other keys of an axis are the parameters of its plant, see `plant`.
 """
 
 from __future__ import annotations
@@ -191,11 +191,11 @@ class OwnWorld:
         return new_plant
 
     def has_shaft(self, node_id: int) -> bool:
-        """See `ShaftWorld`."""
+        """Return whether a node is an encoder in the plant file."""
         return node_id in self._encoders
 
     def shaft_position(self, node_id: int) -> float | None:
-        """See `ShaftWorld`."""
+        """Return the position of an encoder in rad (m if linear), None while it is unknown."""
         encoder = self._encoders[node_id]
         axis, file = _address(encoder.axis), self._files.get(encoder.share)
         plant = self._shafts.get(axis)
@@ -203,7 +203,7 @@ class OwnWorld:
         return None if counts is None else encoder.coupling.place(counts)
 
     def publish(self) -> None:
-        """See `ShaftWorld`."""
+        """Write the shaft positions of this process to the shared files."""
         for encoder in self._encoders.values():
             axis = _address(encoder.axis)
             if encoder.share and axis in self._shafts:
@@ -238,7 +238,7 @@ class OwnWorld:
 
 
 def _address(name: str) -> tuple[int, int]:
-    """Return node id and axis of ``3`` or ``3/1``; ValueError for anything else."""
+    """Return node-ID and axis of ``3`` or ``3/1``; raise ValueError for other texts."""
     node, _, axis = name.partition("/")
     address = int(node), int(axis or "0")
     if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] <= 7):

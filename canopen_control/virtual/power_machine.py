@@ -102,7 +102,7 @@ class PowerMachine:
 
     @property
     def running(self) -> bool:
-        """Whether operation is enabled and no stop is in progress."""
+        """Whether the axis is in OPERATION ENABLED and no stop is in progress."""
         return self.state is State.OPERATION_ENABLED and self.stop_target is None
 
     @property

@@ -132,7 +132,7 @@ class HomingMode(Mode):
             self._begin(now)
 
     def unpowered_bits(self) -> int:
-        """Return bit 12 after a homing without power."""
+        """Return bit 12 of the statusword after a homing without power, else 0."""
         return BIT_12 if self._attained and self.model.homes_without_power else 0
 
     def _begin(self, now: int) -> None:
@@ -345,7 +345,7 @@ class ProfilePosition(Mode):
             self._go(self._target, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Execute the handshake of bits 4 and 12."""
+        """Process the set-point handshake of bits 4 and 12."""
         single = self.model.single_set_point
         if word & ~previous & NEW_SET_POINT:
             at_once = single or bool(word & IMMEDIATELY) or not self._busy

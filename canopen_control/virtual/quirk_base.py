@@ -47,7 +47,7 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """Strength of a quirk: unit, default and bounds; `whole` for integers."""
+    """Strength of a quirk: unit, default and bounds; `whole` means that it must be an integer."""
 
     unit: str
     default: float

@@ -190,7 +190,7 @@ class ScenarioStep(WorldEvent):
         return None if self.length is None else nanoseconds_at(self.here, self.length)
 
     def check_name(self, fault: str | None, quirk: str | None) -> None:
-        """Report an unknown fault or quirk."""
+        """Report an unknown fault or quirk as an error of the file."""
         if fault is not None or quirk is not None:
             try:
                 find_fault(fault) if fault is not None else parse_quirk(quirk or "")
@@ -282,7 +282,7 @@ class Timeline:
         self._start = reactor.now()
 
     def plan(self, switchings: Sequence[Switching]) -> None:
-        """Schedule all events."""
+        """Schedule all events on the reactor."""
         for switching in switchings:
             self._reactor.call_at(self._start + switching.at_ns, partial(self._play, switching))
 

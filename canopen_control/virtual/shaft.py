@@ -167,7 +167,7 @@ class SharedBase:
             fcntl.flock(fd, fcntl.LOCK_UN)
 
     def pose(self) -> BasePose:
-        """Return the pose that results from all processes."""
+        """Return the pose that results from the reports of all processes."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_SH)
         try:
@@ -191,14 +191,14 @@ class SharedBase:
             self._base = DiffBase(self._base.separation)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the shared file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
 
 
 def shared_path(text: str) -> Path:
-    """Return the file of a `share:` value; a bare name is a file in this user's private folder."""
+    """Return the path for a `share:` value; a bare name is a file in this user's private folder."""
     if "/" in text:
         return Path(text).expanduser()
     return runtime_dir() / f"share-{text}"
@@ -252,7 +252,7 @@ _BUNDLE = 4
 
 
 class WheelOdometry(Protocol):
-    """Receiver of wheel positions."""
+    """Interface of a base, which receives the distances of its wheels."""
 
     def report(self, wheel: int, points: Sequence[tuple[int, float]]) -> None:
         """Add points of a wheel: monotonic time in ns and distance in metres."""
@@ -287,7 +287,7 @@ class WheelPlant:
 
     @property
     def velocity(self) -> float:
-        """Velocity in counts/s."""
+        """Velocity of the motor in counts/s."""
         return self.inner.velocity
 
     @velocity.setter
@@ -297,7 +297,7 @@ class WheelPlant:
 
     @property
     def torque(self) -> float:
-        """Torque in per mille of the rated torque."""
+        """Torque of the motor in per mille of the rated torque."""
         return self.inner.torque
 
     @torque.setter
@@ -393,13 +393,13 @@ class Coupling:
     lead: float | None = None
 
     def place(self, counts: float) -> float:
-        """Return the position of the encoder at motor `counts`, in rad or m."""
+        """Return the position of the encoder in rad (m if linear) for a motor position in counts."""
         turns = counts / self.counts_per_revolution / self.gear
         return (-turns if self.reversed else turns) * (self.lead or math.tau)
 
 
 def load_counts(plant: Plant) -> float:
-    """Return the position of an axis's load in counts of its motor."""
+    """Return the position of the load of an axis, in counts of its motor."""
     inner = plant.inner if isinstance(plant, WheelPlant) else plant
     return inner.load_position if isinstance(inner, LoadedPlant) and inner.backlash else inner.position
 
@@ -432,7 +432,7 @@ class ShaftFile:
         return float(counts) if content == 1 and math.isfinite(counts) else None
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the shared file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

@@ -58,7 +58,7 @@ class DemandCurve:
         self.final_position = position + way if final_position is None else final_position
 
     def shifted(self, way: float) -> DemandCurve:
-        """Return the same motion, shifted by `way`."""
+        """Return the same curve, shifted by the distance `way`."""
         position, final = self.position + way, self.final_position + way
         return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
@@ -87,7 +87,7 @@ class DemandCurve:
         return now
 
     def acceleration_at(self, now: int) -> float:
-        """Return the acceleration just after `now`."""
+        """Return the acceleration just after `now`, 0 after the last piece."""
         for piece in self.slices(now, now + 1):
             return piece.acceleration
         return 0.0

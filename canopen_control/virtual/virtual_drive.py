@@ -235,7 +235,7 @@ class TouchProbes:
         self._armed = 0
 
     def update(self, now: int) -> None:
-        """Apply 0x60B8: arm the enabled probes, clear the disabled ones."""
+        """Apply 0x60B8: arm the enabled probes, and clear the status of the disabled probes."""
         function = self._objects.number(o.TOUCH_PROBE_FUNCTION)
         if function == self._armed:
             return
@@ -346,7 +346,7 @@ class VirtualDrive:
         return self.readings.statusword.value()
 
     def describe(self) -> AxisState:
-        """Return the state of the axis and its motor."""
+        """Return the state of the axis and of its motor as a message."""
         plant = self.mover.plant
         return AxisState(
             axis=self.axis,

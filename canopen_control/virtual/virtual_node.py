@@ -103,7 +103,7 @@ class FrameRoutes:
         self.version += 1
 
     def rebuild(self) -> None:
-        """Rebuild the table after an identifier changed."""
+        """Rebuild the table after an identifier changed; no effect while the node initialises."""
         if self._nmt.state is NmtState.INITIALISING:
             return
         error_control = cob_id(Service.HEARTBEAT, self._nmt.node_id)
@@ -472,7 +472,7 @@ class VirtualNode:
         return self.outbox.events()
 
     def routes(self) -> Iterable[int]:
-        """Return the identifiers that the node receives, with linux/can.h's flags."""
+        """Return the identifiers that the node receives, with the flags of linux/can.h."""
         return self.routing.table.keys()
 
     # -- queries
@@ -492,7 +492,7 @@ class VirtualNode:
         return self.pdos.has_event_pdos and self.operational
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value of an object; KeyError if it does not exist."""
+        """Return the present value of an object; raise KeyError if it does not exist."""
         if self.motors is not None and len(parts := self.motors.parts(index, subindex)) == 1:
             return self.store.get(*parts[0])
         return self.store.get(index, subindex)
@@ -517,7 +517,7 @@ class VirtualNode:
             self.tick(now)
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
-        """React to an event of the node's CAN controller."""
+        """React to an event of the node's CAN controller, such as bus-off."""
         self._advance(now)
         self.advance_drives(now)
         self.error_control.bus_event(kind, now)
