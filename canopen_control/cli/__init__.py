@@ -1,1 +1,1 @@
-"""The command line: one file per verb, imported when the verb is used."""
+"""Command line interface; each verb has a module of its own, which is imported when the verb is used."""

@@ -1,8 +1,8 @@
 """Benchmark this machine against comparable packages in the same run.
 
-Every figure is a ratio to a comparison that ran right before or after it, or is compared with a limit. Compared with
-are the `canopen` package and python-can on the same bus, and the physical bus by arithmetic. Absolute figures need an
-idle machine; the table shows whether it was idle. --quick judges ratios, and counts that must be zero.
+Every figure is a ratio to a comparison that ran right before or after it, or is compared with a limit. The comparisons
+are the `canopen` package and python-can on the same bus, and calculated times of a bus. Absolute figures need an idle
+machine; the table shows whether it was idle. --quick judges ratios, and counts that must be zero.
 
     canopen-control bench                   the cycle
     canopen-control bench all --check       every family; exit code 1 if a figure misses its target
@@ -33,12 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print; 1 with --check if a result is below its target."""
+    """Run the benchmark; return 1 if --check is given and a figure misses its target, else 0."""
     return int(_command().run(args))
 
 
 def _command() -> ModuleType:
-    """Return the command of the benchmark; ConfigError if its package is not installed."""
+    """Import and return the command module of the benchmark; ConfigError if its package is not installed."""
     try:
         from canopen_control_bench import command
     except ModuleNotFoundError as error:

@@ -44,7 +44,7 @@ _COMMAND_LENGTH = 60
 
 @dataclass(frozen=True, slots=True)
 class InterfaceStatus:
-    """A CAN interface; `traffic` is None of one that is down, `unnamed_listeners` are sockets of other users."""
+    """Status of a CAN interface; `unnamed_listeners` is the number of sockets that belong to other users."""
 
     link: CanInterface
     traffic: Traffic | None
@@ -53,7 +53,7 @@ class InterfaceStatus:
 
 
 class InterfaceDocument(Document, frozen=True, kw_only=True):
-    """CAN interface as in `bus status --json`; see CanInterface, Traffic and Listener. Null is unknown."""
+    """CAN interface as printed by `bus status --json`, null for unknown values; see CanInterface and Listener."""
 
     name: str
     kind: str
@@ -85,7 +85,7 @@ def document_of(status: InterfaceStatus) -> InterfaceDocument:
 
 
 def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
-    """Return the status of interfaces by name; measures their traffic for half a second."""
+    """Measure the traffic of interfaces for half a second, and return their status by name."""
     traffic = measure(links, LOOK_S)
     return {link.name: _interface_status(link, traffic.get(link.name)) for link in links}
 
@@ -97,7 +97,7 @@ def _interface_status(link: CanInterface, traffic: Traffic | None) -> InterfaceS
 
 
 def render_interface(status: InterfaceStatus) -> list[str]:
-    """Return the lines for people."""
+    """Return the status of an interface as lines of text."""
     link, traffic = status.link, status.traffic
     words = [link.kind, "up" if link.is_up else "down"]
     words += [link.state] if link.state else []
@@ -127,7 +127,7 @@ def _listener(listener: Listener) -> str:
 
 
 def _does(listener: Listener) -> list[str]:
-    """Return the data that a socket receives or lets the kernel send, and the interfaces."""
+    """Return phrases that tell what a CAN socket receives, or lets the kernel send, and on which interfaces."""
     tasks = [f"lets the kernel send 0x{can_id:03X} every {us / 1000:g} ms" for can_id, us in listener.tasks]
     if tasks or listener.protocol == "CAN_BCM":
         return tasks or ["uses the kernel's broadcast manager"]
@@ -227,7 +227,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _links() -> list[can_interfaces.CanInterface]:
-    """Return the CAN interfaces; without iproute2 print a hint and return none."""
+    """Return the CAN interfaces; if `ip` is not available, print a hint and return an empty list."""
     try:
         return can_interfaces.list_can_interfaces()
     except ConfigError as error:
@@ -355,7 +355,7 @@ _REQUESTS: dict[str, Callable[[argparse.Namespace], Request[Done]]] = {
 
 
 def _label(spec: ChannelSpec, word: str) -> str:
-    """Return the label for a user's word; ConfigError with the existing labels."""
+    """Return the label of the bus member for a node name, node id or label; ConfigError if no member matches."""
     status = ask_hub(spec.name, hub.GetHubStatus())
     labels = [member.label for member in status.members]
     present = {*labels, *status.cut, *status.bus_off, *status.delays_ms}  # a disconnected member may have left
@@ -370,7 +370,7 @@ def _label(spec: ChannelSpec, word: str) -> str:
 
 
 def _named(label: str, nodes: Sequence[KnownNode]) -> str:
-    """Return a label with its name in the running robot: ``left_drive (drive 3)``."""
+    """Return a member's label, preceded by the node's name in the running robot: ``left_drive (drive 3)``."""
     name = next((node.name for node in nodes if _DRIVE.format(node.node_id) == label), None)
     return label if name is None else f"{name} ({label})"
 

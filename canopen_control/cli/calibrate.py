@@ -143,7 +143,7 @@ def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> Non
 
 
 def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
-    """Return the source of true end positions; ConfigError without one."""
+    """Return the source of the true end positions; ConfigError if there is none."""
     from canopen_control.calibration.base_link import TypedEnds, read_ends
     from canopen_control.calibration.umbmark_session import TrueEnds
     from canopen_control.errors import ConfigError
@@ -161,7 +161,7 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
 
 
 class _YamlCopy:
-    """Copy of the robot's YAML; `path` is None without a file."""
+    """Corrected copy of ros2_controllers.yaml; `path` is the original file, None if none was given."""
 
     def __init__(self, args: argparse.Namespace, link: BaseLink) -> None:
         from canopen_control.errors import ConfigError
@@ -195,11 +195,11 @@ class _YamlCopy:
 
     @property
     def hint(self) -> str:
-        """Next step with the copy, for the user."""
+        """Advice to run the robot with the corrected copy."""
         return f"; for good: canopen-control run ROBOT --controllers {self._copy}"
 
     def write(self, values: dict[str, float]) -> None:
-        """Write new values and list the changes."""
+        """Write the copy with new values, and print the changes; do nothing without an original file."""
         from canopen_control.calibration.corrected_file import write_corrected
 
         if self.path is None:

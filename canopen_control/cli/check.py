@@ -1,6 +1,6 @@
 """Validate a robot's files, and report the load of its buses and its stopping times; nothing is opened.
 
-The longest stop of a joint starts at its highest speed, for the reason that is detected last: detection time plus ramp.
+A stop takes the detection time plus the ramp from the joint's highest speed; the slowest reason to stop is shown.
 --json lists all reasons.
 
 Exit codes: 0 good; 2 the files have errors, or wrong usage.
@@ -28,7 +28,7 @@ EXAMPLE = "canopen-control check robby"
 
 
 class FindingDocument(Document, frozen=True):
-    """Finding in a line of a file; `fix` is the advice, "" where `text` contains it."""
+    """Finding about a line of a file; `fix` is advice, or "" if `text` contains the advice."""
 
     path: str
     line: int
@@ -39,7 +39,7 @@ class FindingDocument(Document, frozen=True):
 
 
 class FrameShare(Document, frozen=True):
-    """Frame with its data bytes and rate per cycle."""
+    """Frame in a bus budget, with its number of data bytes and the number of such frames per cycle."""
 
     name: str
     cob_id: int
@@ -48,7 +48,7 @@ class FrameShare(Document, frozen=True):
 
 
 class BudgetDocument(Document, frozen=True, kw_only=True):
-    """Load of a bus per cycle, in bits without and with all stuff bits; `load` from 0 to 1."""
+    """Bus load in one cycle; `bits` has no stuff bits, `worst_bits` all possible ones, `load` is from 0 to 1."""
 
     bitrate: int
     period_s: float
@@ -61,7 +61,7 @@ class BudgetDocument(Document, frozen=True, kw_only=True):
 
 
 class StopCaseDocument(Document, frozen=True):
-    """Stop reason with the time to detect it and the ramp in s, which is infinite (null) without a bound."""
+    """Cause of a stop, with detection and ramp time in s; a ramp without a bound is infinite (null)."""
 
     cause: str
     detection_s: float
@@ -70,7 +70,7 @@ class StopCaseDocument(Document, frozen=True):
 
 
 class StopDocument(Document, frozen=True):
-    """Stop time of a joint from `speed`, in its drive's units, which is infinite (null) without a limit."""
+    """Stopping time of a joint from `speed`, which is in the drive's units, and infinite (null) without a limit."""
 
     joint: str
     node: str
@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings; 0 good, 2 for errors, with --strict for warnings too."""
+    """Print the findings; return 2 if there are errors, or with --strict also for warnings, else 0."""
     from canopen_control.check.checker import CheckOptions, check_robot
     from canopen_control.runtime.robot_files import find_launch
 

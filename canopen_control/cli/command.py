@@ -1,4 +1,4 @@
-"""Send values to a controller at 10 Hz until Ctrl-C, then zero; position joints hold their current position.
+"""Send values to a controller at 10 Hz until Ctrl-C, then zero; position joints keep their last target.
 
 Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others keep their values. When the command
 ends, they go to their safe values.
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    dead_man = not args.once  # it ends as soon as the connection is gone
+    dead_man = not args.once  # the command ends when the connection is lost
     named = {name: value for name, value in args.values if name}
     if named:
         if len(named) != len(args.values):
@@ -63,6 +63,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _value(text: str) -> tuple[str, float]:
-    """Read VALUE or NAME=VALUE."""
+    """Return the name and the value of NAME=VALUE; the name is "" for a plain VALUE."""
     name, _, value = text.rpartition("=")
     return name, finite(value)

@@ -2,15 +2,15 @@
 
 Without --configure, --store and --motion the checks change no value; some send requests that a device has to refuse.
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
---motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion, or
-0x607F and a revolution, and the shaft returns to its place. You confirm each once, or give --yes. At the end
-the parameters that the EDS lists are compared and restored. A node of a running robot is refused, and with one of the
-three options a node that is OPERATIONAL.
+--motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion (by
+default 1 % of 0x607F and half a revolution), and the shaft returns to its start. You confirm each of the three once, or
+give --yes. At the end the parameters that the EDS lists are compared and restored. A node of a running robot is
+refused, and with one of the three options a node that is OPERATIONAL.
 
 With --master a virtual device joins the bus and checks the master that boots it, ours or another one. It serves the
 master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage, PRE-OPERATIONAL, a flood
-of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence. Enable the drive by the
-master before, and again at most between two faults. Ctrl-C ends the run with its report.
+of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence. Let the master
+enable the drive before the run, and again only between two faults. Ctrl-C ends the run with its report.
 
 Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
 """
@@ -139,7 +139,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """Refuse options of one half of the verb with the other."""
+    """Raise ConfigError for an option that does not fit the kind of check: of a device, or --master."""
     if not args.master:
         if args.node is None:
             raise ConfigError("give the node id of the device to check, or --master to check the master on the bus")
@@ -193,7 +193,7 @@ def _refuse_robot(channel: str, node_id: int) -> None:
 
 
 def _refuse_master(node: CheckedNode) -> None:
-    """Refuse a bus with a master: its NMT commands, SDO requests or SYNC are seen; or the node is OPERATIONAL."""
+    """Raise ConfigError if a master is active on the bus, or if the node is OPERATIONAL."""
     frames = [frame for _, frame in node.listen(HEARTBEAT_S)]
     services = {service_of(frame.can_id): None for frame in frames}
     signs = [
@@ -248,7 +248,7 @@ def _write_file(name: str, data: bytes) -> None:
 
 
 def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None, issues: list[str]) -> None:
-    """Print the report before its files, so that a full disk loses none of it."""
+    """Print the report before its files are written, so that a full disk cannot lose the printed report."""
     changes = [] if old is None else changed_verdicts(report, old)
     if args.json:
         print(json_text({**asdict(report), "changes": changes}))

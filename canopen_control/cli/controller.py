@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         return _ACTIONS[args.action](args, robot)
 
 
-# -- what there is
+# -- queries
 
 
 def _list(args: argparse.Namespace, robot: RobotClient) -> int:
@@ -106,7 +106,7 @@ def _list(args: argparse.Namespace, robot: RobotClient) -> int:
 
 
 def _commands(controller: ControllerReading) -> str:
-    """Return the command interfaces of a controller; unknown if it is not loaded."""
+    """Return the command interfaces of a controller as text; "-" if the controller is not loaded."""
     if controller.state == "unloaded":
         return "-"
     nothing = "nothing: it broadcasts" if controller.is_broadcaster else "-"
@@ -138,7 +138,7 @@ def _words(interface: InterfaceReading) -> str:
     return f" ({', '.join(words)})" if words else ""
 
 
-# -- what changes something
+# -- state changes
 
 
 def _one_by_one(args: argparse.Namespace, robot: RobotClient) -> int:

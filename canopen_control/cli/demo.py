@@ -21,12 +21,12 @@ ROBOT: Final = "robby"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options: those of `run`."""
+    """Declare the options, which are those of `run`."""
     add_run_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb: robby, unless a robot, a launch file or files of one are named."""
+    """Run the robot that the options name, robby by default, with the demo motion and a live table."""
     if all(option is None for option in (args.config, args.launch, args.bus, args.controllers, args.description)):
         args.config = ROBOT
     return run_robot(args, motion=True, table=True)

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 
 def state_lines(state: DriveState) -> Iterator[str]:
-    """Yield the state of a node: one line for the node and several for each axis."""
+    """Yield the state of a virtual device as text: the node, its axes and set-points, inputs and outputs."""
     errors = "".join(f", error 0x{code:04X}" for code in state.errors)
     faults = f"; faults that are on: {', '.join(state.faults)}" if state.faults else ""
     quirks = f"; quirks: {', '.join(state.quirks)}" if state.quirks else ""
@@ -78,7 +78,7 @@ def _axis_line(axis: AxisState) -> str:
 
 
 def quality_lines(quality: SetPointQuality) -> Iterator[str]:
-    """Yield timing and effect of the set-points of a cyclic mode."""
+    """Yield lines about the set-points of a cyclic mode: their counts, ripple, and phase relative to SYNC."""
     yield (
         f"set-points: {quality.taken} taken, {quality.missed} missed, {quality.doubled} doubled, "
         f"{quality.overwritten} overwritten"
@@ -136,7 +136,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_behaviour(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for what the drives do and hold."""
+    """Declare the options for the behaviour of the drives: faults, quirks, mechanics, stored parameters."""
     parser.add_argument(
         "--fault",
         action="append",
@@ -172,7 +172,7 @@ def _add_behaviour(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the drives; 0 after SIGINT or SIGTERM, 1 after the loss of the bus."""
+    """Run the drives, or print their state; return 0, or 1 if the bus was lost while the drives ran."""
     if args.buses is not None:
         return _run_buses(args)
     for name in ("node_id", "can"):
@@ -198,7 +198,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_buses(args: argparse.Namespace) -> int:
-    """Run the drives of a file of several buses."""
+    """Run the drives on several buses that the file of --buses describes."""
     options = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
     if options:
         raise ConfigError(f"--buses: its file says everything; omit --{options[0].replace('_', '-')}")
@@ -209,7 +209,7 @@ def _run_buses(args: argparse.Namespace) -> int:
 
 
 def _print_status(args: argparse.Namespace) -> int:
-    """Print the state of running drives."""
+    """Print the state of running drives as text or JSON."""
     channel = str(parse_channel(args.can))
     for node_id in parse_node_ids(args.node_id):
         with DriveClient.connect(channel, node_id) as client:
@@ -219,7 +219,7 @@ def _print_status(args: argparse.Namespace) -> int:
 
 
 def parse_node_ids(text: str) -> list[int]:
-    """Return the node ids of ``3``, ``2,3`` or ``1-64``; ConfigError with the valid forms."""
+    """Return the node ids in a text such as ``3``, ``2,3`` or ``1-64``; ConfigError if the text is not valid."""
     if text.strip() == _NO_NODE_ID:
         return [int(_NO_NODE_ID)]
     node_ids: list[int] = []
@@ -240,7 +240,7 @@ def parse_node_ids(text: str) -> list[int]:
 
 
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
-    """Return the common EDS file and those of single nodes; ConfigError for options without a node."""
+    """Return the EDS file for all nodes, and those of single nodes; ConfigError if a file is missing or ambiguous."""
     common: list[Path] = []
     eds_files: dict[int, Path] = {}
     for text in texts:

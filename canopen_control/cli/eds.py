@@ -41,7 +41,7 @@ _COMPARED = ("name", "data_type", "access", "pdo_mappable", "default", "paramete
 
 
 class EdsCheckDocument(Document, frozen=True, kw_only=True):
-    """Result of checking a file."""
+    """Result of `eds check` for one file: the issues, and the counts of objects, entries and issues."""
 
     file: str
     objects: int = 0
@@ -53,7 +53,7 @@ class EdsCheckDocument(Document, frozen=True, kw_only=True):
 
 
 class EntryDocument(Document, frozen=True, kw_only=True):
-    """An entry: `index` is hexadecimal; values are numbers or text, bytes hexadecimal."""
+    """Entry of an object dictionary; `index` is hexadecimal text, and so are values that consist of bytes."""
 
     index: str
     subindex: int
@@ -74,14 +74,14 @@ class EntryDocument(Document, frozen=True, kw_only=True):
 
 
 class Difference(Document, frozen=True):
-    """Difference of a field between two files."""
+    """Values of a field in the two compared files, `a` and `b`."""
 
     a: Plain
     b: Plain
 
 
 class ChangeDocument(Document, frozen=True, kw_only=True, omit_defaults=True):
-    """Entry that differs between two files; `change` is "added", "removed" or "changed", with the changed `fields`."""
+    """Entry that differs between two files; `change` is "added", "removed" or "changed"."""
 
     index: str
     subindex: int
@@ -91,7 +91,7 @@ class ChangeDocument(Document, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class MappedDocument(Document, frozen=True):
-    """Object in a PDO; `name` None if the file lacks it."""
+    """Object mapped to a PDO; `name` is None if the file does not contain the object."""
 
     index: str
     subindex: int
@@ -100,7 +100,7 @@ class MappedDocument(Document, frozen=True):
 
 
 class PdoDocument(Document, frozen=True, kw_only=True):
-    """Default of a PDO; `cob_id_entry` includes the flags of the entry."""
+    """Default configuration of a PDO; `cob_id_entry` is the COB-ID together with its flag bits."""
 
     pdo: str
     enabled: bool
@@ -113,7 +113,7 @@ class PdoDocument(Document, frozen=True, kw_only=True):
 
 
 def checked(name: str, file: EdsFile) -> EdsCheckDocument:
-    """Return the issues of reading a file."""
+    """Return the check result of a file that was read, with all its issues."""
     count = dict.fromkeys(Severity, 0)
     for issue in file.issues:
         count[issue.severity] += 1
@@ -129,14 +129,14 @@ def checked(name: str, file: EdsFile) -> EdsCheckDocument:
 
 
 def refused(name: str, error: EdsError) -> EdsCheckDocument:
-    """Return the reason why a file is refused."""
+    """Return the check result of a file that cannot be read as an EDS, with the reason as the only issue."""
     return EdsCheckDocument(
         file=name, errors=1, issues=[Issue(name, error.line, "not-canopen", Severity.ERROR, error.reason)]
     )
 
 
 def entry_document(od: ObjectDictionary, entry: Entry) -> EntryDocument:
-    """Return an entry."""
+    """Return an entry as `eds show --json` prints it."""
     return EntryDocument(
         index=f"0x{entry.index:04X}",
         subindex=entry.subindex,
@@ -158,7 +158,7 @@ def entry_document(od: ObjectDictionary, entry: Entry) -> EntryDocument:
 
 
 def changes_of(a: ObjectDictionary, b: ObjectDictionary) -> Iterator[ChangeDocument]:
-    """Yield the entries that differ, by address."""
+    """Yield the entries that differ between two object dictionaries, in order of address."""
     addresses: list[Address] = sorted({*a.entries, *b.entries})
     for address in addresses:
         old, new = a.get(*address), b.get(*address)
@@ -191,7 +191,7 @@ def _field(entry: Entry, field: str) -> Plain:
 
 
 def pdo_document(pdo: Pdo) -> PdoDocument:
-    """Return a PDO."""
+    """Return a PDO as `eds pdos --json` prints it."""
     return PdoDocument(
         pdo=pdo.name,
         enabled=pdo.enabled,
@@ -213,7 +213,7 @@ def pdo_document(pdo: Pdo) -> PdoDocument:
 
 
 def _plain(value: Value | None) -> Plain:
-    """Return a value for JSON; bytes in hexadecimal, non-finite numbers as text."""
+    """Convert a value for JSON: bytes become hexadecimal text, infinite numbers and NaN become text."""
     if isinstance(value, bytes):
         return value.hex()
     if isinstance(value, float) and value - value != 0:
@@ -270,7 +270,7 @@ def _files_of(args: argparse.Namespace) -> list[str]:
 
 
 def _path(name: str) -> Path:
-    """Return the file, or the bundled file with that name."""
+    """Return the path of a file, or of the bundled EDS file of that name if no such file exists."""
     path = Path(name)
     if path.exists() or path.name != name:
         return path
@@ -365,7 +365,7 @@ _ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", _CONFIGU
 
 
 def _entry_row(od: ObjectDictionary, entry: Entry, *, configured: bool) -> tuple[str, ...]:
-    """Return the cells of an entry; `configured` adds a column for the ParameterValues of a DCF."""
+    """Return the table cells of an entry; `configured` adds a column for the ParameterValues of a DCF."""
     values = [(entry.default, entry.relative), (entry.parameter_value, entry.parameter_relative)]
     texts = [_value_text(entry, *pair, od.node_id) or "-" for pair in (values if configured else values[:1])]
     mappable = ("R" if entry.rpdo_mappable else "") + ("T" if entry.tpdo_mappable else "")
@@ -461,7 +461,7 @@ def _pdo_line(od: ObjectDictionary, pdo: Pdo, relative: bool) -> str:
 
 
 class ConvertedDocument(Document, frozen=True):
-    """Result of `eds convert`; `problems` is the number of issues of the input."""
+    """Result of `eds convert`; `problems` is the number of issues found in the input file."""
 
     file: str
     output: str
@@ -491,7 +491,7 @@ def _convert(args: argparse.Namespace) -> int:
     return 0
 
 
-_OF_A_TYPE: Final = (".eds", ".xdd")  # the description of a type of device, without the values of one
+_OF_A_TYPE: Final = (".eds", ".xdd")  # they describe a type of device, without values of one device
 
 
 def _converted(od: ObjectDictionary, ending: str, args: argparse.Namespace) -> str:

@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; 1 if a recording could not be read to its end."""
+    """Run the verb; return 1 if a recording could not be read to its end, else 0."""
     if args.json and args.output is None:
         raise ConfigError("--json reports about a file, and standard output is for the data here; give -o FILE")
     return _dbc(args) if args.kind == "dbc" else _csv(args)
@@ -88,7 +88,7 @@ def _decoded(recording: Iterable[tuple[int, object]], network: NetworkDescriptio
 
 
 def _signals(network: NetworkDescription) -> list[str]:
-    """Return the columns: each object of each PDO once, in the order of nodes and PDOs."""
+    """Return the column names: each object mapped to a PDO once, in the order of nodes and PDOs."""
     names = (
         f"{node.name or f'node {node_id}'}.{entry.name}"
         for node_id, node in sorted(network.nodes.items())

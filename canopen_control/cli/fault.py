@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb: 0 good, 1 the drive does not exist, 2 wrong usage."""
+    """Run the verb; ConfigError for a wrong argument, RemoteError if the drive does not run or refuses."""
     if args.what == "list":
         return _list(args)
     channel, node_id = drive_of(args.what, args.can)
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         return _report(args, active, node_id)
 
 
-# -- what there is
+# -- list of faults
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -107,7 +107,7 @@ def _sentence(does: str) -> str:
 
 
 def drive_of(word: str, can: str | None) -> tuple[str, int]:
-    """Return channel and node id of the selected drive; ConfigError with the valid forms."""
+    """Return the channel and node id of the drive that a user names; ConfigError lists the valid names."""
     nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
     if node is not None:
@@ -120,7 +120,7 @@ def drive_of(word: str, can: str | None) -> tuple[str, int]:
 
 
 def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
-    """Return the existing nodes, or the reason why they are unknown, with advice; "" without a robot."""
+    """Return the end of an error message: the existing nodes, or why they are unknown; "" if no robot runs."""
     if nodes:
         scope = "of a running robot" if can is None else f"on {can}"
         choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
@@ -147,7 +147,7 @@ def _node_id(text: str, choices: str) -> int:
 
 
 def _set(args: argparse.Namespace, client: DriveClient, node_id: int) -> int:
-    """Set inputs and print them."""
+    """Set inputs of a virtual device, and print the new values."""
     if args.state is not None:
         raise ConfigError(f"{args.name} {args.state}: a signal is set with SIGNAL=VALUE alone")
     values = signal_values(args.name)
@@ -166,7 +166,7 @@ def _check(name: str) -> Fault:
 
 
 def connect_to(channel: str, node_id: int) -> DriveClient:
-    """Connect to the control socket of a virtual drive; RemoteError with the existing drives."""
+    """Connect to the control socket of a virtual drive; RemoteError lists the drives that run instead."""
     try:
         return DriveClient.connect(channel, node_id)
     except RemoteError as error:
@@ -177,7 +177,7 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
 
 
 def _others(bus: str) -> str:
-    """Return the names of the existing virtual drives, on this bus or else on any, as text."""
+    """Return a text with the node ids of the virtual drives on a bus, or on all buses if the bus has none."""
     drives: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
         if number.isdecimal():

@@ -1,12 +1,12 @@
-"""Serve CiA 309-3: lines of text that read and write objects, for CANopenNode's cocomm and for scripts.
+"""Serve the text commands of CiA 309-3, which read and write objects, for CANopenNode's cocomm and for scripts.
 
-The nodes are those of a running robot, or with --can all of a bare bus. Commands come from standard input, from a Unix
-socket that only you can open (--unix), or from a TCP port of this computer (--tcp), which every user of it can reach.
-One client is served at a time. NMT commands, writes that may move a drive, and changes of node ids are refused without
---allow-motion. A robot goes on as without a gateway, and so does its STOP.
+The nodes are those of a running robot, or with --can all nodes of a bare bus. Commands come from standard input, from a
+Unix socket that only you can open (--unix), or from a TCP port of this computer (--tcp), which every user of it can
+reach. One client is served at a time. NMT commands, writes that may move a drive, and changes of node ids are refused
+without --allow-motion. The robot runs, and stops, as it does without a gateway.
 
-Exit codes: 0 after the end of the input or Ctrl-C; 1 robot or bus are gone, the address is in use, or the input ended
-in the middle of a line; 2 wrong usage.
+Exit codes: 0 after the end of the input or Ctrl-C; 1 the robot or the bus is gone, the address is in use, or the input
+ended in the middle of a line; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ EXAMPLE = """canopen-control gateway
 LOOPBACK = "127.0.0.1"
 MAX_TIMEOUT_S = 60.0  # of a robot's SDO request
 BACKLOG = 50
-_OWNER_S = 1.0  # between two looks for a robot on the bus
+_OWNER_S = 1.0  # time between two checks for a robot on the bus
 _TAKE_IN_S = 0.001
 
 
@@ -95,7 +95,7 @@ def _network(args: argparse.Namespace) -> Iterator[RobotNetwork | BusNetwork]:
 
 @contextlib.contextmanager
 def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
-    """Listen on the socket in the arguments, and print its address."""
+    """Context with the listening socket that the arguments select; prints the address, and closes the socket."""
     listener = _unix_listener(args.unix, label) if args.tcp is None else _tcp_listener(args.tcp)
     try:
         if args.tcp is None:
@@ -142,7 +142,7 @@ def _tcp_listener(port: int) -> socket.socket:
 
 
 class RobotNetwork:
-    """Nodes of a running robot; `label` names it."""
+    """Gateway access to the nodes of a running robot; `label` names the robot."""
 
     def __init__(self, target: RobotTarget) -> None:
         self._target, self._robot = target, target.robot
@@ -170,7 +170,7 @@ class RobotNetwork:
         self._node(node_id, timeout_s).write(index, subindex, data)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send the command through the robot; 204 if the nodes do not confirm it."""
+        """Send an NMT command through the robot; GatewayRefusal 204 if the nodes do not confirm the command."""
         everybody = node_id == BROADCAST
         sessions = self._target.sessions if everybody else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
@@ -180,12 +180,12 @@ class RobotNetwork:
             raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {expected} is not shown within {timeout:g} s")
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:  # noqa: ARG002 - refused
-        """Raise an error: LSS would take nodes away from the robot."""
+        """Raise GatewayRefusal: LSS would take nodes away from the robot."""
         advice = f"end it first: canopen-control shutdown --name {self._robot.robot}"
         raise GatewayRefusal(INTERNAL_STATE, f"LSS would take away the nodes of {self.label}; {advice}")
 
     def log(self) -> list[str]:
-        """Return and clear the robot's events."""
+        """Return the stored events of the robot, and clear them."""
         self.take_in()
         return self._events.take()
 
@@ -200,7 +200,7 @@ class RobotNetwork:
 
 
 class BusNetwork:
-    """Nodes of a bare bus, except those of a robot that runs on it; `label` names the bus."""
+    """Gateway access to the nodes of a bus, except those of a running robot; `label` is the channel."""
 
     def __init__(self, target: BusTarget) -> None:
         self._target, self._bus = target, target.bus
@@ -215,7 +215,7 @@ class BusNetwork:
         return self._bus.port.fileno()
 
     def take_in(self) -> None:
-        """Receive from the bus; BusClosed once the bus is lost."""
+        """Receive and log the frames of the bus; BusClosed if the bus is lost."""
         try:
             self._bus.listen(_TAKE_IN_S)
         except BusClosed:
@@ -228,12 +228,12 @@ class BusNetwork:
         return self._node(node_id, timeout_s).read(index, subindex, block=block)
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
-        """Download an object; with `block` long ones by block transfer."""
+        """Download an object; with `block`, long data is sent by block transfer."""
         self._node(node_id, timeout_s)
         self._bus.write(node_id, index, subindex, data, block=None if block else False)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send the command, which has no answer."""
+        """Send an NMT command, without waiting for a confirmation."""
         if node_id != BROADCAST:
             self._node(node_id)
         else:
@@ -241,12 +241,12 @@ class BusNetwork:
         self._bus.command(command, node_id, 0.0)
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service."""
+        """Run an LSS service; GatewayRefusal while a robot runs on the bus."""
         self._refuse_while_robot_runs("LSS")
         return self._bus.lss(ask, scan_s)
 
     def log(self) -> list[str]:
-        """Return and clear the lines about boot-ups, EMCYs and NMT states."""
+        """Return the stored lines about boot-ups, EMCYs and NMT states, and clear them."""
         self.take_in()
         return self._events.take()
 

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the overview, or exit like `VERB --help`."""
+    """Print a man page, the overview of verbs, or the help of a verb or action."""
     from canopen_control.cli.main import main
     from canopen_control.cli.verbs import VERBS, overview
 
@@ -78,7 +78,7 @@ def _synopsis(parser: argparse.ArgumentParser) -> str:
 
 
 def _paragraphs(text: str) -> Iterator[str]:
-    """Yield paragraphs; indented lines stay as they are."""
+    """Yield text as troff paragraphs; a paragraph that begins with a space keeps its line breaks."""
     for part in text.strip().split("\n\n"):
         lines = [_troff(line) for line in part.splitlines()]
         yield from (".nf", *lines, ".fi") if part.startswith(" ") else (".PP", *lines)
@@ -94,6 +94,6 @@ def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def _troff(text: str) -> str:
-    """Return text for troff: its control characters have no effect, and a hyphen is a minus sign that can be copied."""
+    """Escape text for troff: control characters lose their effect, a hyphen becomes a minus that can be copied."""
     escaped = text.replace("\\", r"\e").replace("-", r"\-")
     return rf"\&{escaped}" if escaped.startswith((".", "'")) else escaped

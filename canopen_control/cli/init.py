@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, slots=True)
 class CreatedNode:
-    """Node of a new robot."""
+    """Node of a new robot, in the result of `init --json`."""
 
     node_id: int
     name: str
@@ -123,7 +123,7 @@ class CreatedNode:
 
 @dataclass(frozen=True, slots=True)
 class InitReport:
-    """Result of `init --json`; the scale of the `guessed` nodes is not in their EDS."""
+    """Result of `init --json`; `guessed` names the nodes whose EDS does not contain the scale of their axes."""
 
     robot: str
     folder: str
@@ -150,7 +150,7 @@ def _report(written: Written) -> InitReport:
 
 
 def _from_files(args: argparse.Namespace) -> list[Device]:
-    """Return the devices of --eds and --node-id."""
+    """Return the devices that --eds and --node-id describe; ConfigError if the options do not match."""
     if not args.eds or not args.node_id:
         missing = "--eds FILE" if not args.eds else "--node-id N"
         bundled = ", ".join(name for name in data_names("eds") if name.lower().endswith(".eds"))
@@ -168,7 +168,7 @@ def _from_files(args: argparse.Namespace) -> list[Device]:
 
 
 def _ids(text: str) -> list[int]:
-    """Read `3` or `2,3`; ConfigError."""
+    """Return the node ids in a text such as `3` or `2,3`; ConfigError if an id is not from 1 to 127."""
     ids = []
     for word in text.split(","):
         try:
@@ -188,7 +188,7 @@ def _device(path: Path, node_id: int, remark: str = "") -> Device:
 
 
 def _from_bus(args: argparse.Namespace) -> list[Device]:
-    """Return the devices on a bus with a given or bundled EDS; others are listed and left out."""
+    """Return the devices found on a bus for which an EDS is given or bundled; print the other devices."""
     from canopen_control.cli.scan import match_files, survey_channel
 
     if args.node_id:
@@ -217,7 +217,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
 
 
 def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
-    """Assign the only file without a product code to the remaining devices of its vendor."""
+    """Assign the given EDS without a product code, if there is only one, to devices of that vendor without an EDS."""
     from canopen_control.commissioning.identity import vendor_and_product
 
     without = [(file, vendor) for file in files for vendor, product in [vendor_and_product(file)] if not product]
@@ -228,7 +228,7 @@ def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
 
 
 def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
-    """Replace the EDS's defaults of modes and units by the drives' own values."""
+    """Read modes and units from the drives, and replace the defaults of the EDS with these values."""
     from canopen_control.master.direct import DirectBus
     from canopen_control.od.codec import decode
 
@@ -240,7 +240,7 @@ def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
         answers = bus.read_many(requests)
     for (node_id, index, subindex), answer in answers.items():
         entry = dictionaries[node_id][index, subindex]
-        with contextlib.suppress(ValueError):  # a number of another size than in the EDS, which is used
+        with contextlib.suppress(ValueError):  # the answer has another size than in the EDS: keep the default
             if isinstance(answer, bytes):
                 value = decode(answer, entry.data_type)
                 dictionaries[node_id].entries[index, subindex] = replace(entry, default=value, parameter_value=None)

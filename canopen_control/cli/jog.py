@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Request:
-    """Request of the arguments, without knowledge of the drive."""
+    """Motion that the arguments request, in the user's units, because the drive's scale is not known yet."""
 
     kind: JogKind
     value: Quantity | float  # a number is in SI or per mille
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _request(args: argparse.Namespace) -> _Request:
-    """Parse the quantities; ConfigError for an invalid one."""
+    """Return the motion that the arguments request; ConfigError for an invalid quantity or 0."""
     kind = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
     if kind == "torque":
@@ -137,7 +137,7 @@ def _running(
 
 @contextlib.contextmanager
 def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive, JogScale]]:
-    """Identify the drive on its bare bus, then run a robot with this drive alone."""
+    """Context that identifies a drive on a bare bus, and then runs a robot that consists of this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)

@@ -4,12 +4,12 @@ First exactly one slave must be in configuration mode: `switch configuration` wi
 them if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. `node-id`, `bit-timing`,
 `store` and `inquire` then address it, and `switch waiting` ends this.
 
-When a new node id counts: a slave without an id uses it after `switch waiting`, one that has an id after `nmt
-reset-comm`. When a new bit rate counts: after `activate`, for all slaves in configuration mode; change the bit rate of
-this computer's interface too. Both are lost at the next power-on without `store`.
+A new node id takes effect after `switch waiting` if the slave had none, otherwise after `nmt reset-comm`. A new bit
+rate takes effect after `activate`, for all slaves in configuration mode; change the bit rate of this computer's
+interface too. Both are lost at the next power-on without `store`.
 
-`find` searches for slaves without a node id in two ways, each for 0.1 s: with the service for it, and with the first
-request of a fast scan, because some slaves answer that one only. It changes no slave.
+`find` searches for slaves without a node id in two ways, each for 0.1 s: with the service `identify non-configured`,
+and with the first request of a fast scan, because some slaves answer only this request. It changes no slave.
 
 Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
 """

@@ -1,7 +1,7 @@
-"""The entry point: one table of verbs, each imported only when it is used.
+"""Entry point of the command line; the module of a verb is imported only when the verb is used.
 
 Exit codes: 0 good, 1 the run failed, 2 usage or configuration (`errors.CanopenError.of_usage`), also where a running
-robot found that; 130 interrupted by SIGINT or SIGTERM, unless the verb has an end of its own for them. A user sees one
+robot found that; 130 interrupted by SIGINT or SIGTERM, unless the verb handles these signals itself. A user sees one
 sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
 """
 
@@ -33,7 +33,7 @@ _signals = ProcessSignals()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code; complete words if a shell requests it.
+    """Run the command line and return its exit code, or complete words if a shell requests a completion.
 
     Without `argv` the process is the command line's own, and SIGINT and SIGTERM end it at any moment.
     """
@@ -76,12 +76,12 @@ def _run(arguments: list[str]) -> int:
 
 
 def _replaces_interrupt(error: Exception) -> bool:
-    """Whether an exception after a signal is none of ours: pybind11 raises RuntimeError for KeyboardInterrupt."""
+    """Whether an exception after a signal stands for KeyboardInterrupt, as a RuntimeError of pybind11 does."""
     return not isinstance(error, CanopenError) or isinstance(error.__cause__, RuntimeError | SystemError)
 
 
 def _report(error: Exception) -> int:
-    """Print what has ended a verb as one sentence; return the exit code."""
+    """Print the error that ended a verb as one sentence; return the exit code."""
     if isinstance(error, CanopenError):
         return _complain(error, 2 if error.of_usage else 1)
     if isinstance(error, BrokenPipeError):
@@ -95,7 +95,7 @@ def _report(error: Exception) -> int:
 
 
 def _flush() -> int:
-    """Flush the output here, so that a failure is reported without a traceback."""
+    """Flush standard output, so that a failure is reported without a traceback; return the exit code."""
     try:
         if sys.stdout is not None:  # closed before we began
             sys.stdout.flush()
@@ -107,7 +107,7 @@ def _flush() -> int:
 
 
 def _leave_output() -> None:
-    """Discard the remaining output: its reader has ended (`| head`), or the disk is full."""
+    """Discard the remaining output, because the reader has ended (`| head`) or the disk is full."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -147,7 +147,7 @@ def _no_verb(word: str) -> str:
 
 
 def _with_action(word: str) -> list[str]:
-    """Return the verbs with an action of this name, and the action."""
+    """Return the commands, as `canopen-control VERB ACTION`, whose action has this name."""
     from canopen_control.cli.support.parsers import parser_of
 
     return [
@@ -160,7 +160,7 @@ def _with_action(word: str) -> list[str]:
 
 def _complain_of_output(error: OSError) -> int:
     if error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode):
-        _leave_output()  # a terminal that has gone is a reader that has gone, and standard error went with it
+        _leave_output()  # the terminal was closed, and standard error with it
         return 0
     print(f"canopen-control: standard output cannot be written: {error.strerror}", file=sys.stderr)
     _leave_output()

@@ -5,7 +5,7 @@ buses. Space is STOP (ramp, disable, latched until released); e/d/f enable, disa
 E/D/F all of them. With --can it only receives and never sends: it builds the tables from heartbeats, TPDOs and
 emergencies, with the names of --config or --eds. STOP is not a safety function (ISO 13850).
 
-Exit codes: 0 you left it; 1 the terminal or the robot is gone; 2 wrong usage, or no robot runs.
+Exit codes: 0 you quit; 1 the terminal or the robot is gone; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control monitor
          canopen-control monitor --can can0 --config robby
          canopen-control monitor --can can0 --eds 3=TMCM-1270.eds"""
-NICENESS = 5  # the robot goes first
-DRAWN_AT_ONCE = "500"  # Hz: what has changed is drawn in 2 ms, while the robot has nothing to do, and then no more
+NICENESS = 5  # the robot has priority
+DRAWN_AT_ONCE = "500"  # Hz: changes are drawn within 2 ms, while the robot is idle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 @dataclass(frozen=True, slots=True)
 class NmtResult:
-    """Result for a node; `confirmed` is None without a heartbeat."""
+    """Result of an NMT command for one node; `confirmed` is None if no heartbeat was received."""
 
     node_id: int
     who: str
@@ -109,7 +109,7 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 def command_robot(
     target: RobotTarget, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, everybody: bool
 ) -> tuple[list[NodeSession], dict[str, NodeReading]]:
-    """Command nodes through a robot; return those not confirmed within `timeout` s, and the last readings."""
+    """Send an NMT command through a robot; return the nodes that did not confirm it, and all last readings."""
     begin = time.monotonic()
     name = next(name for name, known in COMMAND_NAMES.items() if known is command)
     target.robot.ask(NmtRequest(command=name, node=ALL if everybody else str(sessions[0].node_id)))
@@ -123,7 +123,7 @@ def command_robot(
 
 
 def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
-    """Print each node's state after the command; 1 if one shows another state, or a robot's node shows none."""
+    """Print the state of each node after the command; return 1 if a node shows another state, else 0."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
         print(json_text([{key: getattr(outcome, key) for key in keys} for outcome in outcomes]))
@@ -145,10 +145,10 @@ ROBOT_TIMEOUTS = {
 
 
 def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
-    """Whether the node has reached the expected state since the command."""
-    if command is NmtCommand.START and not node.ready:  # configured too, and its process data live
+    """Whether a node has reached the state that the command leads to, `elapsed` s after the command."""
+    if command is NmtCommand.START and not node.ready:  # the robot must also have configured the node
         return False
-    # after a reset it goes on to PRE-OPERATIONAL by itself
+    # after a reset the node goes on to PRE-OPERATIONAL by itself
     expected = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
     return node.nmt_state == expected.name and node.age is not None and node.age <= elapsed
 

@@ -1,4 +1,4 @@
-"""List the SDO writes of the boot sequence for each node, in order; against a live bus, only the differences.
+"""List the SDO writes of the boot sequence of each node; with --against, only the writes that a live bus needs.
 
 Exit codes: 0 good; 1 a node did not answer; 2 wrong usage or configuration.
 """
@@ -36,7 +36,7 @@ class WriteDocument(Document, frozen=True):
 
 
 class PlanDocument(Document, frozen=True):
-    """The writes of a node, by the EDS file `eds`."""
+    """SDO writes planned for a node, based on the EDS file `eds`."""
 
     node_id: int
     eds: str
@@ -44,7 +44,7 @@ class PlanDocument(Document, frozen=True):
 
 
 class ComparedPlan(PlanDocument, frozen=True):
-    """Writes that a node on a bus needs; `error` is the reason if it could not be read."""
+    """Writes that a node on a live bus still needs; `error` is the reason if the node could not be read."""
 
     error: str | None
 
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the plans; 0 good, 1 if a node of --against does not answer, 2 for mistakes in the files."""
+    """Print the plans; return 1 if a node does not answer with --against, else 0."""
     from canopen_control.master.config import read_bus
 
     how = {"peer_merge": args.peer_merge, "allow_unsupervised": args.allow_unsupervised}
@@ -95,7 +95,7 @@ def _files(args: argparse.Namespace) -> Mapping[str, Path]:
 
 
 def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, NodePlan]]:
-    """Return (bus, plan) of the selected nodes, or of all."""
+    """Return the bus name and the plan of each selected node, or of all nodes if `names` is empty."""
     from canopen_control.errors import ConfigError, nearest
 
     plans = [(bus, plan) for bus, config in buses.items() for plan in config.plans.values()]
@@ -107,7 +107,7 @@ def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, No
 
 
 def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], args: argparse.Namespace) -> int:
-    """Read every object of the plans; return the needed writes, and the reason for unreadable nodes."""
+    """Read the planned objects from live buses, and print the writes needed; return 1 if a node does not answer."""
     from canopen_control.cli.support.target import LABEL, robot_on
     from canopen_control.errors import ConfigError
     from canopen_control.master.direct import DirectBus
@@ -148,7 +148,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 
 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
-    """Return the writes that the node needs, and the reason if it could not be read."""
+    """Return the writes that a node needs, and None; or no writes, and the reason if it cannot be read."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort
     from canopen_control.master.boot_config import groups, needed, reads_of
 
@@ -182,13 +182,13 @@ def _lines(plan: NodePlan, writes: Iterable[PlannedWrite], none: str = "nothing 
 
 
 def _name(plan: NodePlan, write: PlannedWrite) -> str:
-    """Return the name of an entry, with that of its object if needed."""
+    """Return the name of an entry, preceded by the name of its object if the names differ."""
     parent = plan.object_names.get(write.index, "")
     return write.name if not parent or parent == write.name else f"{parent}: {write.name}"
 
 
 def _value(write: PlannedWrite) -> str:
-    """Return the value of the type and its bytes as one number."""
+    """Return the data of a write as text: decoded by the data type, and as a hexadecimal number."""
     from canopen_control.od.codec import decode
 
     raw = f"0x{write.data[::-1].hex().upper()}" if write.data else "no bytes"

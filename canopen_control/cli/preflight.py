@@ -64,7 +64,7 @@ _ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0
 
 @dataclass(frozen=True, slots=True)
 class PreflightStep:
-    """Result of a step; `passed` is None for information."""
+    """Result of a preflight step; `passed` is None if the step only informs."""
 
     name: str
     passed: bool | None
@@ -75,7 +75,7 @@ class PreflightStep:
 
 
 def link_steps(channel: str, baudrate: int) -> list[PreflightStep]:
-    """Compare state and bit rate of a channel to the bus.yml's (`baudrate`, kbit/s)."""
+    """Check that a CAN interface is up and has the bit rate of bus.yml, `baudrate` in kbit/s."""
     spec = parse_channel(channel)
     if spec.kind is not ChannelKind.SOCKETCAN:
         return [PreflightStep("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
@@ -171,9 +171,9 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
 
 # The jog of a pre-flight: each joint is turned slowly, all are stopped, and the motion is compared with the commands.
 #
-# One joint moves at a time, slowly and only after a confirmation, until all are turned for STOP. A joint with a
-# velocity interface gets a velocity; a joint with only a position interface is led in small steps, within its limits; a
-# joint with neither is not turned, and reported. Every step ends with a sentence that contains the measured values.
+# One joint moves at a time, slowly and only after a confirmation; at the end all turn, to test STOP. A joint with a
+# velocity interface gets a velocity; a joint with only a position interface is moved in small steps, within its limits;
+# a joint with neither is not turned, and reported. Every step ends with a sentence that contains the measured values.
 
 
 TOLERANCE = 0.2  # of the speed that was commanded
@@ -184,11 +184,11 @@ _LOOK_S = 0.02
 _FORWARD = "forward_command_controller/ForwardCommandController"
 _CYCLES = 25  # of a jog at speed, so that one cycle more or less does not matter
 _RUN_UP_S = 0.3
-_SPARE_S = 1.0  # of a jog, until it is at its speed and to stop again
+_SPARE_S = 1.0  # part of a jog in which the joint accelerates and stops
 
 
 def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
-    """Return the interface that jogs each joint, in the order of the description: velocity, position, or None."""
+    """Return the command interface that jogs each joint (velocity, position or None), in the order of the URDF."""
     parts = (part for tag in setup.description.hardware for part in tag.joints)
     return {
         part.name: next((interface for interface in (VELOCITY, POSITION) if interface in part.command_interfaces), None)
@@ -197,9 +197,9 @@ def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
 
 
 class Jog:
-    """Robot with a controller for each interface of its `joints`; its context boots, enables and stops it.
+    """Robot that is run to jog its joints, with one forward controller for each command interface.
 
-    `turned` are the joints that turned as they should.
+    The context boots, enables and shuts down the robot. `joints` can be jogged; `turned` have turned as commanded.
     """
 
     def __init__(self, setup: RobotSetup, speed: float) -> None:
@@ -217,8 +217,8 @@ class Jog:
         self._robot = Robot(setup.name, BackgroundRobot(self._setup, RunOptions(drives=False)))
         self._hold_s = max(1.0, _CYCLES * self._setup.cycle_ns / 1e9)
         self._look_s = max(_LOOK_S, self._setup.cycle_ns / 1e9)
-        self._targets: dict[str, float] = {}  # of the joints that are led by their position
-        self._commanded = 0.0  # when, by the monotonic clock
+        self._targets: dict[str, float] = {}  # of the joints that are commanded by position
+        self._commanded = 0.0  # monotonic time of the last command
 
     def __enter__(self) -> Jog:
         try:
@@ -235,7 +235,7 @@ class Jog:
         self._folder.cleanup()
 
     def range_refusal(self, joint: str) -> str | None:
-        """Return the reason why a joint cannot travel as far as a jog needs, None if it can."""
+        """Return why a joint has not enough travel left for a jog; None if the travel suffices."""
         if self._interfaces[joint] != POSITION:
             return None
         here, needed = self._of(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
@@ -245,7 +245,7 @@ class Jog:
         return f"it is at {here:.3f}, {room:.3f} before its limit, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
 
     def turn(self, joint: str) -> PreflightStep:
-        """Jog one joint and compare its velocity with its position."""
+        """Jog one joint, and check that this joint, and no other, moves at the commanded speed."""
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
@@ -271,7 +271,7 @@ class Jog:
     def stop(self) -> PreflightStep:
         """Jog all joints that turned, press STOP, and measure the time to standstill.
 
-        Those that are led by their position go back where they came from.
+        Joints that are commanded by position move back towards the start of their jog.
         """
         speeds = {joint: self.speed * (-1 if joint in self._targets else 1) for joint in self.turned}
         start = self._positions()
@@ -311,7 +311,7 @@ class Jog:
         return {joint: self._of(joint)["position"] for joint in self.joints}
 
     def _until(self, speeds: Mapping[str, float], condition: Callable[[], bool]) -> bool:
-        """Command these joints only, until `condition` or the timeout."""
+        """Move the joints in `speeds` and no others until `condition` is true; return False after a timeout."""
         deadline = time.monotonic() + _TIMEOUT_S + self._hold_s
         self._commanded = time.monotonic()
         while not condition():
@@ -345,7 +345,7 @@ def _controller(interface: str) -> str:
 
 
 def _controllers(groups: Mapping[str, list[str]], rate: int) -> str:
-    """Return a ros2_controllers.yaml with one forward controller for each group."""
+    """Return the text of a ros2_controllers.yaml with one forward controller for each group of joints."""
     head = (
         f"controller_manager:\n  ros__parameters:\n    update_rate: {rate}\n"
         "    joint_state_broadcaster:\n      type: joint_state_broadcaster/JointStateBroadcaster\n"
@@ -387,17 +387,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(slots=True)
 class Preflight:
-    """One preflight: results so far, output and questions."""
+    """Preflight in progress: the steps so far, and the functions that print and ask the user."""
 
     setup: RobotSetup
     say: Callable[[str], None]
     ask: Callable[[str], bool]
     speed: float
     steps: list[PreflightStep] = field(default_factory=list)
-    covered: list[str] = field(default_factory=list)  # the joints that turned as they should
+    covered: list[str] = field(default_factory=list)  # the joints that turned as commanded
 
     def note(self, steps: Iterable[PreflightStep]) -> bool:
-        """Print steps as they are completed; return whether all passed."""
+        """Print steps as they are completed; return whether none failed."""
         good = True
         for step in steps:
             self.steps.append(step)
@@ -406,7 +406,7 @@ class Preflight:
         return good
 
     def check_link(self) -> bool:
-        """Check links and nodes without writing to a drive."""
+        """Check links and nodes without writing to a drive; return whether nothing failed."""
         good = True
         for name, bus in self.setup.buses.items():
             channel = self.setup.channels[name]
@@ -415,7 +415,7 @@ class Preflight:
         return good
 
     def move(self) -> bool:
-        """Jog and stop; False after the first failed step or a refusal by the user."""
+        """Jog every joint, then test STOP; return False after a failed step, or if the user declines."""
         for joint, interface in jog_interfaces(self.setup).items():
             if interface is None:
                 self.note(
@@ -462,7 +462,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_setup(args: argparse.Namespace) -> RobotSetup:
-    """Read the files in the arguments, for real drives; ConfigError."""
+    """Read the robot's files, as for real drives; ConfigError if they are not valid."""
     from canopen_control.runtime.setup import read_robot
 
     files = find_files(args)
@@ -493,7 +493,7 @@ def _ask(question: str) -> bool:
 
 
 def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str | None) -> tuple[int, PreflightReport]:
-    """Print the verdict; return the exit code and the findings."""
+    """Print the verdict, write the report and the record of a pass; return the exit code and the findings."""
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
     serials = read_serials(setup) if passed else {}
@@ -519,7 +519,7 @@ def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str
 
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
-    """Findings of a preflight: the serial numbers by node, and the joints that turned as they should."""
+    """Result of a preflight; `serial_numbers` are by node, `joints` are those that turned as commanded."""
 
     robot: str
     time: str

@@ -1,6 +1,6 @@
 """Enable and disable quirks of a running virtual drive, such as those of a manufacturer's drives.
 
-A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; what breaks is a fault.
+A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; a malfunction is a fault.
 `quirk list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of
 the drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk NODE` lists the quirks that are on.
 NODE is a node or a joint of a running robot, by name; or a node id, with --can CHANNEL if no robot runs. A drive has
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb: 0 good, 1 the drive does not exist, 2 wrong usage."""
+    """Run the verb; ConfigError for a wrong argument, RemoteError if the drive does not run or refuses."""
     if args.what == "list":
         return _list(args)
     if args.name is not None:

@@ -1,4 +1,4 @@
-"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or for --for seconds; it only listens.
+"""Record every frame of a bus, or a robot as a ROS 2 bag, until Ctrl-C or for --for seconds; nothing is sent.
 
 The suffix of the file chooses the format: .log (candump; .log.gz compressed), .asc or .blf (Vector), .trc (PEAK).
 
@@ -39,15 +39,15 @@ if TYPE_CHECKING:
 # `record --bag`: a ROS 2 bag of a running robot, until Ctrl-C, for so many seconds, or until the robot ends.
 
 
-_LOOK_S = 0.25  # how often Ctrl-C is looked for while nothing comes
-_ENDS = (signal.SIGINT, signal.SIGTERM)  # noted, so that the bag is finished
+_LOOK_S = 0.25  # interval of the checks for Ctrl-C while no message arrives
+_ENDS = (signal.SIGINT, signal.SIGTERM)  # they set a flag, so that the bag is completed
 
 
 @dataclass(slots=True)
 class RecordedBag:
-    """Result of a bag: number of `messages`, samples and events.
+    """Result of recording a ROS 2 bag, with the numbers of messages, samples and events.
 
-    `left_out` has the controllers some of whose publications are missing, None if there are none.
+    `left_out` names the controllers that publish more often than samples are recorded, None if there are none.
     """
 
     bag: str
@@ -68,9 +68,9 @@ class RecordedBag:
 
 
 def record_bag(name: str | None, folder: str, seconds: float | None, rate: float | None = None) -> RecordedBag:
-    """Write the bag and return the result; `rate` of the samples in Hz, by default that of the controllers.
+    """Record a ROS 2 bag for `seconds`, until a signal or the end of the robot; `rate` of the samples is in Hz.
 
-    ConfigError when no robot runs, rosbags is missing, or `folder` is there already.
+    By default the rate is that of the controllers. ConfigError if no robot runs, rosbags is missing or `folder` exists.
     """
     if rate is not None and not 0 < rate <= MAX_RATE:
         raise ConfigError(f"--rate {rate:g} Hz: it must be above 0 and at most {MAX_RATE:g}")
@@ -123,12 +123,12 @@ EXAMPLE = """canopen-control record -o run.log
          canopen-control record --can can0 -o run.blf --for 60
          canopen-control record --bag run --for 60"""
 LABEL = "record"
-FLUSH_S = 0.5  # what a crash may cost of the formats that are written frame by frame
+FLUSH_S = 0.5  # a crash loses at most this much, in formats that are written frame by frame
 
 
 @dataclass(slots=True)
 class Recorded:
-    """Result of a recording of `seconds`: frames written, `lost` before, and `left_out` by the format."""
+    """Result of a recording; `lost` frames were not read in time, `left_out` frames do not fit the file format."""
 
     file: str
     channel: str
@@ -163,7 +163,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; 1 if the bus was lost, or the disk was full."""
+    """Run the verb; return 1 if the bus was lost or the disk was full, else 0."""
     _understand_old_form(args)
     if (args.output is None) is (args.bag is None):
         raise ConfigError("give a destination, as in: canopen-control record -o run.log, or record --bag run")
@@ -179,7 +179,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _understand_old_form(args: argparse.Namespace) -> None:
-    """Accept the old form `record [CHANNEL] --can FILE`, with a notice."""
+    """Convert the old form `record [CHANNEL] --can FILE` to the present options, and print a notice."""
     old_file = args.output is None and args.can is not None and Path(args.can).suffix.lower() in FORMATS
     if args.channel is None and not old_file:
         return
@@ -202,7 +202,7 @@ def _bag(args: argparse.Namespace) -> int:
 
 
 def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
-    """Return the channel to record, and the robot that runs there."""
+    """Return the channel to record, and the name of the robot that runs on this channel, or ""."""
     if args.can is not None:
         channel = str(parse_channel(args.can))
         owner = robot_on(channel) if find_robots() else None
@@ -219,9 +219,9 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
 
 
 def record_frames(port: Port, path: str, seconds: float | None) -> tuple[Recorded, str]:
-    """Write received frames until Ctrl-C, SIGTERM, the end of `seconds` or of the bus; the port is closed.
+    """Record frames until Ctrl-C, SIGTERM, the loss of the bus or for `seconds`; then close the port.
 
-    Also returns the reason of an early end, "" without one.
+    Return the result, and the reason why the recording ended early, or "".
     """
     recorded, problem, stopping = Recorded(path, port.channel), "", threading.Event()
     begin = flushed = time.monotonic()

@@ -1,4 +1,4 @@
-"""Write one HTML page of a run or a recording: the first fault, states, plots, events, boot, jitter, bus load.
+"""Write one HTML page about a run or a recording: first fault, states, plots, events, boot, jitter, bus load.
 
 FILE is a flight recording (.zip) or a recording of frames (.log, .asc, .blf, .trc; with object names from --config or
 --eds). Without FILE the newest flight recording is used, of the robot --name or of any robot. With --for the running
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
 def _recording(
     args: argparse.Namespace,
 ) -> tuple[Path | None, FlightFile, dict[str, NetworkDescription] | None]:
-    """Return the recording of the arguments, its place, and its network."""
+    """Return the path, the content and the networks of the recording that the arguments select."""
     from canopen_control.trace.flight_file import is_flight_file, read_flight
 
     if args.duration is not None:
@@ -90,7 +90,7 @@ def _recording(
 
 
 def _list(args: argparse.Namespace) -> int:
-    """Print time, robot and first problem of every flight recording; damaged files are listed."""
+    """Print time, robot and first problem of every flight recording; damaged files are reported on stderr."""
     from canopen_control.cli.support.output import json_text
     from canopen_control.trace.flight_file import read_meta
     from canopen_control.trace.report_facts import clock
@@ -114,10 +114,10 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _flights(name: str | None) -> list[Path]:
-    """Return the flight recordings of the robot `name`, or of all; ConfigError without one."""
+    """Return the flight recordings of the robot `name`, or of all robots, oldest first; ConfigError without any."""
     from canopen_control.host.files import state_dir
 
-    # the first 19 characters of a name are its time
+    # the first 19 characters of a file name are the time
     paths = sorted(
         state_dir().glob(f"{name or '*'}/flight/*.zip"), key=lambda path: (path.name[:19], path.stat().st_mtime)
     )
@@ -131,7 +131,7 @@ def _flights(name: str | None) -> list[Path]:
 
 
 def _newest(name: str | None) -> Path:
-    """Return the newest flight recording, of the robot `name` or of any."""
+    """Return the path of the newest flight recording of the robot `name`, or of any robot."""
     paths = _flights(name)
     if sys.stderr.isatty():
         print(f"canopen-control: the newest flight recording: {paths[-1]}", file=sys.stderr)
@@ -148,14 +148,14 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
 
 def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict[str, NetworkDescription]]:
-    """Read a recording of frames; its only bus is called "can"."""
+    """Read a recording of frames as a flight recording whose only bus is called "can"."""
     from canopen_control.bus.recordings import Recording
     from canopen_control.cli.support.bus_description import described
     from canopen_control.trace.flight_file import NO_FAULT, FlightFile, FlightMeta
 
     recording = Recording(path)
     frames = [(time_ns, "can", frame) for time_ns, frame in recording]
-    if not frames:  # a page that nothing went wrong would be no truth
+    if not frames:  # a page that says nothing went wrong would be untrue
         raise CanopenError(recording.problem or f"{path}: no frame is in it")
     notes = (recording.problem,) if recording.problem else ()
     meta = FlightMeta(robot="", reason=NO_FAULT, buses={"can": path.name})

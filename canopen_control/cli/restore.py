@@ -10,7 +10,7 @@ The following are refused: another product, an axis with torque, a node that a r
 node id and serial number both differ from the file (--any-node). Node id and bit rate are never written, and the
 calibration of another drive only with --include-protected.
 
-Exit codes: 0 the node holds all of it; 1 it refused a value, or did not answer; 2 wrong usage or wrong file.
+Exit codes: 0 the node has all values; 1 it refused a value, or did not answer; 2 wrong usage or wrong file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Use topics, services and parameters of ROS 2 without ros2cli; also starts the bridge of a running robot.
 
-It sees what a ROS program on this host sees: the same domain, and this host only unless
+The verb sees what a ROS program on this host sees: the same domain, and this host only unless
 ROS_AUTOMATIC_DISCOVERY_RANGE is set otherwise. Data is YAML, as for ros2. `bridge` passes --ros-args on to rclpy.
 
 Exit codes: 0 good; 1 no publisher, subscriber or answer; 2 wrong usage, or no ROS 2 in this Python.
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 
 def list_parameters(graph: Graph, args: argparse.Namespace) -> int:
-    """Print the names of a node's parameters, a line for each."""
+    """Print the names of a node's parameters, one per line or as a JSON list."""
     names = list(_call_service(graph, args, "list_parameters", "ListParameters", {}).result.names)
     print(json_text(names) if args.json else "\n".join(names))
     return 0
 
 
 def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
-    """Print the value of a parameter; CanopenError if the node lacks it."""
+    """Print the value of a parameter; CanopenError if the node does not have this parameter."""
     from canopen_control.ros.controller_nodes import wanted_by
 
     values = _call_service(graph, args, "get_parameters", "GetParameters", {"names": [args.name]}).values
@@ -57,7 +57,7 @@ def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
-    """Set a parameter to a value; CanopenError with the node's reason if it refuses."""
+    """Set a parameter to a YAML value; CanopenError with the node's reason if the node refuses."""
     from canopen_control.ros.controller_nodes import TYPES
 
     node = read(args.value, "<value>", error=ConfigError)
@@ -77,9 +77,9 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
 
 
 def typed(value: object, declared: str) -> tuple[str, Any]:
-    """Return ROS type and value of a text; `declared` is the type of the parameter.
+    """Return the ROS type and the value for a YAML value; `declared` is the type of the parameter.
 
-    ConfigError for what is not a value of a parameter.
+    ConfigError if no type of a parameter fits the value.
     """
     if isinstance(value, list):
         element = declared.removesuffix("_array")
@@ -174,7 +174,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         if name != "set":
             action.add_argument("--json", action="store_true", help="print JSON")
         _add_timeout(action)
-    # with another prefix every option is left alone: they are the bridge's own
+    # with another prefix argparse leaves all options to the bridge
     bridge = groups.add_parser(
         "bridge", help="show a running robot to ROS; --help lists the options", add_help=False, prefix_chars="+"
     )
@@ -226,13 +226,13 @@ def _bridge(arguments: list[str]) -> int:
 
 
 def begin_ros() -> None:
-    """Raise ConfigError without ROS; restart this process if its environment hides the libraries of the wheels."""
+    """Raise ConfigError if ROS 2 is not installed; restart the process if libraries of the wheels are hidden."""
     from canopen_control.ros.installation import require_ros
 
     require_ros()
     if os.environ.get(_GUARD) and not os.environ.get("LD_LIBRARY_PATH") and not os.environ.get(_BEGUN):
         environment = {**clean_environment(ros=True), _BEGUN: "1"}
-        block_for_exec()  # a Python that starts answers them with a traceback
+        block_for_exec()  # a starting Python would answer these signals with a traceback
         # -P: a file of the user's folder must not be taken for a module of Python
         os.execve(sys.executable, [*MODULE, "canopen_control", *sys.argv[1:]], environment)
 
@@ -310,7 +310,7 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
         publication.publish()
         count += 1
         if args.once:
-            graph.spin(0.2)  # what is sent is on its way until the other side has confirmed it
+            graph.spin(0.2)  # the message is in transit until the subscriber has confirmed it
             break
         graph.spin(max(begin + count / args.rate - time.monotonic(), 0.0))
     print_result(args, {"topic": args.topic, "published": count})

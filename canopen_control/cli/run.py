@@ -43,7 +43,7 @@ _OF_THE_FILE: Final = ("name", "can", "controller", "namespace", "real", "mock",
 
 
 def run_shared(args: argparse.Namespace) -> int:
-    """Run the robots of a world until they end; ConfigError for options that do not apply."""
+    """Run all robots that a world file names until they end; ConfigError for options of a single robot."""
     for name in _OF_THE_FILE:
         if getattr(args, name):
             option = name.replace("_", "-")
@@ -74,7 +74,7 @@ def _require_shared_parts(args: argparse.Namespace) -> None:
 
 
 def _options(args: argparse.Namespace) -> list[str]:
-    """Return the options that apply to each robot."""
+    """Return the command line options that are passed on to the run of each robot."""
     options = [f"--{name.replace('_', '-')}" for name in _FLAGS if getattr(args, name)]
     if not args.flight_recorder:
         options.append("--no-flight-recorder")
@@ -207,7 +207,7 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def find_files(args: argparse.Namespace) -> RobotFiles:
-    """Return the files in the arguments; ConfigError."""
+    """Return the robot files that the arguments select; ConfigError if they cannot be found."""
     from canopen_control.runtime.robot_files import find_robot
 
     return find_robot(
@@ -249,7 +249,7 @@ def names_robot(args: argparse.Namespace) -> bool:
 
 @contextlib.contextmanager
 def _shared_by_forks() -> Iterator[None]:
-    """Take back at the end of a run what its forks share: that they are allowed, and the parsed EDS files."""
+    """Context of a run: on exit, forks are forbidden again, and the shared parsed EDS files are discarded."""
     try:
         yield
     finally:
@@ -262,7 +262,7 @@ def _shared_by_forks() -> Iterator[None]:
 
 @_shared_by_forks()
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
-    """Run a robot until it ends; 0 good, 1 failed."""
+    """Run a robot until it ends, and return 0; ConfigError or CanopenError if the boot or the run fails."""
     if motion and args.real:
         raise ConfigError(f"--real: {_NO_DEMO}")
     with contextlib.ExitStack() as stack:
@@ -275,7 +275,7 @@ def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = F
 
 
 def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.AbstractContextManager[Child]:
-    """Start the ROS bridge, which is ready when the robot is; ConfigError if it cannot run."""
+    """Start the process of the ROS bridge before the robot is prepared; ConfigError if the bridge cannot run."""
     from canopen_control.host.fork import allow_forks
     from canopen_control.host.sockets import check_name
     from canopen_control.ros.installation import require_ros
@@ -289,7 +289,7 @@ def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.Abstra
 
 
 def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> int:
-    """Run a robot whose files were read until it ends; 0 good; CanopenError."""
+    """Run the robot of `setup` until it ends, and return 0; CanopenError with the reason of a failure."""
     from canopen_control.cli.support.announcer import Announcer
     from canopen_control.runtime.run_session import RunSession
 
@@ -319,7 +319,7 @@ def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> in
 def _prepare(
     args: argparse.Namespace, files: RobotFiles, bridge: Child | None, *, motion: bool, table: bool
 ) -> tuple[RobotSetup, RunOptions]:
-    """Read the files, and import the modules of the run and its child processes; ConfigError."""
+    """Read the files, check the options, and import the modules that child processes share."""
     setup = read_setup(args, files, keep=not args.spawn)
     if motion and setup.reaches_real_drives:
         channels = setup.files.hardware.real_word or ", ".join(setup.channels.values())
@@ -352,7 +352,7 @@ def _prepare(
 
 
 def _share_imports(options: RunOptions) -> None:
-    """Import the modules of drives, hub and recorder once, before they are forked."""
+    """Import the modules of drives, hub and recorder once, before the processes are forked."""
     from canopen_control.bus import hub  # noqa: F401 - for the forks
     from canopen_control.host.fork import allow_forks
 
@@ -363,7 +363,7 @@ def _share_imports(options: RunOptions) -> None:
 
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError for an option without its required option or extra."""
+    """Raise ConfigError if an option lacks another option, or an extra of the package, that it needs."""
     from canopen_control.hardware.plugins import PluginKind
 
     if args.view:
@@ -425,7 +425,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
 
 
 def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the arguments of the ROS bridge; ConfigError if it cannot run."""
+    """Return the arguments of the ROS bridge; ConfigError if there are some without --ros."""
     namespace = () if args.namespace is None else ("--namespace", args.namespace)
     ros = () if args.ros_args is None else ("--ros-args", *args.ros_args)
     if (namespace or ros) and not args.ros:
@@ -434,14 +434,14 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _unclear(setup: RobotSetup) -> SlowReason | None:
-    """Return the reason why a robot on real drives is slow; None after a valid preflight."""
+    """Return why the speed of a robot on real drives is limited; None after a valid preflight."""
     from canopen_control.check.preflight_record import slow_reason
 
     return slow_reason(setup)
 
 
 def _warn(session: RunSession) -> None:
-    """Print the warnings of `check`."""
+    """Report the warnings of `check` as events."""
     from canopen_control.check.checker import start_warnings
     from canopen_control.master.event_log import Event, Level
 
@@ -463,7 +463,7 @@ def _slow_down(session: RunSession, unclear: SlowReason) -> None:
 
 
 def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, keep: bool = False) -> RobotSetup:
-    """Read the files in the arguments, those of `find_files`, `keep` the parsed EDS files for forks; ConfigError."""
+    """Read the robot's files, and check the options; `keep` the parsed EDS files for forks."""
     from canopen_control.host.sockets import check_name
     from canopen_control.urdf.description import DescriptionReader
 
@@ -509,7 +509,7 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
 
 
 def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
-    """Return the world file of --world or of an argument; ConfigError if the two differ."""
+    """Return the world file of --world or of the robot's files, or None; ConfigError if the two differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
         raise ConfigError(f"{files.hardware.world_word} contradicts --world {args.world}; omit one of them")
@@ -517,7 +517,7 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
 
 
 class _EventPrinter(RobotObserver):
-    """Prints events as lines; with many nodes it counts those that have booted.
+    """Observer that prints events as lines, and counts the booted nodes of a robot with four or more.
 
     On a terminal the process of a live table prints the events above the table once it has subscribed to them, until
     the robot stops: two processes would overwrite each other's lines.
@@ -533,7 +533,7 @@ class _EventPrinter(RobotObserver):
         self._booted: set[str] = set()
 
     def event(self, event: Event) -> None:
-        """Print an event."""
+        """Print an event, unless a live table prints it or its level is too low."""
         from canopen_control.cli.support.output import ENDS, is_printed
 
         session = self._session
@@ -554,5 +554,5 @@ _NO_DEMO = (
     "or: canopen-control run ROBOT --real --can CHANNEL"
 )
 _VIEW = "view"
-_BOOTED, _MANY = "ready", 4  # nodes whose boot is worth counting
+_BOOTED, _MANY = "ready", 4  # from this number of nodes on, the booted nodes are counted
 TABLE: Final = "table"

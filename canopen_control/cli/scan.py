@@ -56,7 +56,7 @@ _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "
 
 @dataclass(slots=True)
 class FoundNode:
-    """Node in the result; `identity` is None without an SDO answer."""
+    """Node that was found, or that bus.yml expects; `identity` is None if the node answers no SDO request."""
 
     node_id: int
     identity: DeviceIdentity | None = None
@@ -79,7 +79,7 @@ class ScanResult:
 
 
 class NodeDocument(Document, frozen=True, kw_only=True):
-    """Node as in `scan --json`; `name` and `expected` are those of bus.yml, null if it lacks the node."""
+    """Node in `scan --json`; `name` and `expected` are null if bus.yml does not contain the node."""
 
     node_id: int
     answers: bool
@@ -98,7 +98,7 @@ class NodeDocument(Document, frozen=True, kw_only=True):
 
 
 class ScanDocument(Document, frozen=True):
-    """Document of `scan --json`."""
+    """Document that `scan --json` prints."""
 
     channel: str
     nodes: list[NodeDocument]
@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if not nodes or any(node.problems for node in nodes) else 0
 
 
-# --- what should be there ---
+# --- expected nodes ---
 
 
 def _folder(text: str) -> Path:
@@ -166,11 +166,11 @@ def _expected_of(config: str) -> dict[int, NodePlace]:
     }
 
 
-# --- what is there ---
+# --- found nodes ---
 
 
 def survey_channel(channel: str | None, timeout: float, *, name: str | None = None) -> ScanResult:
-    """Scan a channel, through the robot (`name`) if one runs on it."""
+    """Scan a channel directly, or through the robot that runs on the channel or is called `name`."""
     owner = robot_on(channel) if channel is not None else None
     if channel is not None and owner is None:
         return _survey_bus(channel, timeout)
@@ -184,7 +184,7 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 
 def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
-    """Read 0x1000 of all node ids, then the other objects of the nodes that answered."""
+    """Read 0x1000 of all node ids, then further objects of the nodes that answer; return the nodes found."""
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     there: dict[tuple[int, int, int], bytes | CanopenError] = {}
     with Progress(f"asking on {bus.port.channel}", "node ids") as progress:
@@ -232,7 +232,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
 
 
 def _through_robot(node: NodeSession) -> DeviceIdentity | None:
-    """Read a node through the robot; None if it does not answer."""
+    """Read the identity of a node through the robot; None if the node does not answer."""
     data = dict[tuple[int, int], object]()
     for address in _OBJECTS:
         try:
@@ -243,11 +243,11 @@ def _through_robot(node: NodeSession) -> DeviceIdentity | None:
     return identity_of(data)
 
 
-# --- the two against each other ---
+# --- comparison and output ---
 
 
 def match_files(survey: ScanResult, files: Iterable[Path]) -> None:
-    """Find the EDS of each node among `files` and compare it with bus.yml; unreadable files are noted."""
+    """Assign the matching EDS of `files` to each node, and compare the nodes with bus.yml."""
     candidates, refused = read_known(files)
     survey.notes += refused
     for node in survey.found.values():
@@ -286,7 +286,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
 
 
 def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
-    """Yield the personality of a manufacturer's drives, and their keys in bus.yml."""
+    """Yield lines that name known manufacturers' drives, and the keys that these drives need in bus.yml."""
     by_name: dict[str, tuple[Personality, list[int]]] = {}
     for node in nodes:
         identity = node.identity or DeviceIdentity()

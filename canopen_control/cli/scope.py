@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.scope_signals import Signal
 
 
-# What becomes of a scope's shots: measures and a curve of characters for people, and files (CSV, PNG, MCAP).
+# Output of captures: measurements and curves of block characters as text, and files (CSV, PNG, MCAP).
 
 
 CSV, BAG, PICTURE = ".csv", ".mcap", ".png"
@@ -58,7 +58,7 @@ _WIDTH: Final = 60
 
 
 def check_output(text: str) -> Path:
-    """Return the file, or the folder of a bag; ConfigError for another suffix or a missing folder."""
+    """Return the path of --output; ConfigError for an unknown suffix or a missing folder."""
     path = Path(text).expanduser()
     if path.suffix not in (CSV, BAG, PICTURE):
         raise ConfigError(
@@ -72,7 +72,7 @@ def check_output(text: str) -> Path:
 
 
 def read_overlay(text: str) -> NamedShot:
-    """Read a capture from CSV; ConfigError if it is invalid."""
+    """Read an earlier capture from a CSV file; ConfigError if the file is invalid."""
     path = Path(text).expanduser()
     try:
         content = path.read_text(encoding="utf-8")
@@ -82,7 +82,7 @@ def read_overlay(text: str) -> NamedShot:
 
 
 def numbered(path: Path, number: int, *, several: bool) -> Path:
-    """Return the path of a capture by its `number` (from 1): scope.csv, or scope_1.csv of several."""
+    """Return the path for a capture: `path`, or if there are several, `path` with `number` (from 1) in its name."""
     return path.with_name(f"{path.stem}_{number}{path.suffix}") if several else path
 
 
@@ -93,7 +93,7 @@ def write_shot(
     overlay: NamedShot | None = None,
     cursors: tuple[float, float] | None = None,
 ) -> Path:
-    """Write a capture; return its file, or the folder of the bag; ConfigError and DiskFull."""
+    """Write a capture as CSV, PNG or bag; return the file, or the folder of the bag."""
     if path.suffix == CSV:
         write_whole(path, csv_of(named_shot(shot, signals)).encode())
         return path
@@ -106,7 +106,7 @@ def write_shot(
 
 
 def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None = None) -> Iterator[str]:
-    """Yield measurements and a curve for each signal, and those of the overlay."""
+    """Yield a table of all signals with measurements and curves, also for the signals of an overlay."""
     begin, end = shot.time_range
     yield f"{len(shot.rows)} samples from {begin:.3f} s to {end:.3f} s" + (
         "" if shot.triggered is None else " of the trigger"
@@ -122,7 +122,7 @@ def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None 
 
 @dataclass(frozen=True, slots=True)
 class SignalReport:
-    """Signal of a capture for --json."""
+    """Signal of a capture, as --json prints it."""
 
     name: str
     label: str
@@ -133,7 +133,7 @@ class SignalReport:
 
 @dataclass(frozen=True, slots=True)
 class ShotReport:
-    """Capture for --json: each of `samples` is a time from the trigger, and the values of the signals."""
+    """Capture, as --json prints it; each sample is a time in s, relative to the trigger, and the signal values."""
 
     triggered: float | None
     signals: list[SignalReport]
@@ -166,7 +166,7 @@ def _measured(shot: Shot, place: int) -> list[str]:
 
 
 def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float]) -> Iterator[str]:
-    """Yield the signals at two times, their differences, and the RMS between them."""
+    """Yield a table of the signals at two times in s, the differences, and the RMS between the two times."""
     first, second = cursors
     apart = second - first
     often = f" ({1 / abs(apart):.4g} Hz)" if apart else ""
@@ -180,7 +180,7 @@ def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, fl
 
 
 def curve(shot: Shot, place: int, width: int = _WIDTH) -> str:
-    """Return a signal as a line of block characters, scaled to its maximum, each the mean of an equal time span."""
+    """Return a signal as `width` block characters, scaled from the minimum to the maximum of the signal."""
     measured = shot.measure(place)
     if measured is None:
         return " " * width
@@ -192,7 +192,7 @@ def curve(shot: Shot, place: int, width: int = _WIDTH) -> str:
             sums[at], counts[at] = sums[at] + value, counts[at] + 1
     height, shown, text = (measured.most - measured.least) or 1.0, _BLOCKS[0], ""
     for total, count in zip(sums, counts, strict=True):
-        if count:  # else the last value holds
+        if count:  # otherwise the last level is repeated
             level = (total / count - measured.least) / height
             shown = _BLOCKS[1 + min(int(level * 7.999), 7)]
         text += shown
@@ -250,7 +250,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _cursors(text: str) -> tuple[float, float]:
-    """Read `0.1,0.25`; ConfigError."""
+    """Return the two times in s of a text such as `0.1,0.25`; ConfigError for another form."""
     try:
         first, second = map(float, text.split(","))
     except ValueError:
@@ -262,7 +262,7 @@ def _cursors(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Output:
-    """Output of captures: files, overlay and cursors."""
+    """Output options of captures: the file to write, or None, an overlay, and two cursor times in s."""
 
     path: Path | None
     overlay: NamedShot | None = None
@@ -270,7 +270,7 @@ class _Output:
 
 
 class _ScopeLoop:
-    """Main loop of a scope: outputs captures until it is complete or stopped."""
+    """Main loop of a scope, which outputs captures until all are complete or the user ends it."""
 
     def __init__(self, scope: Scope, output: _Output, args: argparse.Namespace, *, several: bool) -> None:
         self._scope, self._signals, self._output = scope, scope.signals, output
@@ -280,7 +280,7 @@ class _ScopeLoop:
         self._shown = 0.0
 
     def run(self) -> int:
-        """Capture until complete; 1 without a capture."""
+        """Run the loop to its end; return 0, or 1 if there was no capture."""
         begin, capture = time.monotonic(), self._scope.capture
         with on_signals(_ENDS, self._end):
             for shots in self._scope.looks(lambda: self._ended):

@@ -48,7 +48,7 @@ STREAM = "-"  # instead of FILE: standard input or output
 
 
 class ObjectDocument(Document, frozen=True, kw_only=True):
-    """Object as in `sdo read --json`; `data` and a `value` of bytes are in hexadecimal, null is unknown."""
+    """Object in `sdo read --json`; `data` is hexadecimal, and so is a `value` of bytes; null is unknown."""
 
     node_id: int
     node: str | None
@@ -103,7 +103,7 @@ def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | Non
 
 
 def _read(args: argparse.Namespace, node: NodeSession, parts: list[ObjectAddress]) -> int:
-    """Read an object or all its subindices; refused ones are listed."""
+    """Read and print an object or all its subindices; return 1 if the node refused all subindices, else 0."""
     words = NodeWords(NodeDescription(node.name, node.node_id, node.od))
     documents = []
     for address in parts:
@@ -124,7 +124,7 @@ def _read(args: argparse.Namespace, node: NodeSession, parts: list[ObjectAddress
 
 
 def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, words: NodeWords) -> str:
-    """Return value and meaning: `592 (0x0250): SWITCH ON DISABLED`."""
+    """Return a value with its meaning, such as `592 (0x0250): SWITCH ON DISABLED`."""
     shown, value = show(data, data_type), decoded(data, data_type)
     if not isinstance(value, int):
         return shown
@@ -136,7 +136,7 @@ def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, w
 
 
 def _fitting(data: bytes, data_type: DataType | None, node: NodeSession, address: ObjectAddress) -> DataType | None:
-    """Return the type; None with a note if the data have another length."""
+    """Return the data type; None, with a printed note, if the data does not fit this type."""
     if data_type is None:
         return None
     try:
@@ -209,7 +209,7 @@ def _print_transfer(
 
 
 def _transfer_progress(title: str, node: NodeSession) -> AbstractContextManager[None]:
-    """Print the progress of a long transfer."""
+    """Context that prints the progress of a transfer."""
     return watched(Progress(title, "bytes"), node.transfers.progress)
 
 

@@ -1,8 +1,8 @@
 """Run a whole robot in virtual time, in one process: hours in minutes, with the same result for the same seed.
 
 Runtime, master, buses and virtual drives are the classes of `run` and `drive`. Each has a clock of its own that is a
-few ppm off and wakes late, as a process does. The bus arbitrates frames and takes its time for each. The seed chooses
-commands, switches and faults (--faults). With --scenario FILE you choose them:
+few ppm off and wakes late, as a process does. The bus arbitrates frames, which take their transmission time. The seed
+chooses commands, switches and faults (--faults). With --scenario FILE you choose them:
 
     for: 20s
     seed: 7
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
 
 
-# `simulate --world FILE` without a robot: those that the file names, in one virtual time, and what came of each.
+# `simulate --world FILE` without a robot simulates all robots that the file names, in one virtual time.
 
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
@@ -182,7 +182,7 @@ def _add_served(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate; 0 good, 1 with a breach, or if the robot never runs."""
+    """Simulate; return 1 if an invariant was violated or the robot never ran, else 0."""
     try:
         if args.world is not None and not names_robot(args):
             return _run_world(args)
@@ -233,7 +233,7 @@ def _run_one(args: argparse.Namespace) -> int:
 
 
 def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
-    """Apply a personality and quirks to the drives."""
+    """Apply the personality of --like and the quirks of --quirk to all drives."""
     from canopen_control.personality import read_personality
 
     like = None if args.like is None else read_personality(args.like)
@@ -249,7 +249,7 @@ def _at_most(speed: float | None) -> float | None:
 
 
 def _bridge(args: argparse.Namespace) -> tuple[str, ...] | None:
-    """Return the arguments of the ROS bridge if programs may connect, else None."""
+    """Return the arguments of the ROS bridge if --ros or --serve is given, else None."""
     arguments = bridge_arguments(args)
     if args.ros:
         from canopen_control.ros.installation import require_ros
@@ -268,7 +268,7 @@ def _serve(simulation: SimulationRun, bridge: tuple[str, ...] | None) -> None:
 
 
 def _run_world(args: argparse.Namespace) -> int:
-    """Run the robots of a world."""
+    """Simulate the robots that a world file names, in one world."""
     from canopen_control.simulation.random_schedule import known_faults
 
     for option, value in (("--serve", args.serve), ("--ros", args.ros)):
@@ -305,12 +305,12 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
         require_physics()
         check_physics(setup)
     gc.collect()
-    gc.freeze()  # what was read stays: the collector is not to look through it for each seed
+    gc.freeze()  # exempt the files read from the garbage collection of each seed
     return setup
 
 
 def _run_campaign(args: argparse.Namespace) -> int:
-    """Run many seeds; 0 good, 1 with a breach."""
+    """Simulate many seeds; return 1 if an invariant was violated, else 0."""
     with quick_start():
         from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
         from canopen_control.simulation.random_schedule import known_faults
@@ -353,7 +353,7 @@ def _processors() -> int:
 
 
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:
-    """Return schedule, seed and duration, of the scenario file or random."""
+    """Return the events, the seed and the duration in ns: of a scenario or recording, or drawn by the seed."""
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.random_schedule import draw_schedule, known_faults
     from canopen_control.simulation.scenario_steps import read_scenario_steps
@@ -377,7 +377,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
 
 
 def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a recording, and save it if requested."""
+    """Return the scenario of a recording, and write this scenario to the file --out if given."""
     from canopen_control.cli.support.simulation_recording import recorded_scenario
     from canopen_control.simulation.campaign_files import write_text
     from canopen_control.simulation.scenario_steps import scenario_text
@@ -405,7 +405,7 @@ def _faults(text: str, known: list[str]) -> list[str]:
 
 
 def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, quiet: bool) -> None:
-    """Run the simulation with its events, progress and recording; Ctrl-C ends it."""
+    """Run the simulation, print events and progress, and write the recording; Ctrl-C ends the run."""
     from canopen_control.cli.support.simulation_world import EventPrinter
     from canopen_control.runtime.core import RobotState
 
@@ -421,7 +421,7 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
         simulation.run(
             duration_ns,
             lambda robot_s, _real: progress.at(int(robot_s), int(duration_ns / 1e9) or None),
-            lambda: simulation.robot.up and simulation.robot.core.state is RobotState.STOPPED,  # killed, it comes back
+            lambda: simulation.robot.up and simulation.robot.core.state is RobotState.STOPPED,  # killed robots restart
         )
 
     if recorder is not None and record is not None:

@@ -51,7 +51,7 @@ _PLACE = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTA
 
 
 class _Cause:
-    """Cause at one place and time; `clauses` by key."""
+    """Cause of warnings or errors at one node or bus; `clauses` are the parts of its sentence by key."""
 
     def __init__(self, who: str, event: RobotEvent, clauses: dict[str, str], stopping: str) -> None:
         self.who, self.level, self.kinds = who, event.level, {event.kind}
@@ -60,14 +60,14 @@ class _Cause:
         self.count = 1
 
     def line(self) -> str:
-        """Return the sentence, with level, count and time span."""
+        """Return the cause as a sentence, with its level, count and time span."""
         text = "; ".join([*self.clauses.values(), *filter(None, [self.stopping])])
         span = f" ({self.count} times, {_clock(self.since)} to {_clock(self.until)})" if self.count > 1 else ""
         return f"{self.level}: {self.who}{': ' if self.who else ''}{text}{span}"
 
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
-    """Return a line for each cause in `events`, without those in `current` (errors by node shown above)."""
+    """Return one line per cause in `events`, without the errors that are already shown as `current`, by node."""
     folded: list[_Cause] = []
     for cause in _gather(events):
         same = next((previous for previous in folded if _same_cause(previous, cause)), None)
@@ -82,7 +82,7 @@ def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 
 
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
-    """Group simultaneous events of one place that share a clause."""
+    """Return the causes of events; events at one place within a second that share a clause have one cause."""
     causes: list[_Cause] = []
     reported: set[tuple[float, str]] = set()  # each axis of a node reports its loss, in one cycle
     for event in events:
@@ -113,7 +113,7 @@ def _cause_of(event: RobotEvent) -> _Cause:
 
 
 def _clauses(text: str) -> dict[str, str]:
-    """Return the clauses of a sentence; an emergency message is represented by its code, without its data."""
+    """Return the clauses of a sentence by key; the key of an emergency message is its code, without the data."""
     clauses = text.removeprefix("lost: ").split("; ")
     return {clause.partition(", register 0x")[0]: clause for clause in clauses}
 
@@ -129,7 +129,7 @@ def _same_cause(first: _Cause, second: _Cause) -> bool:
 
 
 def _leave_out(cause: _Cause, current: Mapping[str, str]) -> None:
-    """Remove the clauses that are already shown as the node's error."""
+    """Remove the clauses of a cause that are already shown as the present error of the node."""
     for error in current.values():
         place = _PLACE.fullmatch(error)
         if place is not None and place[1] == cause.who:
@@ -143,13 +143,13 @@ def _clock(seconds: float) -> str:
 
 EXAMPLE = "canopen-control status --watch"
 RATE = 5.0  # Hz of the live table
-PLAIN_RATE = 1.0  # Hz where it is printed line by line
+PLAIN_RATE = 1.0  # Hz of samples that are printed line by line
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
 
 _EXPENDABLE = ("age ms", "NMT")  # columns that a narrow terminal hides first
 _TRACKING = ("tracking error", "max", "RMS", "max since enable", "RMS since enable", "repeated", "skipped")
 
-#: of a target, by the mode of operation that takes it: those of `cia402.modes.INTERFACE_MODES`
+#: unit of a target by mode of operation, for the modes of `cia402.modes.INTERFACE_MODES`
 _UNITS = {"PP": "rad", "CSP": "rad", "PV": "rad/s", "CSV": "rad/s", "TQ": "Nm", "CST": "Nm"}
 
 
@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_plain(arguments: Sequence[str]) -> bool:
-    """Run the verb without the modules of options and messages, which take most of its time.
+    """Run the verb without importing the modules for options and messages, which take most of the time.
 
     Return False, with nothing done, where they are needed: other arguments, a robot of another version, one with a
     true pose, or one that does not answer as it should.
@@ -197,7 +197,7 @@ def run_plain(arguments: Sequence[str]) -> bool:
 
 
 def _completed(status: Any) -> Any:  # noqa: ANN401 - a Status but for its class
-    """Return the plain status of a robot of this version with objects in place of the dicts of its parts."""
+    """Convert a plain status of this version: replace the dicts in it by objects with attributes."""
     status.active = [name for name, state in status.controllers.items() if state == "active"]
     status.cycle = SimpleNamespace(**status.cycle)
     status.nodes = {name: _node_of(node) for name, node in status.nodes.items()}
@@ -222,7 +222,7 @@ def _joint_of(document: dict[str, Any]) -> SimpleNamespace:
 
 
 def _print_table(status: Status) -> None:
-    """Print everything about a robot for people."""
+    """Print the full status of a robot as text: table, errors, buses, boot, causes of warnings, version."""
     current = {name: line.strip() for name, line in _errors(status).items()}
     sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
     missing = [f"program {name}: {missing_program}" for name, missing_program in status.missing_programs.items()]
@@ -231,7 +231,7 @@ def _print_table(status: Status) -> None:
 
 
 def render(state: Snapshot, width: int | None = None) -> list[str]:
-    """Return the table of one sample, at most `width` columns wide: one line for the robot and each axis."""
+    """Return a robot's state as lines of at most `width` columns: a summary, a row for each axis, and errors."""
     cycle = state.cycle
     head = f"{state.state}, cycle {cycle.count} of {1e3 * cycle.period_s:g} ms, {cycle.missed} missed"
     table = Table(_COLUMNS)
@@ -251,7 +251,7 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
 
 
 def _wrapped(lines: list[str], width: int | None) -> list[str]:
-    """Return lines of at most `width` columns; continuation lines are indented."""
+    """Return lines of at most `width` columns, with indented continuation lines; None is no limit."""
     if width is None:
         return lines
     import textwrap
@@ -260,7 +260,7 @@ def _wrapped(lines: list[str], width: int | None) -> list[str]:
 
 
 def _tracking(state: Snapshot, width: int | None) -> list[str]:
-    """Return the tracking errors of the joints, once one has moved under command."""
+    """Return a table of the joints' tracking errors; empty before a joint has moved under command."""
     table = Table(_TRACKING)
     tracked = [(name, joint.tracking) for name, joint in state.joints.items() if joint.tracking is not None]
     for name, tracking in tracked:
@@ -277,7 +277,7 @@ def _tracking(state: Snapshot, width: int | None) -> list[str]:
 
 
 def _errors(state: Snapshot) -> dict[str, str]:
-    """Return the present error of each node by name."""
+    """Return a line with the present error of each node that has an error, by node name."""
     return {
         name: f"  {node.error}" if name in node.error else f"  node {node.node_id} ({name}): {node.error}"
         for name, node in state.nodes.items()
@@ -286,7 +286,7 @@ def _errors(state: Snapshot) -> dict[str, str]:
 
 
 def _unsupervised(state: Snapshot) -> list[str]:
-    """Return the drives that do not stop if the robot's program ends."""
+    """Return lines about the drives that do not stop when the robot's program ends."""
     return [
         f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program ends (allow_unsupervised): "
         f"{node.unsupervised}"
@@ -296,12 +296,12 @@ def _unsupervised(state: Snapshot) -> list[str]:
 
 
 def _marked(name: str, node: NodeReading) -> str:
-    """Return the name of a node in the table; an unsupervised drive is marked."""
+    """Return the name and node id of a node for the table, with "!" if the drive is unsupervised."""
     return f"{name} ({node.node_id})" + (" !" if node.unsupervised else "")
 
 
 def _void_outputs(state: Snapshot) -> list[str]:
-    """Return the outputs that differ from their last command, as they are in the devices."""
+    """Return lines about the outputs whose command became void when their node was lost."""
     return [
         f"  node {node.node_id} ({name}): void since it was lost, and not restored: {', '.join(node.void_outputs)}; "
         "command them again"
@@ -333,7 +333,7 @@ def _number(value: float | None) -> str:
 
 
 def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
-    """Return the duration of each node's boot steps, its SDO traffic, and its error unless shown above."""
+    """Return a line for each node: durations of the boot steps, SDO requests, and an error not shown in `current`."""
     steps: dict[str, list[str]] = {}
     for step in status.boot:
         why = "" if str(step.error) in current.get(step.node, "") else f": {step.error}"
@@ -343,13 +343,13 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
 
 
 def _program(status: Status) -> list[str]:
-    """Return version and build of the robot's program."""
+    """Return a line with the version and the build of the robot's program, or nothing if unknown."""
     how = f" ({TO_COMPILE})" if status.build == PURE else ""
     return [f"canopen_control {status.version}, {status.build}{how}"] if status.version else []
 
 
 def _traffic(status: Status, node: str) -> str:
-    """Return the number of SDO requests to the node since the start."""
+    """Return the numbers of SDO requests to a node since the start of the robot, as text."""
     if node not in status.nodes:
         return ""
     sdo = status.nodes[node].sdo
@@ -357,7 +357,7 @@ def _traffic(status: Status, node: str) -> str:
 
 
 def _watch(robot: RobotClient, *, as_json: bool) -> int:
-    """Print samples continuously: over each other on a terminal, line by line elsewhere."""
+    """Print samples until the robot ends: as a live table on a terminal, line by line elsewhere."""
     from canopen_control.rpc.messages.robot import Subscribe
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
@@ -384,14 +384,14 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
 
 
 class _LiveTable:
-    """Table that is redrawn in place; events are printed above it and remain."""
+    """Table that is redrawn in place on a terminal; events are printed above the table and remain."""
 
     def __init__(self) -> None:
         self._height = 0  # rows from the first row of the table to the cursor
         self._size: os.terminal_size | None = None
 
     def draw(self, sample: StateSample) -> None:
-        """Draw the table of a sample."""
+        """Redraw the table with a new sample."""
         former, self._size = self._size, _terminal_size()
         lines = _within(render(sample, self._size.columns), self._size.lines - 1)
         up = f"\x1b[{self._height}A" if self._height else ""

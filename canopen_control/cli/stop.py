@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _done(latch: bool, release: bool, has_drives: bool) -> str:
-    """Return the result and the next step; simulated and mocked joints have no drive to disable."""
+    """Return a sentence about the result and the next step."""
     if release:
         return f"released, the drives are disabled; {NEXT}" if has_drives else f"released; {WITHOUT_DRIVES}"
     disabled = " and disabled" if has_drives else ""

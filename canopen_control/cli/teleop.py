@@ -6,7 +6,7 @@ The base stops when no key arrives: --release seconds after a held key was relea
 only tapped (a terminal cannot report it earlier), and at once with space, k or any other key, when the terminal loses
 the focus, and at the end of the program. This is not an emergency stop (ISO 13850).
 
-Exit codes: 0 you left it; 1 the robot or the terminal is gone; 2 wrong usage, or no robot or controller for it.
+Exit codes: 0 you quit; 1 the robot or the terminal is gone; 2 wrong usage, or no robot or controller for it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
 
 
 class TeleopTarget(Protocol):
-    """Receiver of velocities, also `sideways` if it can; `title` is its name, `units` those of linear and angular."""
+    """Receiver of velocities; `units` and `speeds` (the defaults) are for linear and angular velocity."""
 
     title: str
     sideways: bool
@@ -53,10 +53,10 @@ class TeleopTarget(Protocol):
     speeds: tuple[float, float]
 
     def send(self, velocities: Velocities) -> None:
-        """Command velocities; RemoteError when they are refused."""
+        """Command velocities; RemoteError if the target refuses them."""
 
     def news(self) -> list[str]:
-        """Return new sentences for the user."""
+        """Return sentences about events since the last call, for the user."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -133,14 +133,14 @@ def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Scr
 
 
 def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
-    """Return the time until the next action in s."""
+    """Return the time in s until the next timeout of a key, at most the period in which velocities are sent."""
     now = time.monotonic_ns()
     deadlines = [deadline for deadline in (decoder.next_deadline(), teleop.next_deadline()) if deadline is not None]
     return min(PERIOD_S, max((min(deadlines, default=now + 10**9) - now) / 1e9, 0.0))
 
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
-    """Send zeros, also if the terminal has ended."""
+    """Command zero velocity several times, and finish the status line, even if the robot or the terminal is gone."""
     with contextlib.suppress(RemoteError):  # after a refusal or a lost robot no command is in force
         for _ in range(ZEROS):
             target.send(ZERO)
@@ -149,9 +149,9 @@ def _leave(target: TeleopTarget, screen: Screen) -> None:
 
 
 class Sender:
-    """Sends velocities when they change, every 0.1 s while something moves, and zeros a few times at its end.
+    """Sender of velocities: when they change, every 0.1 s during a motion, and zeros a few times afterwards.
 
-    `refusal` is why the robot did not take the last ones, "" if it did.
+    `refusal` is the reason why the robot refused the last velocities, "" if it accepted them.
     """
 
     def __init__(self, target: TeleopTarget) -> None:
@@ -160,7 +160,7 @@ class Sender:
         self._last, self._sent_ns, self._zeros = ZERO, 0, 0
 
     def send(self, velocities: Velocities, now: int) -> bool:
-        """Send if it is due; return whether the robot accepted it. RemoteError when the robot is gone."""
+        """Send velocities if they are due; return False if the robot refused them, RemoteError if it is gone."""
         changed = velocities != self._last
         if changed:
             self._zeros = 0 if velocities.moving else ZEROS
@@ -180,7 +180,7 @@ class Sender:
 
 
 class Screen:
-    """Status line, rewritten on a terminal, otherwise a line per change; events are printed above it."""
+    """Status line of teleop: rewritten in place on a terminal, otherwise printed at each change."""
 
     def __init__(self, target: TeleopTarget) -> None:
         self._before, self._after = ("\r", "\x1b[K") if sys.stdout.isatty() else ("", "\n")
@@ -190,7 +190,7 @@ class Screen:
         print(f"teleop of {target.title}\n{keys}", flush=True)
 
     def show(self, teleop: Teleop, refusal: str) -> None:
-        """Show the present command."""
+        """Show the commanded velocities, with a refusal or note."""
         velocities = teleop.velocities
         linear, angular = self._units
         values = [("linear", velocities.linear, linear), ("angular", velocities.angular, angular)]
@@ -210,12 +210,12 @@ class Screen:
             self._shown = ""
 
     def end(self) -> None:
-        """Print the last line."""
+        """Finish the status line with "stopped"."""
         print(f"{self._before}stopped{self._after.rstrip(chr(10))}", flush=True)
 
 
 class TeleopRobot:
-    """Controller of a running robot; its warnings are news."""
+    """Teleop target that commands a controller of a running robot."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         self._robot = RobotClient.connect(args.name)
@@ -236,7 +236,7 @@ class TeleopRobot:
         self.speeds = _BASE_SPEEDS if self._is_base else _WHEEL_SPEEDS
 
     def send(self, velocities: Velocities) -> None:
-        """Command the controller."""
+        """Send a twist to a base controller, or wheel velocities to a controller of two wheels."""
         linear, angular = velocities.linear, velocities.angular
         request: Request[Done]
         # dead_man: if this process is killed, the robot stops as soon as the connection is gone
@@ -255,7 +255,7 @@ class TeleopRobot:
         self._robot.ask(request, TIMEOUT_S)
 
     def news(self) -> list[str]:
-        """Return the warnings of the robot."""
+        """Return the warnings and errors of the robot since the last call."""
         events = [message for message in self._robot.messages(0) if isinstance(message, RobotEvent)]
         lines, self._news = [*self._news, *(event.text for event in events if event.level != "info")], []
         return lines
@@ -266,7 +266,7 @@ class TeleopRobot:
 
 
 def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
-    """Return the requested controller, else the active base controller, else a pair of wheels; ConfigError."""
+    """Return the controller `name`, or else the only active one that can drive; ConfigError if there is none."""
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
         if not matching:
@@ -307,7 +307,7 @@ _LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the le
 
 
 def sides(joints: Sequence[str]) -> tuple[int, int]:
-    """Return the signs of the angular speed for two wheels by their names; without a hint the first is the left one."""
+    """Return the signs of the angular speed for two wheels; unless the names tell otherwise, the first is left."""
     swapped = "right" in joints[0].lower() or "left" in joints[1].lower()
     return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
 
@@ -317,11 +317,11 @@ def _names(controllers: Sequence[ControllerReading]) -> str:
 
 
 class RosTarget:
-    """ROS topic as a target, with a node of its own that publishes every message."""
+    """Teleop target that publishes to a ROS topic, with a ROS node of its own."""
 
     units = ("m/s", "rad/s")
     speeds = _BASE_SPEEDS
-    sideways = True  # whether its subscriber can is not known; teleop_twist_keyboard sends it too
+    sideways = True  # whether the subscriber can is not known; teleop_twist_keyboard sends it too
 
     def __init__(self, args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
         from canopen_control.ros.graph import open_graph
@@ -335,7 +335,7 @@ class RosTarget:
         self._topic = args.topic
 
     def send(self, velocities: Velocities) -> None:
-        """Publish the velocities."""
+        """Publish the velocities as Twist or TwistStamped."""
         linear = {"x": velocities.linear, "y": velocities.lateral}
         twist: dict[str, object] = {"linear": linear, "angular": {"z": velocities.angular}}
         self._publication.fill(self._stamp(twist) if self._stamped else twist)

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the shown frames and their form."""
+    """Declare the options that select frames, and the format in which frames are shown."""
     parser.add_argument(
         "--node", action="append", default=[], metavar="N", help="only this node: id or name (repeatable)"
     )
@@ -94,7 +94,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
-    """Return `parse` with its error sentence in argparse's form."""
+    """Return a parser like `parse` that raises ArgumentTypeError instead of ValueError."""
 
     def parsed(text: str) -> object:
         try:
@@ -106,7 +106,7 @@ def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb; Ctrl-C is its normal end."""
+    """Run the verb until Ctrl-C, --for, --count or the end of the file."""
     if args.file is not None:
         return show_file(args, args.file)
     from canopen_control.trace.listen import batches, open_listener
@@ -129,12 +129,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(event: BusEvent, *, as_json: bool) -> None:
-    """Print an event of the channel between its frames; with JSON on standard error."""
+    """Print a bus event between the frames; if frames are printed as JSON, print it to standard error."""
     print(f"{event.kind.value.upper()}: {event.text}", file=sys.stderr if as_json else sys.stdout, flush=True)
 
 
 def show_file(args: argparse.Namespace, path: str) -> int:
-    """Print a recording; 1 if it could not be read to its end."""
+    """Print a recording; return 1 if it could not be read to its end, else 0."""
     recording = open_frames(path, args.bus)
     show(args, network_for(args, recording), _chunks(recording))
     report_gaps(recording)
@@ -148,7 +148,7 @@ def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]
 
 
 def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
-    """Print the selected frames of `source` by batches; return the number of lines."""
+    """Decode the frames of `source`, and print those that the arguments select; return the number of lines."""
     decoder, selects = Decoder(network), _filter(args, network)
     line = _line_of(args, network)
     shown = 0

@@ -42,21 +42,21 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading
 
 
-# The trajectory that joints have gone, from samples of their positions: what `trajectory play` takes.
+# Recording of a trajectory from samples of joint positions, in the form that `trajectory play` reads.
 #
-# It begins when a joint begins to move and ends when the last one has come to rest. Velocities are
-# those between neighbours, at rest at both ends, so that what is played is a smooth curve through what was seen.
+# The trajectory begins when a joint begins to move, and ends when the last joint has come to rest. Velocities are
+# differences of samples, and 0 at both ends, so that a smooth curve through the samples is played.
 
 
 STILL: Final = 0.002
-"""A joint that has gone less than this from where it was is at rest, in rad or m."""
+"""A joint that has moved less than this, in rad or m, counts as at rest."""
 
 _APART_S: Final = 0.045
-"""So far apart the jitter of two samples counts little in the velocity between them; less than the default period."""
+"""Minimum time between samples for a velocity, so that jitter has little effect; shorter than the default period."""
 
 
 class TrajectoryRecording:
-    """Positions of `joints` at times in s; `most` is the maximum number of points of a trajectory."""
+    """Recorded positions of `joints` in rad or m at times in s, with at most `most` points."""
 
     def __init__(self, joints: Sequence[str], most: int) -> None:
         self.joints, self._most = tuple(joints), most
@@ -68,15 +68,15 @@ class TrajectoryRecording:
 
     @property
     def is_full(self) -> bool:
-        """Whether another point would exceed the maximum of a trajectory."""
+        """Whether the recording has the maximum number of points of a trajectory."""
         return len(self) >= self._most
 
     def add(self, time: float, positions: Sequence[float]) -> None:
-        """Add the joint positions at a time in s; times not later than the previous one are skipped."""
+        """Add the joint positions at a time in s; a time not later than the previous time is ignored."""
         if self._times and time <= self._times[-1]:
             return
         if len(self) == 1 and _near(positions, self._positions[0]):
-            self._times[0], self._positions[0] = time, list(positions)  # it has not begun
+            self._times[0], self._positions[0] = time, list(positions)  # no joint has moved yet
             return
         self._times.append(time)
         self._positions.append(list(positions))
@@ -104,7 +104,7 @@ def _near(first: Sequence[float], second: Sequence[float]) -> bool:
 
 
 def _velocities(times: Sequence[float], positions: Sequence[Sequence[float]], index: int) -> list[float]:
-    """Return the velocities at a point from a point well before to one well after it; zero at both ends."""
+    """Return the joint velocities at a point, from points well before and after; zero at both ends."""
     last = len(times) - 1
     if index in (0, last):
         return [0.0] * len(positions[index])
@@ -122,8 +122,8 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
          canopen-control trajectory record -o wave.yaml --for 10
          canopen-control trajectory cancel --controller arm_controller"""
 
-_PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
-_LOOK_S: Final = 0.2  # how often a recording looks whether it is to end
+_PATIENCE_S: Final = 3600.0  # added to the duration: time may be scaled, and a goal may be waited for without limit
+_LOOK_S: Final = 0.2  # interval at which a recording checks whether to end
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM)
 
 _rate = number("rate in Hz above 0 and up to 200", lambda value: 0.0 < value <= 200.0)
@@ -201,7 +201,7 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def sample_or_file(name: str) -> str:
-    """Return the path of a file, or of a bundled sample next to its robot."""
+    """Return `name` if there is such a file, else the path of a bundled sample with this name."""
     if Path(name).name == name and not Path(name).exists():
         for robot in data_names("config"):
             if (bundled := data_path("config", robot) / name).is_file():
@@ -210,7 +210,7 @@ def sample_or_file(name: str) -> str:
 
 
 def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
-    """Return the points delayed by `by` s."""
+    """Return the points, shifted in time so that the first point is at `by` s."""
     shift = by - points[0].time_from_start if points else 0.0
     return [
         TrajectoryPoint(
@@ -225,9 +225,9 @@ def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
 
 
 def _record(args: argparse.Namespace) -> int:
-    """Record the joints until a signal, the end of the time, or the maximum number of points."""
+    """Record the joints until a signal, the end of --for or the maximum number of points, and write the file."""
     folder = Path(args.output).absolute().parent
-    if not os.access(folder, os.W_OK):  # rather than when the joints have been led
+    if not os.access(folder, os.W_OK):  # report this before the joints are moved, not afterwards
         raise ConfigError(f"{args.output}: nothing can be written in {folder}; give another name")
     stopping = threading.Event()
     with RobotClient.connect(args.name) as robot:
@@ -259,7 +259,7 @@ def _record(args: argparse.Namespace) -> int:
 
 
 def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
-    """Add a sample if every joint position is known."""
+    """Add a sample to the recording if the positions of all recorded joints are known."""
     positions_seen = [sample.joints[joint].position for joint in recording.joints if joint in sample.joints]
     positions = [position for position in positions_seen if position is not None]
     if len(positions) == len(recording.joints):
@@ -267,7 +267,7 @@ def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
 
 
 def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
-    """Return the joints to record: the named ones, else those of the only trajectory controller, else all."""
+    """Return the joints to record: those of --joints, else of the only trajectory controller, else all joints."""
     joints = robot.ask(GetStatus()).joints
     if args.joints is not None:
         names = [field.strip() for field in args.joints.split(",") if field.strip()]

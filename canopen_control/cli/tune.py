@@ -100,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_what(parser: argparse.ArgumentParser) -> None:
-    """Declare the tests, which are mutually exclusive."""
+    """Declare the tests and --revert, which are mutually exclusive."""
     group = parser.add_mutually_exclusive_group(required=True)
     group.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
     group.add_argument(
@@ -159,7 +159,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_gains(args: argparse.Namespace) -> None:
-    """Refuse options that do not belong together; ConfigError."""
+    """Raise ConfigError for options that do not belong together, or for an invalid --gain."""
     if args.apply and args.identify is None:
         raise ConfigError("--apply sets the gains that --identify proposes; the other tests propose none")
     if args.store and not (args.apply or args.revert):
@@ -177,14 +177,14 @@ def _place(args: argparse.Namespace) -> GainPlace:
 
 
 def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
-    """Yield lines; the last one names the option that stores."""
+    """Yield lines; without --store, the last line ends with a hint at this option."""
     *first, last = lines
     yield from first
     yield last if args.store else f"{last} (--store)"
 
 
 def _find_gains(args: argparse.Namespace) -> None:
-    """Find the gain objects of the drive before it moves; ConfigError if they are unknown."""
+    """Check, before the drive moves, that the gain objects of the drive are known; ConfigError otherwise."""
     with open_session(args) as session:
         if session.robot and args.counts is None:
             raise ConfigError(
@@ -195,7 +195,7 @@ def _find_gains(args: argparse.Namespace) -> None:
 
 
 def _request(args: argparse.Namespace, options: TuneOptions) -> TuneRequest:
-    """Parse the request; ConfigError."""
+    """Return the test that the arguments request; ConfigError for an invalid value."""
     speed = parse_quantity(args.step, "velocity") if args.step is not None else None
     test = TuneTest.STEP if speed is not None else TuneTest.BODE if args.bode else TuneTest.IDENTIFY
     torque, signal = args.identify or 0.0, args.bode or "prbs"
@@ -216,7 +216,7 @@ def _output(name: str) -> Path:
 def _own(
     args: argparse.Namespace, request: TuneRequest, options: TuneOptions, say: Callable[[str], None]
 ) -> Iterator[tuple[JogDrive, JogScale, TunePlan]]:
-    """Identify the drive on its bare bus, confirm the limits, then run a robot with this drive alone."""
+    """Context that identifies a drive on a bare bus, asks to confirm limits, and runs a robot of this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)
@@ -235,7 +235,7 @@ def _own(
 
 
 def _confirm(lines: list[str], args: argparse.Namespace, say: Callable[[str], None]) -> None:
-    """Print the planned motion and its limits, and ask for confirmation; ConfigError without it."""
+    """Print the planned motion and its limits, and ask the user; ConfigError unless the user agrees."""
     say("\n".join(lines))
     if args.yes:
         return

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    dead_man = not args.once  # it ends as soon as the connection is gone
+    dead_man = not args.once  # the command ends when the connection is lost
     moving, zeros = (
         TwistController(
             controller=args.controller,

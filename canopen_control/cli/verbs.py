@@ -1,6 +1,6 @@
-"""The verbs of the command line in groups, and the overview of them.
+"""Verbs of the command line, in groups, and the overview of all verbs.
 
-It imports nothing, not even `typing`: `--help` shows this text, and nothing else.
+This module imports nothing, not even `typing`, because `--help` needs nothing else.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control view
          canopen-control view --teleop --port 9000
          canopen-control view --address"""
-NICENESS = 5  # the robot goes first
+NICENESS = 5  # the robot has priority
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

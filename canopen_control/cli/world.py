@@ -1,6 +1,6 @@
 """Show the true pose in a physics simulation, and inject payloads, pushes, blocked joints and friction.
 
-Without an action it prints the true pose of the robot. `payload` puts kg on a link (negative: takes them off), `push`
+Without an action it prints the true pose of the robot. `payload` adds kg to a link (negative: removes them), `push`
 applies a force in N along the axes of the world, `block` blocks a joint that a drive moves, `friction` changes the
 friction of the floor.
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 # The verb `world` for a robot that a simulation plugin moves: pause, play, step, reset, disturbances.
 #
-# Such a robot has no drives and no bus; its own process holds the world, so that its own socket gets the requests.
+# Such a robot has no drives and no bus; its own process simulates the world, so its own socket gets the requests.
 
 
 _TIMEOUT_S = 600.0  # of the largest request
@@ -79,7 +79,7 @@ def _reset(value: str | None) -> Request[Simulation]:
 
 
 SIMULATION_ACTS: Acts = {"pause": _pause, "play": _play, "step": _step, "reset": _reset}
-"""What may be done, with what the robot is asked for it."""
+"""Actions on a simulation by name, with the functions that make the requests."""
 
 
 def act_on_simulation(args: argparse.Namespace) -> int:
@@ -90,7 +90,7 @@ def act_on_simulation(args: argparse.Namespace) -> int:
 
 
 def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
-    """Apply a disturbance to the world of the running robot; False without a simulation plugin."""
+    """Disturb the simulated world of the running robot; return False if it has no simulation plugin."""
     with contextlib.ExitStack() as opened:
         try:
             robot = opened.enter_context(RobotClient.connect(args.name))
@@ -103,7 +103,7 @@ def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
 
 
 def print_simulation(args: argparse.Namespace) -> bool:
-    """Print the state of the running robot's simulation; False without one."""
+    """Print the state of the running robot's simulation; return False if it has no simulation plugin."""
     try:
         with RobotClient.connect(args.name) as robot:
             _report(robot.ask(GetSimulation()), args)
@@ -224,7 +224,7 @@ def _numbers(text: str, count: int, names: str) -> list[float]:
 
 
 def _drive(can: str | None) -> tuple[str, int]:
-    """Return the channel and the id of one virtual drive; every drive of a world can answer for the world."""
+    """Return the channel and node id of one virtual drive in the world; any such drive can answer for the world."""
     nodes = known_nodes(can)
     sockets = list_sockets("drive")
     for node in nodes:
@@ -240,7 +240,7 @@ def _drive(can: str | None) -> tuple[str, int]:
 
 
 def _world_text(world: WorldState) -> str:
-    """Return the pose of the robot and its sensor values as text."""
+    """Return the true pose of the robot and the values of its sensors as text."""
     sensors = [f"{name}: {' '.join(f'{value:.4g}' for value in values)}" for name, values in world.sensors.items()]
     return "\n".join([_pose(world.base), *sensors])
 

@@ -1,1 +1,1 @@
-"""Common parts of verbs: targets, arguments, tables, progress, files, completion."""
+"""Common parts of the verbs: targets, arguments, tables, progress, files and shell completion."""

@@ -1,4 +1,4 @@
-"""Lines of a running robot for the terminal, which never block the robot."""
+"""Output of a running robot to the terminal, on a separate thread so that it never blocks the robot."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
 class Announcer:
     """Printer of lines on a separate thread, so that a stopped terminal cannot stop the robot.
 
-    It begins with `start`, or at the latest with `close`; lines wait until then. What a stalled reader cannot take is
-    dropped and counted in `dropped`.
+    Lines are printed from `start` on, or at the latest at `close`. `dropped` counts the lines that were dropped because
+    the queue was full or the output could not be written.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -26,18 +26,18 @@ class Announcer:
         self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread that prints."""
         self._thread.start()
 
     def say(self, line: str, *, token: bool = False) -> None:
-        """Queue a line, printed `with_token` if it contains a page's address; never waits."""
+        """Queue a line, without waiting; `token` adds the page's token when the line is printed (`with_token`)."""
         try:
             self._lines.put_nowait((line, token))
         except queue.Full:
             self.dropped += 1
 
     def close(self) -> None:
-        """Print the waiting lines, for a second at most."""
+        """Print the queued lines and end the thread; wait two seconds at most."""
         if self._thread.ident is None:
             self.start()
         try:

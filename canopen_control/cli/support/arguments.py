@@ -1,4 +1,4 @@
-"""Types of command-line arguments: numbers within bounds, with an error sentence; and options of many verbs."""
+"""Argument types for argparse, such as numbers within bounds, and options that several verbs share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def argument(read: Callable[[str], T]) -> Callable[[str], T]:
-    """Return a reader of texts as the type of an argument; a ConfigError is one of usage."""
+    """Return an argparse type that calls `read`, and turns a ConfigError into a usage error."""
 
     def as_argument(text: str) -> T:
         try:
@@ -30,12 +30,12 @@ def argument(read: Callable[[str], T]) -> Callable[[str], T]:
 
 
 def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float]:
-    """Return a parser of a number; other text is refused as "is not WHAT"."""
+    """Return an argparse type for numbers that `accept` accepts; other text is refused as "is not `title`"."""
     return argument(number_that(accept, title))
 
 
 def whole_number(title: str, numbers: range) -> Callable[[str], int]:
-    """Return a parser of an integer, decimal or 0x; those not in `numbers` are refused as "is not WHAT"."""
+    """Return an argparse type for integers in `numbers`, decimal or 0x; others are refused as "is not `title`"."""
     return argument(whole_between(numbers.start, numbers.stop - 1, title))
 
 
@@ -61,18 +61,18 @@ def add_duration(
 def add_former(
     parser: argparse.ArgumentParser, former: str, new: str, dest: str, read: Callable[[str], Any] = str
 ) -> None:
-    """Declare the former name of an option: accepted but hidden, with a notice."""
+    """Declare the former name of an option, which is hidden, but still accepted with a notice."""
     parser.add_argument(former, action=_Renamed, new=new, dest=dest, type=read)
 
 
 def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Declare --as NAME, the name for a new robot; --name is still accepted."""
+    """Declare --as NAME, the name for a new robot; the former option --name is still accepted."""
     parser.add_argument("--as", dest="name", metavar="NAME", help=meaning)
     add_former(parser, "--name", "--as", "name")
 
 
 class _Renamed(argparse.Action):
-    """Former name of an option: accepted but hidden; standard error names the new one."""
+    """Argparse action for the former name of an option, which is hidden; a notice names the new option."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, new: str, **options: Any) -> None:  # noqa: ANN401 - argparse.Action takes them
         super().__init__(option_strings, dest, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **options)
@@ -81,13 +81,13 @@ class _Renamed(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
     ) -> None:
-        """Store the value, and name the new option."""
+        """Store the value, and print a notice that names the new option."""
         print(f"{parser.prog}: {option} is now called {self.new}; the former name is still understood", file=sys.stderr)
         setattr(namespace, self.dest, values)
 
 
 def whole(text: str) -> int:
-    """Read a whole number, decimal or 0x."""
+    """Parse a whole number, decimal or 0x."""
     try:
         return int(text, 0)
     except ValueError:

@@ -1,7 +1,7 @@
-"""Description of a bus for verbs that listen: of a running robot, a robot's files, or EDS files.
+"""Description of a bus for verbs that only listen, from a running robot, a robot's files, or EDS files.
 
-A robot's files win over what runs, what runs wins over nothing; and a user without a description
-still sees every frame, by the predefined connection set.
+The files of a robot take precedence over the running robot. Without any description, every frame is still shown, by
+the predefined connection set.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _NO_NAMES = "canopen-control: object names are unknown: give ROBOT, --name or --
 
 @dataclass(frozen=True, slots=True)
 class WatchedBus:
-    """A bus to receive from; `owner` is the robot that runs on it, or empty.
+    """Bus from which frames are received; `owner` is the robot that runs on the bus, or "".
 
-    `report_notes` prints notes on its names to standard error; call it once the bus is open.
+    `report_notes` prints notes about object names to standard error; call it once the bus is open.
     """
 
     channel: str
@@ -47,7 +47,7 @@ class WatchedBus:
     nameless: bool = False
 
     def report_notes(self) -> None:
-        """Print missing names and the notes of the description."""
+        """Print a note if object names are unknown, and the notes of the description."""
         if self.nameless:
             print(_NO_NAMES, file=sys.stderr)
         _report(self.network)
@@ -70,7 +70,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
-    """Return the bus to receive from: `channel`, else that of the running robot; ConfigError without one."""
+    """Return the bus to listen to: `channel`, or if None, a bus of the running robot; ConfigError if not found."""
     layout: BusLayout | None
     if channel is None:
         _refuse_channel(args.config)
@@ -89,7 +89,7 @@ def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
 
 
 def _refuse_channel(config: str | None) -> None:
-    """Raise ConfigError for a channel in place of ROBOT: verbs that take a bare channel are named."""
+    """Raise ConfigError with advice if a channel was given in place of ROBOT."""
     if config is None or Path(config).is_dir():
         return
     try:
@@ -100,7 +100,7 @@ def _refuse_channel(config: str | None) -> None:
 
 
 def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
-    """Return the description for a file: of ROBOT, --eds or --name, else the predefined connection set.
+    """Return the network description of ROBOT, --eds or --name; without these options an empty description.
 
     With `units` it includes the units of values, which requires reading the robot's description.
     """
@@ -116,7 +116,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
 
 
 def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -> NetworkDescription | None:
-    """Return the network of the arguments, None without any; --eds adds to a robot's nodes."""
+    """Return the network of ROBOT, with nodes added by --eds; None without both options."""
     by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
     if args.config is None:
         return by_eds
@@ -125,7 +125,7 @@ def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -
 
 
 def config_layout(config: str, bus: str | None = None, *, units: bool = False) -> BusLayout:
-    """Return the layout of one bus of a robot's files, with `units` by its description; ConfigError, BusConfigError."""
+    """Return the layout of one bus of a robot's files; `units` adds the units of values."""
     from canopen_control.master.config import read_bus
     from canopen_control.master.pdo_layout import layout_of
     from canopen_control.runtime.robot_files import find_buses
@@ -135,7 +135,7 @@ def config_layout(config: str, bus: str | None = None, *, units: bool = False) -
 
 
 def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
-    """Return the prismatic joints of a robot's files; none without a readable description."""
+    """Return the axes of prismatic joints; if the URDF cannot be read, print a note and return none."""
     from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.sync_choice import linear_axes
     from canopen_control.urdf.description import DescriptionReader
@@ -152,7 +152,7 @@ def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
 
 
 def _chosen(buses: Mapping[str, T], name: str | None, owner: str) -> T:
-    """Return the selected one of several buses."""
+    """Return the bus `name`, or the only bus if None; ConfigError if there is no such bus."""
     if not buses:
         raise ConfigError(f"{owner} has no bus: it runs on mock hardware, or simulated")
     if name is None and len(buses) == 1:
@@ -164,7 +164,7 @@ def _chosen(buses: Mapping[str, T], name: str | None, owner: str) -> T:
 
 
 def _robot_on(channel: str) -> tuple[str, BusLayout | None]:
-    """Return name and layout of the robot on `channel`; empty name and None without a robot."""
+    """Return the name of the robot on `channel`, and the layout of that bus; "" and None without a robot."""
     if not find_robots() or (running := robot_on(channel)) is None:
         return "", None
     with RobotClient.connect(running[0]) as robot:
@@ -177,9 +177,9 @@ def _report(network: NetworkDescription) -> None:
         print(f"canopen-control: {note}", file=sys.stderr)
 
 
-# Which frames a FILE holds and how they are named: a recording of frames, or a flight recording, which names its own.
+# Frames of FILE and their names: FILE is a recording of frames, or a flight recording, which contains the names.
 #
-# Of a flight recording with several buses one is read, chosen by --bus. The description in the arguments (ROBOT, --eds)
+# One bus of a flight recording is read, chosen by --bus if there are several. A description by arguments (ROBOT, --eds)
 # takes precedence over that in the recording.
 
 
@@ -206,12 +206,12 @@ Source: TypeAlias = Recording | FlightSource
 
 
 def open_frames(path: str, bus: str | None = None) -> Source:
-    """Open FILE; `bus` selects one of several buses; ConfigError if it cannot be read."""
+    """Open a recording of frames or a flight recording; `bus` selects one of several buses."""
     return FlightSource(path, bus) if is_flight_file(Path(path)) else Recording(path)
 
 
 def report_gaps(source: Source) -> None:
-    """Print the gaps of a source on standard error after reading, and the reason of an early end."""
+    """Print to standard error, after reading, how many lines were skipped, and why reading ended early."""
     if source.skipped:
         lines = "1 line is not a frame" if source.skipped == 1 else f"{source.skipped} lines are not frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
@@ -220,14 +220,14 @@ def report_gaps(source: Source) -> None:
 
 
 def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
-    """Return the network of a source: of the arguments, else of the source, else empty."""
+    """Return the network description for a recording: from the arguments, else from the recording, else empty."""
     own = source.network if isinstance(source, FlightSource) else None
     by_arguments = args.config is not None or args.name is not None or bool(args.eds)
     return described(args) if by_arguments or own is None else own
 
 
 def _chosen_channel(path: str, file: FlightFile, name: str | None) -> str:
-    """Return the selected bus."""
+    """Return the bus `name`, or the only bus if None; ConfigError if the recording has no such bus."""
     buses = list(file.meta.buses)
     if name is None and len(buses) == 1:
         return buses[0]

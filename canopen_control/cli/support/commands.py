@@ -1,8 +1,9 @@
-"""Commands from a shell, repeated until Ctrl-C or for a time, followed by zeros.
+"""Commands to a controller that are repeated until Ctrl-C or for a time, and then set to zero.
 
 Repeated commands end with this process; a command with `--once` ends after its timeout. Drives that are being enabled
 are awaited; if nothing can move, the command ends with the robot's sentence and exit code 1. The end of a command
-causes no new motion: a velocity or effort becomes zero. Zero would be a target for a position, so a
+causes no new motion: a velocity or an effort becomes zero. A position or
+a target keeps the commanded value, since zero would be a new target.
 """
 
 from __future__ import annotations
@@ -47,9 +48,9 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> int:
-    """Send `moving` once or at 10 Hz, and `zeros` at the end; RemoteError if the robot refuses it.
+    """Send `moving` once or at 10 Hz, and `zeros` at the end; RemoteError if the robot refuses a command.
 
-    Without `zeros` it ends with the connection alone.
+    Without `zeros` the command ends when the connection is closed.
     """
     stopped = threading.Event()
     with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
@@ -80,7 +81,7 @@ def _where_nothing_moves() -> Iterator[None]:
 
 
 def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> None:
-    """Send the first command, again while drives are being enabled."""
+    """Send the first command, repeatedly while drives are being enabled, for at most `ENABLING_S`."""
     end = time.monotonic() + ENABLING_S
     while True:
         try:
@@ -93,7 +94,7 @@ def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> Non
 
 
 def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: threading.Event) -> Iterator[int]:
-    """Send repeatedly; yield the number of commands sent so far."""
+    """Send the command every `PERIOD_S`; yield the number of commands sent so far."""
     sent = 1
     while not stopped.is_set():
         delay = PERIOD_S if end is None else min(PERIOD_S, end - time.monotonic())
@@ -109,16 +110,15 @@ def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: thr
 
 
 def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:
-    """Return the controllers of a robot."""
+    """Return the loaded controllers of a robot."""
     with RobotClient.connect(robot) as client:
         return client.ask(ListControllers())
 
 
 def values_at_the_end(controllers: Sequence[ControllerReading], name: str, values: list[float]) -> list[float] | None:
-    """Return the final values of a command: zeros, and present positions.
+    """Return the values that end a command: the commanded value for a position or target, otherwise 0.
 
-    Where nothing is known of the controller, or it takes another number of values, these are zeros; None for outputs,
-    which have safe values of their own.
+    All are 0 if the controller is unknown or takes another number of values. None for outputs, which have safe values.
     """
     if any(controller.name == name and controller.takes_outputs for controller in controllers):
         return None
@@ -129,7 +129,7 @@ def values_at_the_end(controllers: Sequence[ControllerReading], name: str, value
 
 
 def target_interface(controllers: Iterable[ControllerReading], name: str) -> str | None:
-    """Return the interface of a target in the drive's present mode; None without one."""
+    """Return the interface that a controller of `target` commands in the drive's present mode, or None."""
     interfaces = [
         controller.interface for controller in controllers if controller.name == name and controller.topic == TARGET
     ]
@@ -137,9 +137,9 @@ def target_interface(controllers: Iterable[ControllerReading], name: str) -> str
 
 
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
-    """Return for each value of a controller's command whether it may be a position; empty for an unknown controller.
+    """Return for each command value of a controller whether it may be a position; [] if the name is unknown.
 
-    What a target is depends on the mode that the drive is in then.
+    The meaning of a target depends on the mode of operation of the drive.
     """
     interfaces = [
         interface
@@ -151,9 +151,9 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
 
 
 def the_controller(robot: RobotClient, name: str | None, tells: str, title: str) -> ControllerReading:
-    """Return the controller called `name`, or the only active one with such samples; ConfigError.
+    """Return the controller `name`, or the only active one whose samples are `tells`; ConfigError otherwise.
 
-    `what` are its kind in words.
+    `title` is the kind of controller in the error text.
     """
     controllers = robot.ask(ListControllers())
     if name is not None:

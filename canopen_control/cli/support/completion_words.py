@@ -1,7 +1,7 @@
 """Shell completion of verbs, options and names of running robots, by argcomplete.
 
-Nothing here raises and nothing waits: what cannot be known at once is not offered. Only the module
-of the verb that stands on the line is imported.
+Completion raises no error and does not wait: what is not known at once is not offered. Only the module of the verb on
+the line is imported.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     Candidates = Iterable[tuple[str, str]]
 
 
-# The nodes of running robots by the words of their users: node name, joint name or node id.
+# The nodes of running robots by the names that users type: node name, joint name or node id.
 #
-# For the verbs that reach past the robot, to its wires and its virtual drives. A robot that does not answer has no
-# names here: what these verbs do must work while it hangs.
+# For verbs that access the buses and virtual drives of a robot directly. A robot that does not answer is skipped,
+# because these verbs must work while a robot hangs.
 
 
 _NODE_TIMEOUT_S = 2.0
@@ -42,7 +42,7 @@ _NODE_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class KnownNode:
-    """Node of a running robot: its place and all its names."""
+    """Node of a running robot, with its channel, node id, name and joints."""
 
     robot: str
     channel: str
@@ -55,17 +55,17 @@ class KnownNode:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """Words that select the node."""
+        """Names that select the node: node name, node id and joint names."""
         return (self.name, str(self.node_id), *self.joints)
 
 
 def known_nodes(channel: str | None = None) -> list[KnownNode]:
-    """Return the nodes of running robots; with `channel` only those on it."""
+    """Return the nodes of all running robots, or only the nodes on `channel`."""
     return ask_nodes(channel)[0]
 
 
 def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
-    """Return the nodes as `known_nodes`, and the reason for robots that do not answer."""
+    """Return the nodes as `known_nodes`, and the errors of robots that do not answer, by robot name."""
     selected = None if channel is None else str(parse_channel(channel))
     nodes: list[KnownNode] = []
     silent: dict[str, CanopenError] = {}
@@ -85,7 +85,7 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node selected by `word`, None without one; ConfigError if several robots have one."""
+    """Return the node that `word` (node name, node id or joint) selects, or None; ConfigError if it is ambiguous."""
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
@@ -94,7 +94,7 @@ def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
 
 
 A = TypeVar("A")
-FILES, DIRS = "@files", "@dirs"  # the paths that the typed word begins
+FILES, DIRS = "@files", "@dirs"  # placeholders for the paths that begin with the typed word
 _PATHS: Final = {FILES: FilesCompleter(), DIRS: DirectoriesCompleter()}
 _TIMEOUT_S: Final = 0.3  # for an answer of a robot; completion must be fast
 _CAN_HARDWARE: Final = "280"  # ARPHRD_CAN, the type of a network interface in /sys
@@ -109,7 +109,7 @@ def answer_shell() -> None:
 
 
 def parser_for(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser of a line whose `words` follow the program's name, with completers."""
+    """Return a parser with completers for a command line; `words` follow the program's name."""
     parser = argparse.ArgumentParser(prog="canopen-control")
     parser.add_argument("--version", action="version")
     verb = words[0] if words else ""
@@ -140,7 +140,7 @@ def _attach_completers(parser: argparse.ArgumentParser, verb: str) -> None:
 
 
 class _Completer:
-    """Completer for one option or positional."""
+    """Argcomplete completer for one argument; `kind` yields words with explanations."""
 
     def __init__(self, kind: Callable[[argparse.Namespace], Candidates]) -> None:
         self.kind = kind
@@ -148,7 +148,7 @@ class _Completer:
     def __call__(
         self, *, prefix: str, action: argparse.Action, parser: argparse.ArgumentParser, parsed_args: argparse.Namespace
     ) -> dict[str, str]:
-        """Return explanations by word, without waiting for a robot."""
+        """Return the words to offer, with explanations; only those that are known at once."""
         words: dict[str, str] = {}
         with contextlib.suppress(CanopenError, OSError, KeyError, ValueError):
             for word, text in self.kind(parsed_args):
@@ -257,7 +257,7 @@ def _modes(_line: argparse.Namespace) -> Candidates:
     return [(mode.name, f"mode {mode.value}") for mode in OperationMode if mode]
 
 
-#: (verb, option or positional), option or positional, or metavar -> what it may be
+#: (verb, option or positional), option or positional, or metavar -> function that yields the words to offer
 _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Candidates]]] = {
     "--as": lambda _line: (),  # a new one
     ("help", "verb"): _verbs,

@@ -1,4 +1,4 @@
-"""Verb of a commissioning job: arguments of its declared options, progress while it runs, and its result."""
+"""Common parts of the verbs that run a commissioning job: options, progress and result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def add_job_options(parser: argparse.ArgumentParser, job: Job) -> None:
-    """Declare the options of a job."""
+    """Declare the options of a job for the parser of its verb."""
     for name, option in job.declared.items():
         how: dict[str, Any] = {"dest": name, "help": option.text}
         if option.is_switch:
@@ -41,35 +41,35 @@ def _shown(value: object) -> str:
 
 
 def job_options(args: argparse.Namespace, job: Job, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-    """Return the options of a job in the arguments, with `others` that are not declared."""
+    """Return the options object of a job, from the arguments and from `others`, which the job does not declare."""
     return job.options(**{name: getattr(args, name) for name in job.declared}, **others)
 
 
 class VerbRun(JobRun):
-    """Run of a job by its verb: progress and notes on standard error."""
+    """Run of a job by a verb of the command line, with progress and notes on standard error."""
 
     _progress: Progress | None = None
 
     def part(self, doing: str, unit: str = "") -> None:
-        """Begin a part of the work, with a progress of its own."""
+        """Begin a part of the work, with a progress display of its own."""
         super().part(doing, unit)
         self.close()
         self._progress = Progress(doing, unit, rate=unit == "bytes")
 
     def show(self, done: int, total: int | None) -> None:
-        """Update the progress."""
+        """Update the progress display."""
         super().show(done, total)
         if self._progress is not None:
             self._progress.at(done, total)
 
     def note(self, text: str) -> None:
-        """Print a note."""
+        """Print a note to standard error."""
         if self._progress is not None:
             self._progress.end()
         print(f"canopen-control: {text}", file=sys.stderr)
 
     def close(self) -> None:
-        """Erase the progress."""
+        """Erase the progress display."""
         if self._progress is not None:
             self._progress.end()
             self._progress = None
@@ -77,7 +77,7 @@ class VerbRun(JobRun):
 
 @contextlib.contextmanager
 def verb_run(job: Job) -> Iterator[VerbRun]:
-    """Run a job within the block; its progress ends with it."""
+    """Context with the run of a job, whose progress display is erased on exit."""
     run = VerbRun(job, job.name)
     try:
         yield run
@@ -86,11 +86,11 @@ def verb_run(job: Job) -> Iterator[VerbRun]:
 
 
 def print_run(args: argparse.Namespace, run: JobRun, sentence: str) -> int:
-    """Print the document with --json, else the lines and the sentence; return the exit code."""
+    """Print the document of a job with --json, otherwise its lines and `sentence`; return 1 if the job failed."""
     print(json_text(run.document) if args.json else "\n".join([*run.lines, sentence]))
     return 1 if run.failed else 0
 
 
 def print_restored(args: argparse.Namespace, run: JobRun, sentence: str) -> int:
-    """Print the result of a restore or a clone; a hint names the option that stores."""
+    """Print the result of a restore or a clone, with a hint at --store if nothing was stored."""
     return print_run(args, run, sentence if run.failed or args.store else f"{sentence} (--store)")

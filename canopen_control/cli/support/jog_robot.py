@@ -52,11 +52,11 @@ if TYPE_CHECKING:
 
 HEARTBEAT_MS: Final = 50
 COMMAND_LIFE_S: Final = 0.4
-DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five of them may be missing
+DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five heartbeat periods
 
 
 def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
-    """Choose the command interface for a jog: velocity, position or effort; RobotConfigError."""
+    """Plan a robot of one drive that is commanded by `interface`; RobotConfigError if it cannot be run."""
     name = f"jog_{device.node_id}"
     if name in find_robots():
         name = f"{name}_{os.getpid()}"
@@ -66,17 +66,17 @@ def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> N
     return replace(planned, heartbeat_ms=HEARTBEAT_MS)
 
 
-# The excitation of a drive for `tune`: as for a jog, preferably in a cyclic mode and with its torque.
+# Robot for `tune`: as for a jog, but preferably in a cyclic mode, and with the actual torque in a TPDO.
 
 
 _CYCLIC: Final = {OperationMode.PV: OperationMode.CSV, OperationMode.TQ: OperationMode.CST}
-"""What commands the same without a ramp of the drive's own."""
+"""Cyclic modes that command the same quantity as a profile mode, without a ramp of the drive."""
 _WITH_SYNC: Final = 1
 _FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL, TORQUE_ACTUAL, ERROR_CODE)
 
 
 def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
-    """Choose the excitation of a drive: as for a jog, preferably in a cyclic mode, with its torque in a TPDO."""
+    """Plan a robot of one drive for tuning: preferably in a cyclic mode, with the actual torque in a TPDO."""
     robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
     nodes = tuple(
         node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes
@@ -111,7 +111,7 @@ def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
 
 
 def dead_man_words(supervision: Supervision) -> str:
-    """Return how the drive stops if this process ends."""
+    """Return a text that says how the drive stops if this process ends."""
     if supervision.consumer:
         return (
             f"the drive watches this computer's heartbeat (0x1016) and stops by itself {DEAD_MAN_S:g} s after its end"
@@ -125,7 +125,7 @@ def dead_man_words(supervision: Supervision) -> str:
 def own_robot(
     robot: NewRobot, axis: AxisChoice, channel: str, speed: float, events: RobotObserver
 ) -> Iterator[JogDrive]:
-    """Run a robot of one drive in this process, capped at `speed` rad/s, within the block."""
+    """Context in which a robot of one drive runs in this process, with speeds capped at `speed` rad/s."""
     with tempfile.TemporaryDirectory(prefix="canopen-control-jog-") as folder:
         path = Path(folder) / BUS
         path.write_text(bus_text(robot), encoding="utf-8")
@@ -149,7 +149,7 @@ def own_robot(
 
 
 def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
-    """Read the robot; an error is reported as an error of the EDS."""
+    """Read the generated robot; RobotConfigError attributes an error in its files to the EDS."""
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:
@@ -161,7 +161,7 @@ def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
 
 
 def _short_lived(setup: RobotSetup) -> RobotSetup:
-    """Shorten the command timeout, so that a stopped terminal stops the drive."""
+    """Shorten the command timeout of the controllers, so that a stopped terminal stops the drive."""
     renewed = {
         name: replace(config, params=Params.of({"joint": name, "command_timeout": COMMAND_LIFE_S}, name))
         for name, config in setup.controllers.controllers.items()

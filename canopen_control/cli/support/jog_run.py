@@ -1,4 +1,4 @@
-"""Loop of a jog: keys to commands, samples to a line, and the stop at its end.
+"""Jog loop: turns key presses into commands, shows samples on a status line, and stops the drive at the end.
 
 Each command ends with this connection (`dead_man`), and every exit from `run` requests the
 stop and waits until the drive is disabled. The output to the terminal never affects the motion.
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 #
 # Canonical mode, echo, signals and flow control of the terminal are off while keys are read, so that Ctrl-C, Ctrl-Z and
 # Ctrl-S arrive as keys: none of them may leave a robot moving. Terminals with xterm's mode 1004 report when they lose
-# the focus. A terminal that was closed (SIGHUP) reads as the end.
+# the focus. A closed terminal (SIGHUP) counts as the end of input.
 
 
 _FOCUS_ON: Final = "\x1b[?1004h"
@@ -57,9 +57,9 @@ _ENDING: Final = (signal.SIGTERM, signal.SIGHUP)
 
 
 class Keyboard:
-    """Standard input as keys, as a context manager; ConfigError if it is not a terminal.
+    """Context manager that reads keys from standard input; ConfigError if this is not a terminal.
 
-    `ended` is True when nothing more will come: end of file, SIGTERM or SIGHUP.
+    `ended` is True when no more input can arrive: after end of file, SIGTERM or SIGHUP.
     """
 
     def __init__(self) -> None:
@@ -84,12 +84,12 @@ class Keyboard:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None) -> None:
         self._write_terminal(_FOCUS_OFF)
-        with contextlib.suppress(OSError, termios.error):  # the terminal has gone: nothing is left to restore
+        with contextlib.suppress(OSError, termios.error):  # the terminal was closed: nothing is left to restore
             termios.tcsetattr(self._fd, termios.TCSAFLUSH, self._saved)
         self._signals.close()
 
     def read(self, timeout: float) -> bytes:
-        """Return the input within `timeout` seconds, b"" without any or after its end."""
+        """Return the input that arrives within `timeout` s, or b"" if there is none."""
         if self.ended or not select.select([self._fd], [], [], max(timeout, 0.0))[0]:
             return b""
         try:
@@ -117,14 +117,14 @@ SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def reset_fault(drive: JogDrive) -> str:
-    """Reset the fault of a drive without enabling it; return a sentence; CanopenError while the cause remains."""
+    """Reset the fault of a drive, which stays disabled; CanopenError if the cause of the fault remains."""
     with RobotClient.connect(drive.robot) as client:
         client.ask(AxisRequest(action="fault-reset", node=drive.node, joint=drive.joint, source=_SOURCE), ENABLE_S)
     return f"{drive.title}: the fault is reset; the drive stays disabled"
 
 
 class JogRun:
-    """One jog of a drive; `run` returns the exit code."""
+    """Jog of one drive, from enabling to disabling; `ended` and `travelled` are the result."""
 
     def __init__(
         self, drive: JogDrive, scale: JogScale, kind: JogKind, value: float, limits: JogLimits, seconds: float | None
@@ -135,11 +135,11 @@ class JogRun:
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
         self._terminal_closed = False
-        self.ended = JogEnd.NONE  # why it ended, and how far it went in rad
+        self.ended = JogEnd.NONE  # reason of the end, and travel in rad
         self.travelled = 0.0
 
     def run(self) -> int:
-        """Enable, move, stop and disable; 1 if the drive or a current limit ended the jog, or nothing turned."""
+        """Enable, move, stop and disable; return 1 if the jog failed, CanopenError if the drive is the reason."""
         with contextlib.ExitStack() as stack:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None
@@ -151,13 +151,13 @@ class JogRun:
             finally:
                 stop_drive(client, self._drive, _SOURCE)
         self.ended, self.travelled = motion.ended, motion.travelled
-        with contextlib.suppress(OSError, ValueError):  # the terminal may be what is gone
+        with contextlib.suppress(OSError, ValueError):  # the terminal may be closed
             print(f"\n{motion.ended.value}: stopped and disabled", flush=True)
         if motion.ended is JogEnd.STATE:
             raise CanopenError(f"{self._drive.title}: {ended_words(self._sample, self._drive)}")
         if motion.ended.failed:
             return 1
-        # what ended by a lost terminal may have been commanded since the last position only
+        # a jog that a lost terminal ended may have been too short for a new position
         text = None if motion.ended is JogEnd.TERMINAL_CLOSED else motion.nothing_turned(self._scale.resolution)
         if text is not None:
             raise CanopenError(f"{self._drive.title}: {text}")
@@ -167,7 +167,7 @@ class JogRun:
         self._terminal_closed = True
 
     def _begin(self, client: RobotClient) -> JogMotion:
-        """Choose the mode, enable, and return the motion from now on."""
+        """Set the mode of operation, enable the drive, and return the motion, which starts now."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(
@@ -203,7 +203,7 @@ class JogRun:
             motion.key(key, now)
 
     def _check_sample(self, client: RobotClient, motion: JogMotion) -> None:
-        """Read the newest sample, and the current a few times a second."""
+        """Pass the newest sample, and the drive's current, to the motion."""
         for message in client.messages(0):
             if isinstance(message, StateSample):
                 self._sample = message
@@ -220,7 +220,7 @@ class JogRun:
             )
 
     def _command(self, client: RobotClient, motion: JogMotion) -> None:
-        """Send the present command."""
+        """Send the value that the motion commands; end the motion if the robot does not accept it."""
         value = motion.command
         if value is not None and not self._sender.send(client, value):
             motion.end(JogEnd.STATE)
@@ -239,7 +239,7 @@ class JogRun:
 
 
 class _Line:
-    """Status line, rewritten on a terminal a few times a second; otherwise one line per second."""
+    """Status line: rewritten ten times a second on a terminal, otherwise one line per second."""
 
     def __init__(self) -> None:
         self._live = sys.stdout.isatty()
@@ -247,7 +247,7 @@ class _Line:
         self._shown = 0.0
 
     def show(self, words: Callable[[], str]) -> None:
-        """Print the line if it is due."""
+        """Print the text that `words` returns, if a new line is due."""
         now = time.monotonic()
         if now - self._shown < self._period:
             return

@@ -1,7 +1,7 @@
 """Objects of a node as tables, trees and CSV, with values and meanings.
 
-Values come one by one through the session, and through a running robot no faster than
-`READS_PER_S`, so that its own requests to the node never wait behind them; heartbeats and process data go beside SDO.
+Values are read one by one; through a running robot no faster than `READS_PER_S`, so that the robot's own SDO requests
+are not delayed. Heartbeats and process data are independent of SDO.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
 
-_WIDEST: Final = 60  # of a value in words
+_WIDEST: Final = 60  # columns of a value
 
 
 def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str = "reading") -> list[LiveObject]:
-    """Read the scannable entries; RemoteProtocolError if the node does not answer."""
+    """Return the entries with the values read from the node; RemoteProtocolError if the node does not answer."""
     read = [entry for entry in entries if is_scanned(entry)]
     with Progress(f"{title} {session}", "objects") as progress:
         values, refused = read_values(session, _paced(read, session, progress))
@@ -36,7 +36,7 @@ def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str =
 
 
 def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -> Iterator[Entry]:
-    """Yield entries at a limited rate on a running robot."""
+    """Yield entries, at a limited rate if a running robot reads them, and show the progress."""
     gap = 1.0 / READS_PER_S if session.robot else 0.0
     next_read = time.monotonic()
     for number, entry in enumerate(entries):
@@ -48,7 +48,7 @@ def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -
 
 
 def table_lines(rows: Sequence[ObjectRow], *, live: bool) -> list[str]:
-    """Return a table: `*` marks values other than the default; values are shown only if they were read."""
+    """Return the lines of a table; with `live` it shows values, and `*` marks those other than the default."""
     headings = ["address", "name", "type", "access", "PDO", "default"]
     table = Table([*headings, *(["", "value", "unit", "meaning"] if live else ["unit"])])
     for row in rows:
@@ -74,7 +74,7 @@ def _live_cells(row: ObjectRow) -> list[str]:
 
 
 def tree_lines(od: ObjectDictionary, rows: Sequence[ObjectRow], *, live: bool) -> Iterator[str]:
-    """Yield the objects with their subindices below them."""
+    """Yield the objects, each followed by its subindices on indented lines."""
     last = ""
     for row in rows:
         info = od.objects.get(int(row.index, 16))
@@ -88,7 +88,7 @@ def tree_lines(od: ObjectDictionary, rows: Sequence[ObjectRow], *, live: bool) -
 
 
 def _suffix(row: ObjectRow, *, live: bool) -> str:
-    """Return the text after a name in a tree."""
+    """Return the text after a name in the tree: value, unit, meaning, default, type and access."""
     shown = row.value if live else row.default
     unit = f" {row.unit}" if row.unit and shown else ""
     value = f" = {_cut(shown)}{unit}" if shown is not None else ""
@@ -102,7 +102,7 @@ def _cut(text: str) -> str:
 
 
 def csv_text(rows: Sequence[ObjectRow]) -> str:
-    """Return CSV (RFC 4180, with LF) with a line of headings."""
+    """Return the rows as CSV (RFC 4180, with LF), after a line of headings."""
     out = io.StringIO()
     names = ObjectRow.__struct_fields__
     writer = csv.writer(out, lineterminator="\n")
@@ -113,5 +113,5 @@ def csv_text(rows: Sequence[ObjectRow]) -> str:
 
 
 def values_of(objects: Iterable[LiveObject]) -> Mapping[Address, Value]:
-    """Return the writable values by address: those with a ParameterValue in a DCF."""
+    """Return the values of the writable objects by address, for the ParameterValues of a DCF."""
     return {entry.entry.address: entry.value for entry in objects if entry.value is not None and entry.entry.writable}

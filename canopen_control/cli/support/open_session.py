@@ -1,7 +1,7 @@
-"""Opens a service session with one node: on a bare bus (--can CHANNEL, --eds FILE), or through a running robot.
+"""Sessions with nodes on a bare bus (--can CHANNEL, --eds FILE), or through a running robot.
 
-As in `target`, an SDO server has one client. A bus on which a robot runs is that robot's, and
-its nodes are reached through it, also where --can names the channel.
+An SDO server has one client, as explained in `target`. The nodes of a running robot are reached through the robot,
+even if --can names its channel.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True)
 
 @contextlib.contextmanager
 def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[NodeSession]:
-    """Open a session with `node`, else with the node of the arguments; CanopenError without an answer.
+    """Context with a session with `node`, by default the node of the arguments.
 
-    Where --can names the channel of a running robot, its nodes are reached through that robot.
+    If --can names the channel of a running robot, its nodes are reached through that robot.
     """
     word = args.node if node is None else node
     with open_sessions(args, [word]) as (sessions, _):
@@ -65,7 +65,7 @@ def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[
 def open_sessions(
     args: argparse.Namespace, nodes: Iterable[str]
 ) -> Iterator[tuple[dict[str, NodeSession], RobotClient | None]]:
-    """Open a session with each of `nodes`; also return the robot that carries them, None on a bare bus."""
+    """Context with a session for each of `nodes`, and the client of the robot, which is None on a bare bus."""
     with open_target(args, through_robot=True) as target:
         sessions = {word: target.session(word) for word in dict.fromkeys(nodes)}
         for session in sessions.values():
@@ -73,13 +73,13 @@ def open_sessions(
         yield sessions, target.robot if isinstance(target, RobotTarget) else None
 
 
-# The one drive that `jog` and `tune` move: looked at on its bare bus, or found in a robot that runs.
+# The one drive that `jog` and `tune` move: identified on a bare bus, or found in a running robot.
 
 
 def running_drive(
     args: argparse.Namespace, name: str | None, mode: str, stack: contextlib.ExitStack
 ) -> tuple[JogDrive, JogScale]:
-    """Return a drive of a running robot in a mode of operation, with the scale of its joint."""
+    """Return a drive of a running robot, to be moved in `mode`, with the scale of the joint."""
     client = stack.enter_context(RobotClient.connect(name))
     drive = drive_of_robot(client, args.node, args.axis, mode)
     text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"
@@ -88,7 +88,7 @@ def running_drive(
 
 
 def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
-    """Return the device with its own units; ConfigError and DriveError if it must not be moved."""
+    """Read a drive on a bare bus; return it with its own units. ConfigError or DriveError if it must not move."""
     from canopen_control.cli.init import ask_drives
     from canopen_control.scaffold.new_robot import Device
 
@@ -110,7 +110,7 @@ def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Devi
 
 
 def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
-    """Return the axis of the arguments; ConfigError if the node lacks it."""
+    """Return the axis that --axis selects; ConfigError if the node does not have this axis."""
     number: int = args.axis
     if number >= len(robot.joints):
         raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
@@ -118,7 +118,7 @@ def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
 
 
 def with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
-    """Return the device with the user's counts per revolution."""
+    """Return the robot with the user's counts per revolution for every axis; unchanged if `counts` is None."""
     if counts is None:
         return robot
     nodes = tuple(
@@ -133,7 +133,7 @@ def with_counts(robot: NewRobot, counts: float | None) -> NewRobot:
 
 
 class WarningPrinter(RobotObserver):
-    """Prints warnings while the drive is booted and moved."""
+    """Observer that prints warnings and errors while the drive is booted and moved."""
 
     def event(self, event: Event) -> None:
         """Print an event that is a warning or worse."""
@@ -144,19 +144,19 @@ class WarningPrinter(RobotObserver):
             print(text, file=sys.stderr, flush=True)
 
 
-# What `diff`, `restore` and `clone` are given: a DCF file, or a node whose parameters are read.
+# Operands of `diff`, `restore` and `clone`: a DCF file, or a node whose parameters are read.
 
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """Parameters of one side, and those that a node refused."""
+    """Parameters of one side of a comparison; `left_out` are the objects that a node refused."""
 
     parameters: ParameterSet
     left_out: tuple[LeftOut, ...] = ()
 
 
 def as_file(word: str) -> Path | None:
-    """Return the file that a word names, None for a node; ConfigError for a missing file."""
+    """Return the path if `word` names a file, None if it names a node; ConfigError if the file is missing."""
     path = Path(word).expanduser()
     if path.is_file():
         return path
@@ -167,7 +167,7 @@ def as_file(word: str) -> Path | None:
 
 
 def backup_file(word: str) -> ParameterSet:
-    """Read a DCF file; ConfigError for any other file."""
+    """Read the DCF file that `word` names; ConfigError if there is no such file."""
     path = as_file(word)
     if path is None:
         raise ConfigError(f"{word}: no such file; `backup NODE -o {word}` makes one")
@@ -175,21 +175,21 @@ def backup_file(word: str) -> ParameterSet:
 
 
 def read_all(session: NodeSession, *, twice: bool = True) -> Side:
-    """Read all parameters of a node, with progress."""
+    """Read all parameters of a node, by default twice to find changing values, and show the progress."""
     with Progress(f"reading {session}", "objects") as progress:
         parameters, left_out = read_parameters(session, twice=twice, progress=progress.at)
     return Side(parameters, tuple(left_out))
 
 
 def read_like(session: NodeSession, file: ParameterSet) -> Side:
-    """Read the objects of a file from a node, with the types of the file and progress."""
+    """Read the objects of a DCF file from a node, by the data types of the file, and show the progress."""
     with Progress(f"reading {session}", "objects") as progress:
         parameters, left_out = read_same(session, file, progress.at)
     return Side(parameters, tuple(left_out))
 
 
 def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
-    """Read the two sides, each a file or a node; a node is read for the objects of the file."""
+    """Read both sides of a comparison, files or nodes; of a node only the objects of the file on the other side."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
     parameters = []
     for word, file, other_file in zip((a, b), files, reversed(files), strict=True):

@@ -1,6 +1,6 @@
 """Output of verbs: JSON, tables and progress.
 
-Progress goes to standard error, so that results stay clean; short work prints none. Its line on a terminal is erased
+Progress goes to standard error, so that results stay clean; short work prints none. The line on a terminal is erased
 before anything else is printed. Without a terminal (a log, a pipe) there are no control characters. JSON is ASCII, and
 a number that is not finite is null.
 """
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
 
 SOON_S: Final = 0.5  # on a terminal: work that takes less shows nothing
 REDRAW_S: Final = 0.2
-PLAIN_S: Final = 5.0  # between two lines elsewhere
+PLAIN_S: Final = 5.0  # between two lines, if the stream is no terminal
 
 
 def json_text(document: object, *, indent: int | None = 2) -> str:
-    """Return JSON of messages, documents, lists and dicts; on one line with `indent` None."""
+    """Return a document as JSON, indented, or on one line if `indent` is None."""
     from canopen_control.rpc.wire import plain  # imports msgspec, which a table does not need
 
     return json.dumps(plain(document), indent=indent)
 
 
 def print_result(args: argparse.Namespace, document: object, text: str = "") -> None:
-    """Print the result of a verb: the document with --json, else its text if there is any."""
+    """Print the result of a verb: `document` as JSON with --json, otherwise `text` if it is not empty."""
     if args.json:
         print(json_text(document))
     elif text:
@@ -49,13 +49,13 @@ def print_result(args: argparse.Namespace, document: object, text: str = "") -> 
 
 @contextlib.contextmanager
 def json_alone(args: argparse.Namespace) -> Iterator[None]:
-    """With --json, print everything but the result to standard error."""
+    """Context that, with --json, redirects standard output to standard error, so that JSON is printed alone."""
     with contextlib.redirect_stdout(sys.stderr) if args.json else contextlib.nullcontext():
         yield
 
 
 def json_line(document: object) -> str:
-    """Return compact JSON on one line for a stream, in a third of the time."""
+    """Return a document as compact JSON on one line, in a third of the time of `json_text`."""
     from canopen_control.rpc.wire import plain, text_of
 
     line = text_of(document)
@@ -63,7 +63,7 @@ def json_line(document: object) -> str:
 
 
 class Progress:
-    """Progress of `what`: a rewritten line on a terminal, otherwise occasional lines.
+    """Progress display of the task `title`: a rewritten line on a terminal, otherwise occasional lines.
 
     Use as a context manager, or call `end`; `quiet` prints nothing, `rate` adds speed and remaining time.
     """
@@ -83,7 +83,7 @@ class Progress:
         self._live, self._rate = self._stream.isatty(), rate
         self._quiet = quiet
         self._begin = clock()
-        self._rated_from = self._begin, 0  # time and amount of the last look before anything was over
+        self._rated_from = self._begin, 0  # time and amount from which the rate is computed
         self._last: tuple[int, int | None] = 0, None
         self._next_output = self._begin + (SOON_S if self._live else PLAIN_S)
         self._shown = False
@@ -95,7 +95,7 @@ class Progress:
         self.end()
 
     def at(self, done: int, total: int | None = None) -> None:
-        """Show the progress `done` of `total` if it is due."""
+        """Show that `done` of `total` units are done, if an update is due."""
         now = self._clock()
         if not done or done < self._last[0] or total != self._last[1]:  # another transfer
             self._rated_from = now, done
@@ -108,7 +108,7 @@ class Progress:
         self._show(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
 
     def end(self) -> None:
-        """Erase the line; a second call does nothing."""
+        """Erase the progress line; a second call does nothing."""
         if self._shown and self._live:
             self._write("\r\x1b[K")
         self._shown = False
@@ -142,12 +142,12 @@ _CHATTER: Final = ("note", "mode", "state", "failed")  # a run ends with the las
 
 
 def is_printed(kind: str, *, notable: bool) -> bool:
-    """Whether the terminal of a run shows an event; `notable`: its level is shown."""
+    """Whether the terminal of `run` shows events of this kind; `notable` events are those of a high level."""
     return kind in _ALWAYS or (notable and kind not in _CHATTER)
 
 
 def with_token(text: str) -> str:
-    """Return the event's line with the page's token, which events do not contain; reads files."""
+    """Return a line with the tokens of page addresses added, because events do not contain them; reads files."""
     from canopen_control.view.page_address import page_addresses
 
     with contextlib.suppress(CanopenError):
@@ -157,7 +157,7 @@ def with_token(text: str) -> str:
 
 
 def painted(lines: Iterable[str]) -> list[str]:
-    """Return lines coloured by level; unchanged without a terminal or with NO_COLOR."""
+    """Return lines in which words are coloured by level; unchanged without a terminal or with NO_COLOR."""
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return list(lines)
     return [
@@ -187,7 +187,7 @@ def _coloured() -> re.Pattern[str]:
 
 @contextlib.contextmanager
 def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
-    """Poll `sample` on a thread and show its progress while this thread works."""
+    """Context that polls `sample` on a thread, and shows the progress while the block runs."""
     import threading
 
     over = threading.Event()
@@ -217,10 +217,10 @@ class Table:
         self._rows.append(row)
 
     def lines(self, width: int | None = None, expendable: Sequence[str] = ()) -> list[str]:
-        """Return the finished lines, the headings first.
+        """Return the lines of the table, headings first.
 
-        Of a table that is wider than `width` the `expendable` columns are hidden in their order, until it fits; a last
-        line names them. What is too wide even then is cut.
+        If the table is wider than `width`, `expendable` columns are hidden one by one until it fits, and a last line
+        names them. Lines that are still too long are cut.
         """
         rows, hidden = self._rows, list[str]()
         lines = _aligned(rows)

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 
-XACRO = "xacro"  # where a verb's arguments hold NAME:=VALUE
+XACRO = "xacro"  # attribute of the arguments for words NAME:=VALUE
 _EXIT_CODES = "Exit codes: 0 good; 1 it failed, or nothing was done; 2 wrong usage or configuration."
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
-    """Return the parser of one of VERBS; imports its module."""
+    """Import the module of a verb, and return the parser of this verb."""
     module = importlib.import_module(f"canopen_control.cli.{verb}")
     parser = _VerbParser(
         prog=f"canopen-control {verb}",
@@ -39,7 +39,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
 
 
 def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str, argparse.ArgumentParser]]:
-    """Yield the parsers without actions of their own, with their words, as in `ros topic list`."""
+    """Yield each parser without subcommands, after its full name such as `ros topic list`."""
     groups = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]  # noqa: SLF001 - no public way
     if not groups:
         yield path, parser
@@ -48,7 +48,7 @@ def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str
 
 
 def _with_exit_codes(text: str) -> str:
-    """Return the description of a verb, with the common exit codes if it has none of its own."""
+    """Return the description of a verb, with the common exit codes if the description contains none."""
     return text.strip() if "Exit codes" in text else f"{text.strip()}\n\n{_EXIT_CODES}"
 
 
@@ -81,15 +81,15 @@ def _width() -> int:
 
 
 class _VerbParser(argparse.ArgumentParser):
-    """Parser of a verb; NAME:=VALUE is passed to the description wherever it is, if the verb takes it.
+    """Parser of a verb; NAME:=VALUE is allowed anywhere on the line, if the verb accepts xacro arguments.
 
-    argparse itself takes words without an option in one place only, so that none could follow an option.
+    argparse itself accepts such positional arguments in one place only, so that none could follow an option.
     """
 
     def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse; NAME:=VALUE goes to `xacro`, arguments after --ros-args to ROS."""
+        """Parse the arguments; each NAME:=VALUE before --ros-args is added to `xacro`."""
         words = list(sys.argv[1:] if args is None else args)
         if not any(action.dest == XACRO for action in self._actions):
             return super().parse_known_args(words, namespace)
@@ -117,7 +117,7 @@ def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) 
 
 
 def _is_of(program: str, example: str) -> bool:
-    """Whether an example calls an action: `program` with its positionals in upper case."""
+    """Whether an example calls an action; `program` is the action's full name, with positionals in upper case."""
     words = zip(program.split(), example.split(), strict=False)
     return len(example.split()) >= len(program.split()) and all(word.isupper() or word == used for word, used in words)
 

@@ -1,7 +1,6 @@
-"""One request to a running robot without typed messages: its answer as dicts, lists, texts and numbers.
+"""Request to a running robot without typed messages; the answer consists of dicts, lists, texts and numbers.
 
-For verbs that are over in a moment: the module of types, msgspec and the messages take longer to import than such a
-verb needs for all else.
+For short verbs: importing typing, msgspec and the messages takes longer than everything else that such a verb does.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ PROTOCOL = 2  # `rpc.messages.declare` has the same, which a test compares
 
 
 def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
-    """Return the fields of the result of a method without parameters; RemoteError if the robot is gone or too slow.
+    """Call a method without parameters, and return the fields of the result; RemoteError without an answer.
 
-    Return None where the typed client has to find out what is wrong: another protocol, a refusal, no JSON.
+    Return None if the typed client has to find out what is wrong: another protocol, a refusal, no JSON.
     """
     label = f"robot {robot}"
     with LineClient(socket_path("robot", robot), timeout, label=label) as stream:
@@ -43,7 +42,7 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
 
 
 def _object_in(line: bytes | None, late: str) -> dict[str, Any]:
-    """Return the JSON object in a line, an empty one if there is none; RemoteError `late` without a line."""
+    """Return the JSON object in a line, {} if there is none; RemoteError with the text `late` if `line` is None."""
     if line is None:
         raise RemoteError("Timeout", late)
     try:

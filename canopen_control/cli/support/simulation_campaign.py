@@ -1,4 +1,4 @@
-"""Campaigns of `simulate`: progress, breaches, written files, and the summary."""
+"""Campaigns of `simulate` over many seeds: progress, violated invariants (breaches), files and summary."""
 
 from __future__ import annotations
 
@@ -29,12 +29,11 @@ _INTERRUPTED: Final = 130  # as a shell has it for Ctrl-C
 
 @dataclass(frozen=True, slots=True)
 class CampaignOrder:
-    """Campaign: seeds of `duration_ns` each in `jobs` processes; `words` are the command line's robot options.
+    """Parameters of a campaign: `seeds` of `duration_ns` each are run in `jobs` processes.
 
-    `dask` is the address of a cluster that runs them instead. `aim` is how many further seeds aim at what these did not
-    meet.
-
-    Breaches and the summary go to `folder`; None: to one of the robot's name, if there are breaches.
+    `words` are the robot options of the command line. `dask` is the address of a cluster that runs the seeds instead.
+    `aim` is the number of further seeds, for states that the first seeds did not cover. Breaches and the summary are
+    written to `folder`; if None and there are breaches, to a folder with the robot's name.
     """
 
     seeds: range
@@ -50,7 +49,7 @@ class CampaignOrder:
 
 @dataclass(frozen=True, slots=True)
 class CampaignDocument:
-    """Document of `--json`: simulated time, breaches, and written scenarios."""
+    """Result of a campaign in `--json`: simulated time, breaches, and the files of written scenarios."""
 
     seeds: int
     robot_s: float
@@ -61,7 +60,7 @@ class CampaignDocument:
 
 
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
-    """Run seeds, shrink failing ones, and print the result; 0 good, 1 with a breach. After Ctrl-C 130.
+    """Run seeds, shrink failing ones, print the result; return 1 after a breach, 130 after Ctrl-C, else 0.
 
     A robot that does not run even without failures is reported once, and no seed is run; then 1.
     """
@@ -88,7 +87,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
 
 
 def _run(campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, totals: Totals) -> tuple[int, str]:
-    """Print the results of the seeds; return the exit code and the reason of an early end."""
+    """Run seeds and print their breaches; return the exit code, and the reason of an early end or ""."""
     with Progress("seeds", stream=sys.stderr) as progress:
         try:
             for result in _results(campaign, seeds, order, progress):
@@ -123,7 +122,7 @@ def _note(text: str, progress: Progress) -> None:
 def _shrink(
     campaign: Campaign, setup: RobotSetup, totals: Totals, order: CampaignOrder, folder: Path
 ) -> tuple[str, ...]:
-    """Write the smallest schedules of the first failing seeds, and return their files."""
+    """Write the minimal schedules of the first failing seeds, and return the paths of these files."""
     command = shlex.join(["canopen-control", "simulate", *order.words])
     written: list[str] = []
     with contextlib.suppress(KeyboardInterrupt), Progress("shrinking", "tries", stream=sys.stderr) as progress:

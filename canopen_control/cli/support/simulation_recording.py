@@ -1,7 +1,7 @@
-"""Recordings and `simulate`: a flight recording of a simulation, and the scenario of a recording.
+"""Recordings for `simulate`: writes a flight recording of a simulation, and reads a scenario from a recording.
 
-A recording of a simulation is one as a robot's own flight recorder writes it, of the whole of it; times are those of
-the virtual clock.
+A recording of a simulation has the format of a robot's flight recorder, but covers the whole simulation; times are
+those of the virtual clock.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _SAMPLE_NS: Final = 100_000_000
 
 
 def check_recording_name(path: Path) -> None:
-    """Raise ConfigError for a name other than that of a flight recording, or a file that cannot be written."""
+    """Raise ConfigError if `path` is no name of a flight recording, or if it cannot be written."""
     if not is_flight_file(path):
         raise ConfigError(f"--record {path}: a recording of a simulation is a flight recording, as {path.stem}.zip")
     if path.is_dir():
@@ -57,7 +57,7 @@ def check_recording_name(path: Path) -> None:
 
 
 class SimulationRecorder(SimulationObserver):
-    """Recorder of a simulation from its beginning; call `write` at its end."""
+    """Observer that records a simulation from the beginning; call `write` at the end."""
 
     def __init__(self, simulation: SimulationRun) -> None:
         self._run, self._robot = simulation, simulation.robot
@@ -86,13 +86,13 @@ class SimulationRecorder(SimulationObserver):
         self._events.append(event_message(event, self._robot.core.wall_offset_ns))
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client."""
+        """Record the client requests that correspond to a scenario event."""
         for request in _requests_of(act, self._robot.core.manager.states):
             method = ROBOT.of(type(request)).name
             self._requests.append(text_of(RequestSeen(now / 1e9, method, Raw(text_of(request)))))
 
     def write(self, path: Path) -> None:
-        """Write the recording; ConfigError and DiskFull."""
+        """Write the flight recording to `path`; ConfigError or DiskFull if that fails."""
         core = self._robot.core
         faults = [event for event in self._events if is_fault(event) and not is_sum(event)]
         meta = FlightMeta(
@@ -109,7 +109,7 @@ class SimulationRecorder(SimulationObserver):
 
 
 def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
-    """Return the request of a client for an act."""
+    """Return the requests by which a client causes a scenario event; [] if the event is no client's."""
     name, values = act.target, list(act.values)
     controllers = [name for name, state in active.items() if state == "active" and "broadcaster" not in name]
     if act.kind == "command":
@@ -130,7 +130,7 @@ def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[
 
 
 def recorded_scenario(path: Path, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a flight recording, or of the frames of a robot's only bus; ConfigError."""
+    """Return the scenario of a flight recording, or of recorded frames if the robot has one bus."""
     if is_flight_file(path):
         file = read_flight(path)
         active = tuple(file.states[0].active) if file.states else ()

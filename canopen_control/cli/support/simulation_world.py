@@ -1,4 +1,4 @@
-"""`simulate --world FILE` without a robot: the robots of the file in one virtual time, and their results."""
+"""Simulation of all robots of a world file in one virtual time, for `simulate --world FILE` without a robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OF_FILE: Final = ("can", "controller")
 
 
 class EventPrinter(SimulationObserver):
-    """Prints the events of a simulation with their time in s after a `prefix`; ends the line of `progress` first."""
+    """Observer that prints the events of a simulation with time in s and `prefix`, and ends the progress line."""
 
     def __init__(self, progress: Progress, prefix: str = "") -> None:
         self._progress, self._prefix = progress, prefix
@@ -37,7 +37,7 @@ class EventPrinter(SimulationObserver):
 
 
 def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
-    """Simulate the robots of a file; 0 good, 1 with a breach. Ctrl-C ends it and keeps the results so far."""
+    """Simulate the robots of a world file; return 1 if an invariant was violated, else 0; Ctrl-C ends early."""
     for option in _OF_ONE:
         if getattr(args, option) is not None:
             raise ConfigError(f"--{option} is of one robot; --world FILE alone simulates those that the file names")

@@ -1,7 +1,7 @@
 """Target of a verb: the nodes of a running robot through its API, or a bare bus.
 
-An SDO server has one client. The nodes of a running robot are reached through the robot alone; a
-bare bus on which a robot runs is open for the other nodes only.
+An SDO server has one client. The nodes of a running robot are reached through the robot alone; on
+a bus on which a robot runs, only the other nodes are reached directly.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
 
 
-_HEARTBEATS = 2.5  # of its own heartbeat times, a node is listened to
+_HEARTBEATS = 2.5  # heartbeat periods for which a heartbeat is awaited
 _LONGEST_S = 3.0
 _HEARTBEAT = (0x1017, 0)
-_NMT_S, _RESET_S = 0.3, 3.0  # what a node may take to show a state
-_MUTE_S = 0.02  # for one that sends no heartbeat: it shows nothing, and takes the next request after the command
-LABEL = "canopen-control"  # what others on the bus see of a verb
+_NMT_S, _RESET_S = 0.3, 3.0  # time in which a node must show a state
+_MUTE_S = 0.02  # for a node without heartbeat: only a pause before the next request
+LABEL = "canopen-control"  # name of a verb for the other members of a bus
 
 
 class Target(abc.ABC):
-    """Nodes that a verb reaches, a session with each; `eds` describes them instead of the robot's own files."""
+    """Nodes that a verb can reach, with a session for each node; `eds` replaces the robot's own EDS files."""
 
     def __init__(self, eds: Path | None) -> None:
         self._eds = eds
@@ -51,7 +51,7 @@ class Target(abc.ABC):
 
     @abc.abstractmethod
     def session(self, word: str) -> NodeSession:
-        """Return the session with the node of a name or a node id; ConfigError."""
+        """Return the session with the node that `word` (name or node id) selects; ConfigError if there is none."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -68,7 +68,7 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> RobotTarget | BusTarget:
-    """Open the target of the arguments `can`, `name`, `eds` and `timeout` (seconds or None).
+    """Open the robot or bus that the arguments select: `can`, `name`, `eds` and `timeout` (s or None).
 
     With `through_robot`, a bus on which a robot runs is reached through that robot.
     """
@@ -80,7 +80,7 @@ def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> Rob
 
 
 def find_eds(text: str) -> Path:
-    """Return the file, or the bundled one of that name; ConfigError if neither exists."""
+    """Return the path of an EDS file, or of the bundled file of that name; ConfigError if neither exists."""
     path = Path(text).expanduser()
     bundled = data_path("eds", text)
     if not path.exists() and path.name == text and bundled.is_file():
@@ -91,7 +91,7 @@ def find_eds(text: str) -> Path:
 
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:
-    """Return name and node listing of the running robot on `channel`, or None."""
+    """Return the name and the node listing of the running robot on `channel`, or None."""
     address = str(parse_channel(channel))
     for name in find_robots():
         try:
@@ -102,14 +102,14 @@ def robot_on(channel: str) -> tuple[str, NodeListing] | None:
         except RemoteError as error:
             if error.kind == "BusClosed":
                 continue
-            raise  # one that hangs may still hold the bus
+            raise  # a robot that hangs may still use the bus
         if any(bus.channel == address for bus in listing.buses.values()):
             return name, listing
     return None
 
 
 class RobotTarget(Target):
-    """The nodes of a running robot."""
+    """Nodes of a running robot, reached through this robot."""
 
     def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
         super().__init__(eds)
@@ -124,11 +124,11 @@ class RobotTarget(Target):
 
     @property
     def sessions(self) -> list[NodeSession]:
-        """Sessions with all nodes, by node id."""
+        """Sessions with all nodes of the robot, in order of node id."""
         return [self._with(place) for place in sorted(self.listing.nodes, key=lambda node: node.node_id)]
 
     def session(self, word: str) -> NodeSession:
-        """Return the session with a node; ConfigError with those there are."""
+        """Return the session with a node, by name or node id; ConfigError lists the existing nodes."""
         for session in self.sessions:
             if word in (session.name, str(session.node_id)):
                 return session
@@ -148,7 +148,7 @@ class RobotTarget(Target):
 
 
 class BusTarget(Target):
-    """Nodes of a bus, except those of a robot that runs on it."""
+    """Nodes on a bus that are reached directly, except those of a robot that runs on the bus."""
 
     def __init__(self, channel: str, eds: Path | None = None, timeout: float | None = None) -> None:
         super().__init__(eds)
@@ -160,7 +160,7 @@ class BusTarget(Target):
         self.bus.close()
 
     def session(self, word: str) -> NodeSession:
-        """Return the session with a node id; ConfigError, also for a node that a running robot has."""
+        """Return the session with a node id; ConfigError if the id is invalid or a running robot has the node."""
         node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
         if any(node_id == node.node_id for node in listing.nodes):
@@ -174,11 +174,11 @@ class BusTarget(Target):
 
 
 class BusTransfers(Transfers):
-    """SDO and NMT of one node of a bare bus."""
+    """SDO transfers and NMT commands for one node of a bare bus."""
 
     def __init__(self, bus: DirectBus, node_id: int) -> None:
         self._bus, self._node_id = bus, node_id
-        self._mute = False  # it was seen to send no heartbeat
+        self._mute = False  # the node sends no heartbeat
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
         """Upload an object."""
@@ -189,15 +189,15 @@ class BusTransfers(Transfers):
         self._bus.write(self._node_id, index, subindex, data)
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout of each answer."""
+        """Set the timeout of each SDO answer in s; None restores the default."""
         self._bus.client(self._node_id).timeout_ns = round((seconds or self._bus.timeout_s) * 1e9)
 
     def progress(self) -> tuple[int, int | None]:
-        """Return the progress of the present transfer."""
+        """Return the bytes transferred, and the total or None, of the present SDO transfer."""
         return self._bus.client(self._node_id).progress
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command to the node of a bare bus and wait until a heartbeat shows it, if it sends any."""
+        """Send an NMT command; if the node sends heartbeats, wait until one shows the expected state."""
         seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
         for result in self._bus.command(command, self._node_id, seconds):
             if isinstance(result, NmtUnconfirmed) and result.state is not None:
@@ -205,7 +205,7 @@ class BusTransfers(Transfers):
                 raise DriveError(f"node {self._node_id} is {text}")
 
     def nmt_state(self) -> NmtState | None:
-        """Listen for the node's next heartbeat, if it sends any."""
+        """Return the NMT state in the node's next heartbeat; None if no heartbeat arrives in time."""
         bus, node_id = self._bus, self._node_id
         bus.states.pop(node_id, None)
         try:
@@ -218,7 +218,7 @@ class BusTransfers(Transfers):
         return bus.states.get(node_id)
 
     def taken_out(self) -> bool:
-        """Return True: no robot uses the node."""
+        """Return True, because no robot uses the node."""
         return True
 
     def close(self) -> None:
@@ -226,7 +226,7 @@ class BusTransfers(Transfers):
 
 
 def parse_node_id(text: str) -> int:
-    """Return a node id, decimal or 0x; ConfigError with the valid range."""
+    """Return the node id in a text, decimal or 0x; ConfigError if it is not from 1 to 127."""
     try:
         node_id = int(text, 0)
     except ValueError:
