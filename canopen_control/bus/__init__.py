@@ -1,4 +1,4 @@
-"""CAN channels of every kind behind one port interface.
+"""CAN channels of all kinds, with one common port interface.
 
 Operating system errors become `BusError` here and nowhere else.
 """

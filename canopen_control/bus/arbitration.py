@@ -2,7 +2,7 @@
 
 One frame at a time is on the wire, lowest identifier first. Each sender is a controller with one queue in sending
 order; only the head of each queue takes part in arbitration, as with controllers that do not reorder. A frame on the
-wire is never interrupted (ISO 11898-1, 8.3.3). Time is an argument: `put` and `advance` process everything until `now`.
+wire is never interrupted (ISO 11898-1, 8.3.3). Time is an argument: `put` and `advance` process everything up to `now`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _crc15(content: int, bits: int) -> int:
 
 
 def _header(can_id: int) -> tuple[int, int]:
-    """Return the bits before the length field, and their number."""
+    """Return the bits of a frame that precede the length field, and the number of these bits."""
     remote = 1 if can_id & REMOTE_FLAG else 0
     if can_id & EXTENDED_FLAG:
         identifier = can_id & 0x1FFFFFFF
@@ -81,7 +81,7 @@ def _stuffed(state: int, content: int, bits: int) -> tuple[int, int]:
 
 @cache
 def _stuffed_bytes() -> list[int]:
-    """Return a table for each byte in each state, at state << 8 | byte: number of stuff bits << 4 | next state."""
+    """Return a table, indexed by state << 8 | byte, of (number of stuff bits) << 4 | next state."""
     table = []
     for at in range(2 * _STUFF_AFTER << 8):
         upper, state = _stuffed(at >> 8, at >> 4 & 15, 4)
@@ -92,7 +92,7 @@ def _stuffed_bytes() -> list[int]:
 
 @lru_cache(maxsize=4096)
 def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
-    """Return the bits before the data, their CRC, their number of stuff bits, and the stuffing state after them."""
+    """Return number, CRC and number of stuff bits of the bits before the data, and the stuffing state after them."""
     content, bits = _header(can_id)
     content, bits = content << 4 | length, bits + 4
     count, state = _stuffed(0, content, bits)
@@ -100,7 +100,7 @@ def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
 
 
 def frame_bits(can_id: int, data: bytes) -> int:
-    """Return the number of bits from start of frame to the end of intermission, with stuff bits."""
+    """Return the number of bits of a frame, from start of frame to the end of intermission, with stuff bits."""
     bits, crc, count, state = _head(can_id, len(data))
     stuffed = _stuffed_bytes()
     if not can_id & REMOTE_FLAG:
@@ -115,13 +115,13 @@ def frame_bits(can_id: int, data: bytes) -> int:
 
 
 def worst_case_bits(length: int, *, extended: bool = False) -> int:
-    """Return the maximum number of bits of a data frame with `length` bytes."""
+    """Return the maximum number of bits of a data frame with `length` data bytes, with stuff bits."""
     stuffed = (54 if extended else 34) + 8 * length
     return stuffed + (stuffed - 1) // 4 + _UNSTUFFED_TAIL
 
 
 def duration_ns(bits: int, bitrate: int) -> int:
-    """Return the time of `bits` at `bitrate` bit/s, rounded up to a nanosecond."""
+    """Return the time in ns that `bits` take at `bitrate` bit/s, rounded up."""
     return -(-bits * NS_PER_S // bitrate)
 
 
@@ -139,7 +139,7 @@ def priority(can_id: int) -> int:
 
 @lru_cache(maxsize=4096)
 def _on_wire(record: bytes) -> tuple[int, int]:
-    """Return priority and number of bits of a record."""
+    """Return the arbitration priority and the number of bits of a raw record."""
     can_id, length, data = RECORD.unpack(record)
     return priority(can_id), frame_bits(can_id, data[:length])
 
@@ -149,7 +149,7 @@ def _never(_sender: int, _record: bytes) -> bool:
 
 
 class PacedWire:
-    """Paced wire at `bitrate` bit/s; senders are numbers, and the lower number wins between equal identifiers.
+    """Emulated bus at `bitrate` bit/s; senders are numbers, and for equal identifiers the lower number wins.
 
     `queues` contains the waiting frames of each sender. `disturbed(sender, record)` is called at the last bit of a
     frame; if it returns True the frame is sent again. `due_ns` is the end of the frame on the wire, None if the wire is
@@ -174,7 +174,7 @@ class PacedWire:
         return len(queue) if queue else 0
 
     def put(self, sender: int, records: bytes, now: int) -> None:
-        """Queue records of `sender`; call `advance` first, so that all frames due until now have been processed."""
+        """Queue raw records of `sender`; call `advance` first, so that all frames due until now are processed."""
         queue = self.queues.get(sender)
         if queue is None:
             queue = self.queues[sender] = deque()
@@ -194,14 +194,14 @@ class PacedWire:
         return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and record of all waiting frames in the order of arbitration, without delay."""
+        """Yield the sender and the raw record of all waiting frames in the order of arbitration, without delay."""
         while self._on_wire is not None:
             _, sender, _, record = self._on_wire
             yield sender, record
             self._begin(self._done_ns)
 
     def finish(self) -> Waiting | None:
-        """Complete the frame on the wire and start the next; return priority, sender, bits and record.
+        """Complete the frame on the wire and start the next frame; return priority, sender, bits and record.
 
         The result is None if the frame was disturbed or the wire was idle.
         """
@@ -213,7 +213,7 @@ class PacedWire:
         return self.end()
 
     def end(self) -> Waiting | None:
-        """Complete an undisturbed frame on the wire and start the next; returns the same as `finish`."""
+        """Complete the frame on the wire without a disturbance and start the next; return the same as `finish`."""
         done = self._on_wire
         if self.queues:
             if done is not None:
@@ -223,13 +223,13 @@ class PacedWire:
         return done
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
-        """Yield sender and record of each frame whose last bit was sent until `now`."""
+        """Yield the sender and the raw record of each frame whose last bit has been sent by `now`."""
         while self._on_wire is not None and self._done_ns <= now:
             if (passed := self.finish()) is not None:
                 yield passed[1], passed[3]
 
     def next_deadline(self) -> int | None:
-        """Return the end of the frame on the wire."""
+        """Return the time in ns at which the frame on the wire ends, None if the wire is idle."""
         return self.due_ns
 
     def load(self, now: int) -> float:

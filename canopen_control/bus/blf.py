@@ -27,7 +27,7 @@ _PADDING: Final = 8  # maximum padding in bytes before the next object
 
 
 class BlfReader(can.BLFReader):
-    """Messages of an open BLF file; EOFError if the file is truncated, ValueError if it is not a BLF file."""
+    """Reader of the messages in an open BLF file; EOFError if truncated, ValueError if it is not a BLF file."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._size = os.fstat(file.fileno()).st_size
@@ -61,12 +61,12 @@ class _Within:
         self.tell, self.close = file.tell, file.close
 
     def read(self, count: int) -> bytes:
-        """Return up to `count` bytes; none for a negative count."""
+        """Return up to `count` bytes, b"" for a negative count."""
         return self._file.read(max(0, min(count, self._size - self._file.tell())))
 
 
 def _unpacked(data: bytes) -> bytes | None:
-    """Return the content of a container; None for an unknown compression."""
+    """Return the content of a container; None for an unknown compression, ValueError if it is too large."""
     method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
     packed = data[blf.LOG_CONTAINER_STRUCT.size :]
     if method == blf.NO_COMPRESSION:
@@ -81,7 +81,7 @@ def _unpacked(data: bytes) -> bytes | None:
 
 
 def _refuse_standstill(data: bytes) -> None:
-    """Raise ValueError for an object that ends before its header does, because a reader would never get past it."""
+    """Raise ValueError for an object that is shorter than its header, at which a reader would loop forever."""
     at = 0
     while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
         (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)

@@ -75,7 +75,7 @@ class Listener:
 
 
 def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
-    """Return the CAN sockets of an interface by process, and those whose interface this user may not read."""
+    """Return the CAN sockets of an interface, by process id, and those whose interface this user cannot read."""
     listeners = (listener for pid in _processes(proc) for listener in _sockets_of(pid, proc))
     return [listener for listener in listeners if listener.interface in (interface, "", None)]
 
@@ -127,7 +127,7 @@ def _listener(pid: int, descriptor: int, inode: str, protocol: str, proc: Path) 
 
 
 def _command(pid: int, proc: Path) -> str:
-    """Return the command line of a process; for this package's own verbs without the interpreter."""
+    """Return the command line of a process; verbs of this package are shown as `canopen-control VERB`."""
     words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     words = [word for word in words if word]
     if len(words) == 1:  # of a fork, see `canopen_control.host.fork`: one string
@@ -150,7 +150,7 @@ def _bcm(inode: str, proc: Path) -> tuple[str | None, tuple[tuple[int, int], ...
 
 
 def _borrowed(pid: int, descriptor: int, protocol: str) -> tuple[str, int | None]:
-    """Return interface and number of identifiers of a socket of another process; OSError if access is denied."""
+    """Return interface and number of identifiers of another process's socket; OSError if access is denied."""
     process = os.pidfd_open(pid)
     try:
         number = _pidfd_getfd(process, descriptor)
@@ -203,7 +203,7 @@ def measure(
     clock: Callable[[], float] = time.monotonic,
     network_class: Path = NETWORK_CLASS,
 ) -> dict[str, Traffic]:
-    """Return the traffic of interfaces by name, over `seconds`; interfaces removed meanwhile are omitted."""
+    """Measure the traffic of interfaces that are up for `seconds`; return it by name, without removed interfaces."""
     before = {link.name: (link, _counted(link, network_class)) for link in links if link.is_up}
     since = clock()
     if before:
@@ -222,7 +222,7 @@ def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traf
 
 
 def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
-    """Return the number of frames and data bytes since the interface was created."""
+    """Return the numbers of frames and data bytes since the interface was created; None if it is gone."""
     folder = network_class / link.name / "statistics"
     directions = ("tx",) if link.kind in _LOOPED else ("rx", "tx")
     try:
@@ -242,7 +242,7 @@ _TIMEOUT_S = 15.0
 
 @dataclass(frozen=True, slots=True)
 class CanInterface:
-    """CAN interface; attributes are None if the kernel does not report them, as for virtual interfaces.
+    """State of a CAN interface; attributes are None if unknown to the kernel, as for virtual interfaces.
 
     `bitrate` in bit/s, `restart_ms` 0 for no automatic restart after bus-off, `state` such as ``ERROR-ACTIVE``.
     """
@@ -271,7 +271,7 @@ class CommandResult(NamedTuple):
 class InterfaceCommand(NamedTuple):
     """Command that changes an interface, with its reason.
 
-    An `optional` one may fail, because a later one would fail too.
+    An `optional` command may fail, because a later command would then fail too.
     """
 
     argv: tuple[str, ...]
@@ -316,7 +316,7 @@ class _LinkInfo(TypedDict, total=False):
 
 
 class _Entry(TypedDict, total=False):
-    """Interface in the output of ``ip -json``, with the keys used here."""
+    """Interface in the output of ``ip -json``, with the keys that are used here."""
 
     ifname: Required[str]
     link_type: str
@@ -430,9 +430,9 @@ def up_commands(
     restart_ms: int | None = None,
     sample_point: float | None = None,
 ) -> list[InterfaceCommand]:
-    """Return the commands that bring an interface up with these settings, none if it already is.
+    """Return the commands that bring an interface up with these settings; [] if there is nothing to do.
 
-    `link` is its state.
+    `link` is the present state of the interface, None if there is no such interface.
     """
     kind = link.kind if link is not None else next((kind for kind in _VIRTUAL if name.startswith(kind)), "can")
     if kind in _VIRTUAL:
@@ -469,7 +469,7 @@ def bring_up(
 
 
 def bring_down(name: str, report: Callable[[str], None], *, run: Run = run_command) -> None:
-    """Bring an interface down; a virtual one remains and can be brought up again. ConfigError as for `bring_up`."""
+    """Bring an interface down; a virtual interface continues to exist. ConfigError as for `bring_up`."""
     link = find_can_interface(name, run)
     if link is None:
         raise ConfigError(f"no CAN interface {name!r}; what there is: canopen-control bus list")
@@ -490,7 +490,7 @@ def _run_all(name: str, commands: Sequence[InterfaceCommand], report: Callable[[
 
 
 def _problem(command: InterfaceCommand, run: Run) -> str:
-    """Run a command; return a message with advice if it failed, else empty."""
+    """Run a command; return "", or a message with advice if the command failed."""
     try:
         result = run(command.argv)
     except OSError as error:

@@ -1,11 +1,11 @@
-"""Channel names, and opening of channels.
+"""Channel names, and the opening of channels of every kind.
 
 ``local:NAME``      our bus between processes, without kernel CAN
 ``memory:NAME``     inside one process, for tests
 ``virtual:NAME``    python-can's virtual bus, inside one process
 ``can0``, ``vcan0`` a SocketCAN interface; one with an unusual name as ``socketcan:NAME``
 ``pcan:PCAN_USBBUS1``, ``slcan:/dev/ttyACM0@500000``  any python-can interface, with its bit rate after the @
-``kvaser:0@500000,receive_own_messages=true``         and what else its python-can class takes, after commas
+``kvaser:0@500000,receive_own_messages=true``         with further keywords of its python-can class, after commas
 ``socketcand:HOST:PORT/can0``                         a CAN interface that socketcand serves; port 29536 if not given
 
 The back end is imported when a channel of its kind is opened, and not before.
@@ -38,11 +38,11 @@ _SOCKETCAND = "socketcand"
 _SERVED = re.compile(r"(?P<host>[^\s:/]+)(?::(?P<port>\d{1,5}))?/(?P<channel>[^\s/]+)")
 _SOCKETCAND_PORT = "29536"
 SERVED: Final = frozenset({"remote", _SOCKETCAND, "udp_multicast"})
-"""Interfaces of python-can that reach a bus through a server or a network, which several processes can share."""
+"""python-can interfaces that reach a bus through a server or a network; several processes can share such a bus."""
 
 
 class ChannelKind(enum.Enum):
-    """Kind of a channel."""
+    """Kind of a channel, which decides how the channel is opened."""
 
     LOCAL = "local"
     MEMORY = "memory"
@@ -63,9 +63,9 @@ class ChannelKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelSpec:
-    """Parts of a channel name; `interface`, `bitrate` (bit/s) and `options` are for python-can, else empty and None.
+    """Parts of a channel name; `interface`, `bitrate` (bit/s) and `options` are set for python-can only.
 
-    `options` are keyword and value as text.
+    `options` are pairs of a keyword and a value as text.
     """
 
     kind: ChannelKind
@@ -139,7 +139,7 @@ def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
 
 
 def _check_socketcand(spec: ChannelSpec, text: str) -> None:
-    """Raise ConfigError unless a server is given, in one of the two forms."""
+    """Raise ConfigError unless a socketcand channel has a server, as HOST:PORT/CHANNEL or as keywords."""
     keys = {key for key, _ in spec.options}
     if not _SERVED.fullmatch(spec.name) and not {"host", "port"} <= keys:
         raise ConfigError(
@@ -148,7 +148,7 @@ def _check_socketcand(spec: ChannelSpec, text: str) -> None:
 
 
 def _for_python_can(spec: ChannelSpec) -> ChannelSpec:
-    """Return the channel with python-can's keywords for a socketcand server."""
+    """Return a channel with a socketcand server as python-can's keywords; other channels unchanged."""
     served = _SERVED.fullmatch(spec.name) if spec.interface == _SOCKETCAND else None
     if served is None:
         return spec
@@ -171,7 +171,7 @@ def may_host_virtual_drives(channel: str) -> bool:
 
 
 def open_port(channel: str, *, label: str = "", join: bool = False) -> Port:
-    """Open a channel; `label` is its name for the other ports of ``local:`` and ``memory:``.
+    """Open a channel; `label` names the port to the other ports of a ``local:`` or ``memory:`` bus.
 
     With `join` a ``local:`` bus that is not open raises `BusNotOpen` instead of being created, for callers that only
     listen or query. ConfigError for an invalid name; `InterfaceNotFound`, `InterfaceDown` or another `BusError`.

@@ -1,4 +1,4 @@
-"""Events of error frames, with a sentence for users, and the complete text of an error frame for a trace.
+"""Events of error frames as sentences for users, and the complete text of an error frame for a trace.
 
 Classes and details are those of linux/can/error.h.
 """

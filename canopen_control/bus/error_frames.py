@@ -1,8 +1,8 @@
 """Error frames of a CAN controller, in the layout of linux/can/error.h.
 
-They are records with `ERROR_FLAG`; the identifier contains classes, the data contain details. All channels use the same
-layout, so that bus-off on ``local:`` and on a real controller are identical for the owner of a port. The texts are in
-`error_events`, because the hub, which must start quickly, does not need them.
+Error frames are records with `ERROR_FLAG`; the identifier contains classes, the data contain details. All channels use
+the same layout, so that bus-off on ``local:`` and on a real controller are identical for the owner of a port. The texts
+are in `error_events`, because the hub, which must start quickly, does not need them.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def restarted_frame() -> CanFrame:
 
 
 def passive_frame() -> CanFrame:
-    """Return the error frame of an error-passive controller, both counters at 128."""
+    """Return the error frame of an error-passive controller, with both error counters at 128."""
     return _frame(CONTROLLER | COUNTERS, PASSIVE, bytes((128, 128)))
 
 
@@ -75,9 +75,9 @@ def protocol_error_frame() -> CanFrame:
 
 
 def overrun_frame(lost: int) -> CanFrame:
-    """Return the report that this reader lost `lost` frames; the number is in the last four bytes.
+    """Return an error frame that reports `lost` frames lost by a reader; the number is in the last four bytes.
 
-    The first byte, unused in this class, distinguishes it from an overrun of a controller, which has no number.
+    The first byte, unused in this class, distinguishes the report from an overrun of a controller, which has no number.
     """
     data = bytes((_WITH_NUMBER, RX_OVERFLOW, 0, 0)) + _U32.pack(min(lost, 0xFFFFFFFF))
     return CanFrame(ERROR_FLAG | CONTROLLER, data)
@@ -92,7 +92,7 @@ def lost_frames(frame: CanFrame) -> int:
 
 
 def has_error_frames(records: bytes) -> bool:
-    """Whether a record may be an error frame; exact for 11-bit frames, without work per frame."""
+    """Whether any record may be an error frame; False is certain, True may be another flag of a frame."""
     flags = records[_FLAG_BYTE::RECORD_SIZE]
     return flags != _ALL_PLAIN[: len(flags)]
 

@@ -35,7 +35,7 @@ DELAY_LIMIT = 65536
 
 
 class RouterPort:
-    """Member of the bus: one opened port; counters are in frames, as seen by this member."""
+    """Member of a bus, which is one opened port; counters are in frames, as seen by this member."""
 
     __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "subscription", "tx")
 
@@ -50,7 +50,7 @@ class RouterPort:
 
 
 class FrameRouter:
-    """Router of one bus.
+    """Router of the CAN frames of one bus between its members, with injected faults and a simulated bit rate.
 
     The owner writes the `outbox` of each member in `dirty` to its socket and reports the written size with `sent`.
     """
@@ -74,7 +74,7 @@ class FrameRouter:
     # -- members
 
     def join(self, label: str, pid: int) -> RouterPort:
-        """Add a member; its label is made unique."""
+        """Add a member; if another member has the same label, a number is appended to the label."""
         number, self._next_number = self._next_number, self._next_number + 1
         member = RouterPort(number, self._unique(label or f"pid-{pid}"), pid)
         member.silent = self.faults.silences(member.label)
@@ -98,13 +98,13 @@ class FrameRouter:
             self.wire.forget(member.number)
 
     def labelled(self, label: str) -> list[RouterPort]:
-        """Return the members with this label, all for ""."""
+        """Return the members with this label, or all members for ""."""
         return [member for member in self.members.values() if label in ("", member.label)]
 
     # -- frames
 
     def receive(self, member: RouterPort, data: bytes, now: int) -> None:
-        """Receive bytes of a member, in any pieces."""
+        """Route the records in bytes from a member; an incomplete record is kept until the rest arrives."""
         self._now = now
         if member.partial:
             data = member.partial + data
@@ -211,7 +211,7 @@ class FrameRouter:
     def sent(self, member: RouterPort, size: int) -> None:
         """Remove the first `size` bytes of the outbox, which were written.
 
-        Report lost frames once the outbox is empty.
+        Report lost frames once the outbox is at most half full.
         """
         outbox = member.outbox
         if size == len(outbox):
@@ -231,14 +231,14 @@ class FrameRouter:
         member.outbox += record
 
     def take_dirty(self) -> list[RouterPort]:
-        """Return the members whose outbox became non-empty, each once."""
+        """Return the members whose outbox has become non-empty since the last call."""
         dirty, self.dirty = self.dirty, []
         return dirty
 
     # -- time
 
     def tick(self, now: int) -> None:
-        """Deliver the frames that are due."""
+        """Deliver the delayed and paced frames that are due by `now`."""
         self._now = now
         while self._delayed and self._delayed[0][0] <= now:
             delivery_ns, _serial, sender, records = heapq.heappop(self._delayed)
@@ -253,13 +253,13 @@ class FrameRouter:
                 self._deliver(sender, record, end_ns)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next delivery."""
+        """Return the time in ns of the next delivery, None if no frame waits."""
         deadlines = [self._delayed[0][0]] if self._delayed else []
         wire = self.wire.next_deadline() if self.wire is not None else None
         return min([*deadlines, wire] if wire is not None else deadlines, default=None)
 
     def may_read(self, member: RouterPort) -> bool:
-        """Whether to read from this member; False while it has too many frames waiting for a paced wire."""
+        """Whether to read from this member; False while too many of its frames wait for a paced wire."""
         return self.wire is None or self.wire.backlog(member.number) < BACKLOG_LIMIT
 
     # -- control
@@ -272,22 +272,22 @@ class FrameRouter:
                 self._transmit(sender, record, now)
 
     def load(self, now: int) -> float | None:
-        """Return the bus load of the last second; None without a bit rate."""
+        """Return the bus load of the last full second, from 0 to 1; None without a bit rate."""
         return None if self.wire is None else self.wire.load(now)
 
     def cut(self, label: str, *, mend: bool = False) -> None:
-        """Cut or repair the cable of a label: frames in both directions are lost without an error report."""
+        """Cut or, with `mend`, repair the cable of a label: frames in both directions are lost without a report."""
         (self.faults.cut.discard if mend else self.faults.cut.add)(label)
         self._refresh()
 
     def bus_off(self, label: str, *, restart: bool = False) -> None:
-        """Set the controllers of a label to bus-off, or restart them; they receive an error frame."""
+        """Set the CAN controllers with a label to bus-off, or restart them; their ports get an error frame."""
         (self.faults.bus_off.discard if restart else self.faults.bus_off.add)(label)
         self._refresh()
         self.report(label, restarted_frame() if restart else bus_off_frame())
 
     def report(self, label: str, frame: CanFrame) -> None:
-        """Deliver an error frame to the members with a label, to all for ""."""
+        """Deliver an error frame to the members with a label, or to all members for ""."""
         for member in self.labelled(label):
             self._append(member, frame)
 
@@ -305,15 +305,12 @@ class FrameRouter:
 
 
 def _plain_ids(records: bytes) -> list[int]:
-    """Return the identifiers of records, an empty list if one has a flag.
-
-    It may then be an error frame, which every member receives.
-    """
+    """Return the identifiers of records; [] if a record may be an error frame, which every member receives."""
     return [] if has_error_frames(records) else memoryview(records).cast("I")[:: RECORD_SIZE // 4].tolist()
 
 
 def _split_reports(records: bytes) -> tuple[bytes, bytes]:
-    """Separate error frames, which are not on the wire, from the other frames."""
+    """Return the error frames, which are not sent on the wire, and the other frames."""
     parts: Iterable[bytes] = (records[at : at + RECORD_SIZE] for at in range(0, len(records), RECORD_SIZE))
     reports, frames = b"", b""
     for record in parts:

@@ -48,7 +48,7 @@ class _End:
 
 
 class Hub:
-    """Server of one bus on a reactor; `close` ends it; `on_end` is called when it ends without a call of `close`."""
+    """Server of one ``local:`` bus on a reactor; `on_end` is called when the hub ends by itself, without `close`."""
 
     def __init__(self, reactor: Reactor, name: str) -> None:
         self.name = name
@@ -219,7 +219,7 @@ class Hub:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve the bus named on the command line until the last port is closed."""
+    """Serve the bus named on the command line until the last port is closed; return 1 if the hub cannot start."""
     (name,) = sys.argv[1:] if arguments is None else arguments
     reactor = Reactor()
     try:

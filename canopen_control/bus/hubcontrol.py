@@ -38,9 +38,9 @@ ERROR_FRAMES: Final[Mapping[hub.ErrorKind, Callable[[], CanFrame]]] = {
 
 
 class HubControl:
-    """Control server of the bus `name`; `listener` is its socket.
+    """Control server of the bus `name`; `listener` is the listening socket.
 
-    `started` is the reactor's time of the start of the hub; `after` is called when the router may have frames to send.
+    `started` is the reactor's time at which the hub started; `after` is called when the router may have frames to send.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class HubControl:
         self._server.answers(kind, handle)
 
     def _label(self, label: str) -> str:
-        """Return a label of a member or of a fault; ConfigError for any other."""
+        """Return `label` if a member or a fault has this label; ConfigError otherwise."""
         faults = self._exchange.faults
         labels = [member.label for member in self._exchange.members.values()]
         if label in labels or faults.silences(label) or label in faults.delays:

@@ -2,8 +2,8 @@
 
 One TX_SETUP sets the period and the frames, which the kernel sends in turn, the first at once; with a SYNC counter
 (0x1019) there is one frame for each count. A second TX_SETUP changes the period. The task ends with its socket: on
-`close` or when the process ends. It survives an interface that is set down, not one that is removed. Only SYNC is sent
-this way: a heartbeat must end with its process.
+`close` or when the process ends. The task survives if the interface is set down, but not if it is removed. Only SYNC is
+sent this way: a heartbeat must end with its process.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class BcmSocket(Protocol):
 
 
 class KernelSync:
-    """Cyclic SYNC task on one interface; `frames` are sent in turn, one per period."""
+    """Cyclic SYNC task of the kernel on one interface; `frames` are sent in turn, one per period."""
 
     sender = "the kernel"
     correction = "it is set up again"
@@ -57,7 +57,7 @@ class KernelSync:
         self._socket: BcmSocket | None = None
 
     def why_not(self) -> str | None:
-        """Return the reason why the kernel cannot send on this interface, None if it can; sends nothing."""
+        """Return the reason why the kernel cannot send on this interface, or None; nothing is sent."""
         try:
             self._connected()
         except OSError as error:
@@ -66,7 +66,7 @@ class KernelSync:
         return None
 
     def start(self, period_us: int) -> None:
-        """Send every `period_us` from now on, the first frame at once; BusError if the kernel refuses."""
+        """Let the kernel send a frame every `period_us`, the first one at once; BusError if it refuses."""
         self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
 
     def _set_up(self, period_us: int, flags: int) -> None:

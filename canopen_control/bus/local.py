@@ -69,7 +69,7 @@ class LocalPort:
         self._queue = SendQueue()
         self._events = BusEventLog()
         self.events = self._events.drain
-        """Return what happened since the last call."""
+        """Return the bus events since the last call."""
         self._dropping = False
         self._closed_reason = ""
         sock.setblocking(False)
@@ -78,7 +78,7 @@ class LocalPort:
 
     @property
     def wants_write(self) -> bool:
-        """Whether frames wait for the socket."""
+        """Whether records are queued because the socket did not accept them."""
         return bool(self._queue.data)
 
     def fileno(self) -> int:
@@ -86,7 +86,7 @@ class LocalPort:
         return self._socket.fileno()
 
     def receive(self) -> bytes:
-        """Return the received whole records, or ``b""``; BusClosed after the hub has ended."""
+        """Return the whole records received, or ``b""``; BusClosed after the hub has ended."""
         try:
             data = self._socket.recv(_RECEIVE_SIZE)
         except BlockingIOError:
@@ -116,7 +116,7 @@ class LocalPort:
         return data[:complete]
 
     def ask_stamps(self, *, echo: bool = False) -> None:
-        """Request the time of each chunk from now on; with `echo` also the own frames, in their order.
+        """Request time stamps from now on; with `echo` also this port's own frames, in the order of the bus.
 
         A second call does nothing. Hubs of earlier versions do not support it; see `gives_stamps`.
         """
@@ -130,7 +130,7 @@ class LocalPort:
         return bool(self._abilities & GIVES_STAMPS)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return the records of `receive` and the time of each in the hub, in monotonic ns; 0 if unknown."""
+        """Return received records, and the time stamp of each by the hub in monotonic ns, 0 if unknown."""
         records = self.receive()
         if self._chunks is None:
             return records, [0] * (len(records) // RECORD_SIZE)
@@ -139,7 +139,7 @@ class LocalPort:
         return records, [stamp for chunk in self._chunks for stamp in chunk.stamps] if records else []
 
     def receive_chunks(self) -> list[Chunk]:
-        """Return the records of `receive` in chunks with their times."""
+        """Return received records as chunks with time stamps; without stamps as one chunk."""
         records = self.receive()
         if not records:
             return []

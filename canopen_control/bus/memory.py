@@ -1,4 +1,4 @@
-"""CAN bus inside one process, with every bus fault on request.
+"""CAN bus inside one process, for tests, with faults that are switched on and off by calls.
 
 Nothing happens by itself: when `send` returns, the frame is in the queues of all other ports, in the order of sending.
 A delay has no duration but ends by a call (`hold`, `release`), so that tests with a manual clock are exact.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
 
     Predicate = Callable[[str, CanFrame], bool]
-    """Function of the sender's label and the frame: whether the fault applies to it."""
+    """Function of a sender's label and a frame that returns whether a fault applies to the frame."""
 
 
 QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader
@@ -43,7 +43,7 @@ class InProcessBus(Protocol):
     """Bus inside this process that can open ports."""
 
     def open(self, label: str) -> Port:
-        """Open a port."""
+        """Open a port with this label."""
 
 
 _PROVIDED: dict[str, InProcessBus] = {}
@@ -51,7 +51,7 @@ _PROVIDED: dict[str, InProcessBus] = {}
 
 @contextlib.contextmanager
 def provide(name: str, bus: InProcessBus) -> Iterator[None]:
-    """Use `bus` for ``memory:NAME`` in this context, for example a simulated wire."""
+    """Context in which ``memory:NAME`` opens ports of `bus`, for example of a simulated wire."""
     _PROVIDED[name] = bus
     try:
         yield
@@ -60,14 +60,14 @@ def provide(name: str, bus: InProcessBus) -> Iterator[None]:
 
 
 def bus_of_channel(name: str) -> InProcessBus:
-    """Return the bus of ``memory:NAME``."""
+    """Return the bus of ``memory:NAME``: the provided bus, otherwise a `MemoryBus`."""
     return _PROVIDED.get(name) or MemoryBus.get(name)
 
 
 class MemoryBus:
-    """Bus inside one process.
+    """Bus inside one process, whose frames go directly into the queues of the ports.
 
-    `get` finds it by name, and it exists while a reference to it or one of its ports exists.
+    `get` finds a bus by name; a bus exists while a reference to it or to one of its ports exists.
     """
 
     _registry: ClassVar[WeakValueDictionary[str, MemoryBus]] = WeakValueDictionary()
@@ -88,7 +88,7 @@ class MemoryBus:
 
     @classmethod
     def get(cls, name: str) -> MemoryBus:
-        """Return the bus with this name, the same one for every caller in this process."""
+        """Return the bus with this name, which is the same for every caller in this process."""
         with cls._registry_lock:
             bus = cls._registry.get(name)
             if bus is None:
@@ -102,13 +102,13 @@ class MemoryBus:
 
     @property
     def history(self) -> list[tuple[str, CanFrame]]:
-        """Sender's label and frame of everything sent, oldest first (bounded)."""
+        """Label of the sender and frame for everything delivered, oldest first; the length is limited."""
         with self.lock:
             log = list(self._log)
         return [(label, frame) for label, records in log for frame in frames_of(records)]
 
     def clear_history(self) -> None:
-        """Forget the history."""
+        """Clear the history."""
         with self.lock:
             self._log.clear()
 
@@ -123,18 +123,18 @@ class MemoryBus:
     # -- faults
 
     def drop(self, predicate: Predicate | None) -> None:
-        """Lose each frame selected by `predicate`, for all readers; None ends it.
+        """Drop each frame that `predicate` selects, for all readers; None ends the fault.
 
         Lost frames are counted in `dropped`.
         """
         self._drop = predicate
 
     def duplicate(self, predicate: Predicate | None) -> None:
-        """Deliver each frame selected by `predicate` twice, as after a lost acknowledge; None ends it."""
+        """Deliver each frame that `predicate` selects twice, as after a lost acknowledge; None ends the fault."""
         self._duplicate = predicate
 
     def hold(self, predicate: Predicate | None) -> None:
-        """Hold back each frame selected by `predicate` until `release`; None ends it, and held frames stay held."""
+        """Hold back each frame that `predicate` selects until `release`; None ends the fault, but releases nothing."""
         self._hold = predicate
 
     def release(self) -> int:
@@ -150,7 +150,7 @@ class MemoryBus:
         self._silent.add(label)
 
     def uncut(self, label: str) -> None:
-        """Repair the cable."""
+        """Repair the cable of the ports with this label."""
         self._silent.discard(label)
 
     def bus_off(self, label: str) -> None:
@@ -164,14 +164,14 @@ class MemoryBus:
         self.report(label, error_frames.restarted_frame())
 
     def report(self, label: str, frame: CanFrame) -> None:
-        """Deliver an error frame to the ports with one label."""
+        """Deliver an error frame to the ports with this label."""
         with self.lock:
             for port in self.ports:
                 if port.label == label:
                     port.put(pack_records([frame]))
 
     def inject(self, frame: CanFrame, label: str = "injected") -> None:
-        """Send a frame as if from `label` to all other ports, unaffected by faults."""
+        """Deliver a frame as if sent by `label` to all other ports; drop, duplicate and hold do not apply."""
         with self.lock:
             self._deliver(label, pack_records([frame]))
 
@@ -251,7 +251,7 @@ class MemoryPort:
             return self._wake.fileno()
 
     def put(self, records: bytes) -> None:
-        """Queue records for this reader (called by the bus, under its lock).
+        """Queue records for the reader of this port (called by the bus, under its lock).
 
         If the queue is full they are lost and counted.
         """
@@ -263,7 +263,7 @@ class MemoryPort:
         self._queue += records
 
     def receive(self) -> bytes:
-        """Return the waiting whole records, or ``b""``; BusClosed after the bus was closed."""
+        """Return the whole records that wait, or ``b""``; BusClosed after the bus was closed."""
         with self.bus.lock:
             queue = self._queue
             if not queue:
@@ -294,14 +294,14 @@ class MemoryPort:
             self.bus.transmit(self, bytes(records))
 
     def flush(self) -> None:
-        """Do nothing: all records are delivered at once."""
+        """Do nothing, because all records are delivered at once."""
 
     def events(self) -> list[BusEvent]:
         """Return the events since the last call."""
         return self._events.drain()
 
     def lose(self, reason: str) -> None:
-        """Close this port from the bus; its next call raises `BusClosed`."""
+        """Close this port because the bus was closed; the next call of the port raises `BusClosed`."""
         if not self._closed_reason:
             self._closed_reason = reason
             self._events.add(BusEventKind.CLOSED, f"bus {self.channel}: {reason}")

@@ -43,7 +43,7 @@ def play(
     clock: Callable[[], int] = time.monotonic_ns,
     sleep: Callable[[float], None] = time.sleep,
 ) -> None:
-    """Send `frames` at `speed` times their recorded rate and count them in `played`, even if it is interrupted.
+    """Send `frames` at `speed` times the recorded rate; `played` counts them, even if the call is interrupted.
 
     Times that go back (a clock that was set) count as no time. BusClosed when the bus is gone.
     """
@@ -69,7 +69,7 @@ def play(
 
 
 def _flush(port: Port, seconds: float) -> None:
-    """Send the queued records for at most `seconds`."""
+    """Send the queued records, for at most `seconds`."""
     end = time.monotonic() + seconds
     while port.wants_write:
         port.flush()

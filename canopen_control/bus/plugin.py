@@ -1,7 +1,7 @@
 """``local:`` buses for python-can: ``can.Bus(interface="canopen_control", channel="robby")``.
 
 Programs built on python-can, such as its logger and viewer and the `canopen` package, can thus join a bus while a robot
-runs on it. The entry point ``can.interface`` registers it; no import is needed.
+runs on it. The entry point ``can.interface`` registers the interface; no import is needed.
 """
 
 from __future__ import annotations

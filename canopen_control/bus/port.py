@@ -67,11 +67,11 @@ class Port(Protocol):
 
     @property
     def channel(self) -> str:
-        """Channel as the user wrote it, such as ``local:robby``."""
+        """Name of the channel, such as ``local:robby``."""
 
     @property
     def stats(self) -> PortStats:
-        """Counters, updated continuously."""
+        """Counters of the port, updated continuously."""
 
     @property
     def wants_write(self) -> bool:
@@ -115,7 +115,7 @@ SEND_LIMIT: Final = 4096
 
 
 class BusEventLog:
-    """Bounded log of port events that were not fetched yet; the oldest are dropped."""
+    """Bounded log of port events that were not fetched yet; the oldest events are dropped."""
 
     __slots__ = ("_events",)
 
@@ -140,7 +140,7 @@ class BusEventLog:
 
 
 class SendQueue:
-    """Bounded queue of frames to send; the oldest frame is dropped first, but never one that was sent in part.
+    """Bounded queue of frames to send; if it is full the oldest frames are dropped, but no partly sent frame.
 
     `data` begins with the rest of a partly sent record, if there is one.
     """
@@ -177,7 +177,7 @@ class SendQueue:
 
 
 class WakeDescriptor:
-    """Descriptor for ports without one: `set` makes it readable, `clear` ends that. All methods are thread-safe."""
+    """Wake-up descriptor for ports without a socket: `set` makes it readable, `clear` ends this; thread-safe."""
 
     def __init__(self) -> None:
         self._reader, self._writer = _open_wake()

@@ -24,14 +24,14 @@ _READINGS = 4
 
 @runtime_checkable
 class Filtering(Protocol):
-    """Port that can filter frames, so that its owner wakes less often; error frames are always delivered."""
+    """Port that can filter frames, so that its owner runs less often; error frames are always delivered."""
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
         """Deliver only these identifiers, with the flags of linux/can.h; a later call replaces the filter."""
 
 
 def set_filter(port: Port, can_ids: Iterable[int]) -> None:
-    """Set the filter of a port that supports it."""
+    """Set the filter of a port that supports filters; do nothing for other ports."""
     if isinstance(port, Filtering):
         port.set_filter(can_ids)
 
@@ -79,7 +79,7 @@ class UnixOffset:
 
 
 class Arrivals:
-    """Reception from a port with the time of each record; create it before the frames of interest arrive.
+    """Receiver of the records of a port, with a time for each; create it before the frames of interest arrive.
 
     Times are strictly increasing, by at least 1 us, so that recordings can distinguish them. A port without time stamps
     gives the time of reading. Times are monotonic; the constant `unix_offset_ns` converts them to Unix time, so that
@@ -107,7 +107,7 @@ class Arrivals:
         return records, stamps
 
     def order(self, stamps: list[int]) -> None:
-        """Set missing stamps and make each later than the previous one, for callers that read the port themselves."""
+        """Replace missing stamps and make all strictly increasing, for callers that read the port themselves."""
         now, earliest = self._clock(), self._earliest
         for number, stamp in enumerate(stamps):
             if stamp < earliest:  # or 0

@@ -103,7 +103,7 @@ class AdapterClock:
         self._last_frame_ns: int | None = None
 
     def stamp(self, seconds: float) -> int:
-        """Return the time of a frame that is being read now."""
+        """Return the monotonic time in ns of a frame that is being read now; `seconds` is its time stamp."""
         now = self._monotonic()
         if not seconds:
             return now
@@ -116,7 +116,7 @@ class AdapterClock:
         return min(now, stamp_ns + self._lag_of(now - stamp_ns, now))
 
     def _lag_of(self, lag: int, now: int) -> int:
-        """Return the minimum recent delay from stamp to reading."""
+        """Return the minimum recent delay from time stamp to reading, in ns."""
         grown = self._lag + (0 if self._last_frame_ns is None else (now - self._last_frame_ns) * _DRIFT)
         begins_anew = self._last_frame_ns is None or lag - self._lag > _NS
         self._lag, self._last_frame_ns = (lag if begins_anew else min(lag, grown)), now
@@ -282,7 +282,7 @@ class PythonCanPort:
         return record
 
     def _write(self, record: bytes) -> None:
-        """Send one frame, with retries for at most one second while the adapter refuses it; then it is too old."""
+        """Send one frame, with retries for about a second; then it is too old, and dropped with the queue."""
         (frame,) = frames_of(record)
         message = message_of(frame, 0.0)
         for _ in range(int(1 / _RETRY_S)):
@@ -305,7 +305,7 @@ class PythonCanPort:
     # -- failure and recovery
 
     def _fail(self, verb: str, error: Exception) -> None:
-        """Record that receiving or sending failed; it is reported once until it succeeds again."""
+        """Record that receiving or sending failed; DOWN is reported once until the adapter works again."""
         with self._lock:
             self._failing_since.setdefault(verb, time.monotonic())
             if verb == _RECEIVE:
@@ -328,7 +328,7 @@ class PythonCanPort:
                 self._wake.set()
 
     def _is_broken(self) -> bool:
-        """Whether the adapter has only failed for long enough to be reopened."""
+        """Whether the adapter has only failed for so long that it must be reopened."""
         if self._reopen is None or not self._failing_since:
             return False
         now = time.monotonic()
@@ -434,7 +434,7 @@ def open_python_can(
     *,
     served: bool = False,
 ) -> PythonCanPort:
-    """Open `name` of a python-can `interface` as `channel`; `options` are its other keywords.
+    """Open the channel `name` of a python-can interface; `options` are further keywords of the interface.
 
     `served` means that the adapter connects to a server instead of a local device. `InterfaceNotFound`, `BusError` with
     the message of python-can, or `ConfigError` if a package is missing that the adapter needs.

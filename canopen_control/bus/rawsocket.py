@@ -79,7 +79,7 @@ class CanSocket(Protocol):
 
 
 def filters_of(can_ids: Iterable[int]) -> bytes:
-    """Return the kernel filters for these identifiers; if there are too many, that for all 11-bit identifiers."""
+    """Return the kernel's filters for these identifiers; if there are too many, for all 11-bit identifiers."""
     filters = [
         _FILTER.pack(can_id, _EXTENDED_MASK if can_id & EXTENDED_FLAG else _STANDARD_MASK) for can_id in sorted(can_ids)
     ]
@@ -101,7 +101,7 @@ def bind_to(sock: CanSocket, name: str, filters: bytes) -> None:
 
 
 def ask_stamps(sock: CanSocket) -> None:
-    """Request time stamps with each frame."""
+    """Request a time stamp with each frame."""
     sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
 

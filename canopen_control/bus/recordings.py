@@ -79,7 +79,7 @@ _STATUS: Final = (  # bit of PCAN-Basic, error class, controller detail
 
 
 def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield time in Unix ns and frame of each row, None for rows without a classic CAN frame.
+    """Yield the Unix time in ns and the frame of each row of a PEAK trace, None for rows without a classic frame.
 
     EOFError for a truncated last row. Without a start time the times begin at 0.
     """
@@ -102,7 +102,7 @@ def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
 
 
 def _start(days: str) -> float:
-    """Return the start in Unix s, 0 if it is invalid."""
+    """Return the start time in Unix s of a day number, 0 if it is invalid."""
     try:
         return (_DAY_ZERO + datetime.timedelta(days=float(days))).timestamp()
     except (ValueError, OverflowError):
@@ -110,7 +110,7 @@ def _start(days: str) -> float:
 
 
 def _parsed(text: str, columns: str) -> tuple[float, CanFrame] | None:
-    """Return the offset in ms and the frame of a row."""
+    """Return the offset in ms and the frame of a row; None if the row contains no valid frame."""
     words = text.split()
     try:
         offset = float(words[columns.index("O")])
@@ -132,7 +132,7 @@ def _kind_of(words: list[str], columns: str) -> str:
 
 
 def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
-    """Return the frame of a row; ValueError, IndexError or KeyError if it is malformed."""
+    """Return the data or remote frame of a row; an exception or None if the row is malformed."""
     identifier = row["I"]
     can_id = int(identifier, 16) | (EXTENDED_FLAG if len(identifier) > _LONGEST_STANDARD else 0)
     length = int(row["L"] if "L" in row else row["l"])
@@ -148,7 +148,7 @@ def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
 
 
 def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
-    """Return the error frame of an error row, which may lack identifier and length."""
+    """Return the error frame of an error row, whose identifier and length may be missing; None for other rows."""
     direction = next((at for at, word in enumerate(words) if word in ("Rx", "Tx")), columns.find("L"))
     data = bytes(int(word, 16) for word in words[direction + 1 :] if _BYTE.fullmatch(word))
     if kind in _ERROR_TYPES:
@@ -193,7 +193,7 @@ def interface_name(channel: str) -> str:
 
 
 def line_of(time_ns: int, channel: str, frame: CanFrame) -> str:
-    """Return the line of a frame with its line end; `time_ns` is Unix time, truncated to us."""
+    """Return the candump line of a frame, with line end; `time_ns` is Unix time, truncated to us."""
     sign = "-" if time_ns < 0 else ""
     seconds, ns = divmod(abs(time_ns), _NS)
     # candump writes the flag of an error frame too
@@ -202,7 +202,7 @@ def line_of(time_ns: int, channel: str, frame: CanFrame) -> str:
 
 
 def parse_line(line: str) -> tuple[int, CanFrame] | None:
-    """Return time and frame of a line; None for CAN FD and for other formats.
+    """Return the time in Unix ns and the frame of a candump line; None for CAN FD and other formats.
 
     A clock that was set can cause negative times. A DLC above 8 (`_9` to `_F`, can-utils 2020 and later) means 8 bytes.
     """
@@ -221,7 +221,7 @@ def parse_line(line: str) -> tuple[int, CanFrame] | None:
 
 
 def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield the frames of a log, None for each line without a frame; empty lines are skipped."""
+    """Yield the time and the frame of each candump line, None for a line without a frame; skip empty lines."""
     while line := file.readline(_LONGEST_LINE):
         if text := line.strip():
             yield parse_line(text)
@@ -252,7 +252,7 @@ def _asc_writer(path: Path) -> can.io.generic.MessageWriter:
     import can
 
     class Writer(can.ASCWriter):
-        """ASC writer with three digits for the milliseconds of the start: readers take `.5` for half a second."""
+        """ASC writer with three digits for the milliseconds of the start: readers read `.5` as half a second."""
 
         def _format_header_datetime(self, dt: Any) -> str:  # noqa: ANN401 - a datetime
             return str(dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}")))
@@ -306,7 +306,7 @@ _PACKED: Final = ".gz"
 
 
 def format_of(path: str | Path, *, writing: bool = False) -> str:
-    """Return the suffix of the format, without .gz; ConfigError for an unsupported one."""
+    """Return the suffix of a recording's format, without .gz; ConfigError for an unsupported format."""
     path = Path(path)
     suffix = Path(path.stem).suffix.lower() if _is_packed(path) else path.suffix.lower()
     if suffix not in FORMATS:
@@ -325,7 +325,7 @@ def _is_packed(path: Path) -> bool:
 
 
 class RecordingWriter:
-    """Writer of a recording; `written` and `left_out` count frames. Without `close` the last frames are lost.
+    """Writer of a recording; `written` and `left_out` count frames. Without `close`, last frames may be lost.
 
     An existing file is replaced; a new one is accessible to its user only (mode 0600). ConfigError if it cannot be
     written, DiskFull if it cannot be completed: the frames written before are kept then, and `written` counts them.

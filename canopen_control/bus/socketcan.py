@@ -1,11 +1,11 @@
-"""Port of a SocketCAN interface: a raw AF_CAN socket (linux/can.h, linux/can/raw.h.
+"""Port of a SocketCAN interface, with a raw AF_CAN socket (linux/can.h, linux/can/raw.h).
 
-See `canopen_control.bus.rawsocket`). The kernel transfers one frame per call. It counts frames that overflow the
-receive buffer and reports the count with a frame. If the transmit queue is full (ENOBUFS or EAGAIN), frames wait here,
-bounded. When an interface is down or unplugged the port remains open: frames sent meanwhile are lost and counted, since
-old commands must not arrive later. A removed interface is bound again once one with its name exists: a sender tries
-this twice a second, and a receiver reads all interfaces meanwhile, until the first frame from this name. With a
-filter the kernel drops all other identifiers.
+The kernel transfers one frame per call. It counts frames that overflow the receive buffer and reports the count with a
+frame. If the transmit queue is full (ENOBUFS or EAGAIN), frames wait in a bounded queue. When an interface is down or
+unplugged the port remains open: frames sent meanwhile are lost and counted, since old commands must not arrive later. A
+removed interface is bound again as soon as an interface with its name exists: a sender tries this twice a second, and a
+receiver reads all interfaces meanwhile, until the first frame from this name. With a filter the kernel drops all other
+identifiers.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class SocketCanPort:
         return received
 
     def _overflow(self, ancillary: Ancillary) -> list[bytes]:
-        """Return the overrun report for frames lost in the receive buffer; the kernel's counter wraps."""
+        """Return an overrun report if the kernel's wrapping counter shows frames lost in its buffer."""
         total = overflow_of(ancillary)
         if total is None:
             return []
@@ -165,7 +165,7 @@ class SocketCanPort:
         return records
 
     def _follow(self, events: list[BusEvent]) -> None:
-        """Apply the controller state of error frames: during bus-off no frame may wait."""
+        """Log events and update the controller state; during bus-off no frame may wait."""
         for event in events:
             text = event.text
             if event.kind is BusEventKind.BUS_OFF:
@@ -211,10 +211,7 @@ class SocketCanPort:
         self.stats.queued = len(self._queue)
 
     def _send_one(self, record: memoryview) -> int:
-        """Send a frame.
-
-        One that the kernel refuses as invalid is lost and counted, so that it does not block the queue.
-        """
+        """Send one frame, and return its size; a frame that the kernel refuses as invalid is lost and counted."""
         try:
             self._socket.send(record)
         except OSError as error:
@@ -244,7 +241,7 @@ class SocketCanPort:
             self._rebind()
 
     def _fail(self, error: OSError) -> None:
-        """Record that the interface is down or removed; it is reported once until it works again."""
+        """Record that the interface is down or removed; DOWN is reported once until it works again."""
         self._drop_queue()
         self._bus_off = False
         removed = error.errno in (errno.ENODEV, errno.ENXIO)
@@ -267,7 +264,7 @@ class SocketCanPort:
         self._rebind_at = None if self._bind(self.channel) else self._now() + _REBIND_NS
 
     def _is_back(self, address: object) -> bool:
-        """Bind again if a frame came from an interface with the name of the removed one; return whether it did."""
+        """Bind again and return True if a frame came from an interface with the name of the removed one."""
         if interface_of(address) != self.channel:
             return False
         self._rebind()
@@ -290,5 +287,5 @@ _DOWN_TEXTS = {
 def open_socketcan(
     name: str, *, make_socket: Callable[[], CanSocket] | None = None, network_class: Path = NETWORK_CLASS
 ) -> SocketCanPort:
-    """Open the interface `name`; `InterfaceNotFound`, `InterfaceDown` or `BusError`, each with the command to type."""
+    """Open the interface `name`; InterfaceNotFound, InterfaceDown or BusError contain the command to type."""
     return SocketCanPort(name, open_raw(name, make_socket, network_class))

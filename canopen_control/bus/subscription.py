@@ -2,9 +2,9 @@
 
 A port can request identifiers, time stamps, or its own frames. A hub that supports this announces it in its greeting.
 The records are sent in the stream of frames, so that frames sent after a request follow it. The hub puts a stamp before
-each chunk of frames received at once. Each request record holds up to two identifiers, with the flags of linux/can.h;
-its own identifier, all ones, is invalid for frames. A port without requests receives all frames but its own, without
-stamps.
+each chunk of frames received at once. A request record contains up to two identifiers, with the flags of linux/can.h;
+the identifier of the record itself, all ones, is invalid for frames. A port without requests receives all frames but
+its own, without stamps.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ _MOST_GREETING: Final = 64
 
 
 class Hello(NamedTuple):
-    """Greeting of the other end."""
+    """Greeting received from the peer, which is a port or the hub."""
 
     version: int
     pid: int
     label: str
-    abilities: int = 0  # of a hub: those of `Subscription`
+    abilities: int = 0  # of a hub: TAKES_SUBSCRIPTION, GIVES_STAMPS
 
 
 def pack_hello(pid: int, label: str, version: int = VERSION, abilities: int = 0) -> bytes:
@@ -70,7 +70,7 @@ def parse_hello(data: bytes) -> Hello | None:
 
 
 class _Newcomer:
-    """Connection without a greeting so far."""
+    """Connection that has not sent a complete greeting yet."""
 
     __slots__ = ("data", "socket", "timer")
 
@@ -80,10 +80,10 @@ class _Newcomer:
 
 
 class HelloServer:
-    """Acceptor of connections on `listener`; it calls `admit(socket, hello)` after a valid greeting.
+    """Acceptor of connections on `listener` that calls `admit(socket, hello)` after a valid greeting.
 
-    A connection without a valid greeting is dropped. One without any greeting delays no other, and is dropped when too
-    many wait.
+    A connection without a valid greeting is dropped. A connection without any greeting does not delay others; it
+    is dropped after five seconds, or earlier if too many wait.
     """
 
     def __init__(
@@ -161,7 +161,7 @@ class HelloServer:
 
 
 def _refuse(sock: socket.socket) -> None:
-    """Send our version to a peer with another one, as far as the socket accepts it at once."""
+    """Send our protocol version to a peer with another version, as far as the socket accepts it at once."""
     with contextlib.suppress(OSError):
         sock.send(pack_hello(os.getpid(), ""))
 
@@ -184,7 +184,7 @@ _MOST: Final = 4096  # maximum number of identifiers; beyond it a port receives 
 
 
 def pack_subscription(can_ids: Iterable[int]) -> bytes:
-    """Return the records that request only these identifiers."""
+    """Return the records with which a port requests only these identifiers."""
     identifiers = sorted(set(can_ids))
     pairs = [identifiers[at : at + 2] for at in range(0, len(identifiers), 2)] or [[]]
     last = len(pairs) - 1
@@ -195,22 +195,22 @@ def pack_subscription(can_ids: Iterable[int]) -> bytes:
 
 
 def pack_stamp_request(*, echo: bool = False) -> bytes:
-    """Return the record that requests time stamps, and with `echo` also the own frames."""
+    """Return the record that requests time stamps, and with `echo` also the port's own frames."""
     return _RECORD.pack(MARK, _STAMPS | (_ECHO if echo else 0), 0, 0)
 
 
 def pack_stamp(at_ns: int) -> bytes:
-    """Return the record before a chunk received at `at_ns`, monotonic."""
+    """Return the record that precedes a chunk received at `at_ns`, in monotonic ns."""
     return _STAMP.pack(MARK, 0, at_ns)
 
 
 def own_stamp(stamp: bytes) -> bytes:
-    """Return the same stamp for the port that sent the chunk."""
+    """Return `stamp` in the form for the port that sent the chunk."""
     return MARK + bytes((_OWN,)) + stamp[len(MARK) + 1 :]
 
 
 class Chunk(NamedTuple):
-    """Whole records received at once, the first at `at_ns`, each following one `STAMP_STEP_NS` later; 0: unknown."""
+    """Records received at once; the first has the time `at_ns` (0: unknown), the others follow at `STAMP_STEP_NS`."""
 
     at_ns: int
     own: bool
@@ -218,13 +218,13 @@ class Chunk(NamedTuple):
 
     @property
     def stamps(self) -> list[int]:
-        """Time of each record."""
+        """Time of each record in monotonic ns, 0 if unknown."""
         count = len(self.records) // RECORD_SIZE
         return [*range(self.at_ns, self.next_ns, STAMP_STEP_NS)] if self.at_ns else [0] * count
 
     @property
     def next_ns(self) -> int:
-        """Time of the following record, if it has no stamp."""
+        """Time of the record that follows the chunk without a stamp of its own, 0 if unknown."""
         return self.at_ns and self.at_ns + len(self.records) // RECORD_SIZE * STAMP_STEP_NS
 
 
@@ -247,7 +247,7 @@ def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
 
 
 class Subscription:
-    """Requests of one port: `ids` is None while it receives everything; `echoes` includes its own frames."""
+    """Requests of one port: `ids` is None for all identifiers, `echoes` adds the port's own frames."""
 
     __slots__ = ("_coming", "echoes", "ids", "stamps")
 

@@ -27,7 +27,7 @@ class DropRule:
         return self.count is not None and self.lost >= self.count
 
     def takes(self, label: str, can_id: int) -> bool:
-        """Whether the rule drops this frame; counts the frame."""
+        """Count a frame if it matches the rule, and return whether the rule drops it."""
         if self.spent or self.label not in ("", label) or self.can_id not in (None, can_id):
             return False
         self.matched += 1
@@ -37,7 +37,7 @@ class DropRule:
 
 
 class WireFaults:
-    """Faults of one bus; `active` is False without any, so that they cost no time."""
+    """Faults of one bus by label: cut cables, controllers in bus-off, delays and drop rules."""
 
     def __init__(self) -> None:
         self.cut: set[str] = set()
@@ -47,11 +47,11 @@ class WireFaults:
 
     @property
     def active(self) -> bool:
-        """Whether frames must be checked before delivery."""
+        """Whether frames must be checked before delivery, because there are delays or drop rules."""
         return bool(self.delays or self.drops)
 
     def silences(self, label: str) -> bool:
-        """Whether the cable of this label is cut."""
+        """Whether members with this label are disconnected, by a cut cable or by bus-off."""
         return label in self.cut or label in self.bus_off
 
     def delay_of(self, label: str) -> int:
@@ -59,14 +59,14 @@ class WireFaults:
         return self.delays.get(label, self.delays.get("", 0))
 
     def delay(self, label: str, delay_ns: int) -> None:
-        """Delay frames from this label ("" for all); 0 ends it."""
+        """Delay frames from this label ("" for all) by `delay_ns`; 0 ends the delay."""
         if delay_ns > 0:
             self.delays[label] = delay_ns
         else:
             self.delays.pop(label, None)
 
     def survivors(self, label: str, records: bytes) -> bytes:
-        """Return the records without the dropped ones."""
+        """Apply the drop rules, and return the records that are not dropped."""
         if not self.drops:
             return records
         remaining = b"".join(
