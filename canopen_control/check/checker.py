@@ -1,4 +1,4 @@
-"""Check of a robot's files, without opening a bus: what `check` prints.
+"""Check of a robot's files without opening a bus, as the verb `check` does it.
 
 Each file is read by itself, so that a mistake in one does not hide those of another; then follow the rules between the
 files (`rules`), the load of each bus, and, without errors so far, the assembly that a start would do. Each finding is
@@ -58,9 +58,9 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Findings by file and line; per bus its load and SYNC producer, absent if its file is invalid.
+    """Findings by file and line; for each bus with a valid file also the load and the SYNC producer.
 
-    `stops` is how long each joint on a drive takes to stand, empty where the robot cannot be built.
+    `stops` are the stopping times of the joints on drives, empty if the robot cannot be built.
     """
 
     findings: tuple[Finding, ...]
@@ -78,21 +78,21 @@ class CheckReport:
 
 
 def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
-    """Check the files of a robot; never raises for their contents."""
+    """Check the files of a robot; errors in the files become findings, not exceptions."""
     checker = _Checker(files, options)
     checker.run()
     return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync, checker.stops)
 
 
 def start_warnings(setup: RobotSetup) -> list[str]:
-    """Return the warnings of `check` about the files of a robot."""
+    """Return the warnings of `check` about a robot whose files have been read, as texts."""
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description
     findings = rules.find(setup.files, _one_bus(buses), control, description, mock=setup.mock, real=setup.on_drives)
     for config in buses.values():
         findings += check_timing(config, control, description)
-        for note in config.notes:  # those with a place are warnings
+        for note in config.notes:  # notes with a line number are warnings
             notes = rules.findings_of(note, config.path, 0, Severity.WARNING)
             findings += [remark for remark in notes if remark.line]
     warnings = [finding for finding in sorted_findings(findings) if finding.severity is Severity.WARNING]
@@ -100,7 +100,7 @@ def start_warnings(setup: RobotSetup) -> list[str]:
 
 
 class _Checker:
-    """One check: the files read and the findings."""
+    """State of one check: the files read so far, and the findings."""
 
     def __init__(self, files: RobotFiles, options: CheckOptions) -> None:
         self.findings: list[Finding] = []
@@ -176,7 +176,7 @@ class _Checker:
         return None
 
     def _read_world(self) -> None:
-        """Read the world file of an argument."""
+        """Read the world file, if the robot's files have one, and report errors and notes."""
         path = self._files.world
         if path is None:
             return
@@ -220,20 +220,20 @@ class _Checker:
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:
-    """Return a sentence about the SYNC producer and the reason, or why it is not the kernel."""
+    """Return a sentence about the SYNC producer, with the reason of the choice or why the kernel cannot send."""
     refused = None if choice.sender is not SyncSender.KERNEL else bus.why_no_kernel_sync()
     return f"{bus.sync_words}; {refused or choice.words}"
 
 
 def _of_problem(problem: Problem, severity: Severity) -> Finding:
-    """Return a finding with the line of the file and the caret."""
+    """Convert a problem in a YAML file to a finding, with the line of the file and a caret."""
     text = f"{problem.where}: {problem.message}" if problem.where else problem.message
     source = "\n".join(str(problem).split("\n")[1:])
     return Finding(problem.path, problem.line, severity, text, column=problem.column, source=source)
 
 
 def _of_eds(config: BusConfig) -> Iterator[Finding]:
-    """Return a summary of the issues of each EDS; `eds check` lists them."""
+    """Yield a note about each EDS with issues: their number and the first issue; `eds check` lists all."""
     for path, issues in config.eds_issues.items():
         odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
         if odd:
@@ -247,7 +247,7 @@ def _placed(text: str, path: Path) -> Finding:
 
 
 def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
-    """Return all nodes of a robot as one bus: node names are unique."""
+    """Return all nodes of a robot as one bus, since node names are unique; None without a bus."""
     first = next(iter(buses.values()), None)
     if first is None:
         return None
@@ -262,7 +262,7 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
 
 
 def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:
-    """Compute the load of a bus with a known period: sync_period, or update_rate without SYNC."""
+    """Find problems of the bus load in a cycle: overload, too small a sync_window, unbounded event PDOs."""
     kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
     path, line, cure = config.path, config.period_line, "raise sync_period"
     if not config.master.sync_period and control is not None:

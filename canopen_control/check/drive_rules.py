@@ -1,4 +1,4 @@
-"""Rules about the drives of a robot: missing feedback, and keys that manufacturers' drives need."""
+"""Rules about the drives of a robot: feedback, modes and targets, and keys that manufacturers' drives need."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives without a position and a velocity in their PDOs."""
+    """Find drives of which no TPDO contains the actual position or the actual velocity."""
     bus = robot.bus
     if bus is None:
         return
@@ -54,7 +54,7 @@ def _shown(od: ObjectDictionary, index: int) -> bool:
 
 
 def _measured(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find state interfaces of the description without a TPDO."""
+    """Find state interfaces in the URDF whose object is in no TPDO of the drive."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -98,7 +98,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find motors behind a shared controlword that no joint moves: they are enabled with the others, unwatched."""
+    """Find motors behind a shared controlword that no joint moves: they are enabled, but their faults are not seen."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -115,7 +115,7 @@ def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _known(robot: CheckedRobot) -> Iterator[Finding]:
-    """Propose keys that drives of a known manufacturer need and bus.yml lacks."""
+    """Propose keys that drives of a known manufacturer need, and that bus.yml does not contain."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         if bus is None or (plan := bus.plans.get(name)) is None or not plan.axes:
@@ -138,7 +138,7 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives whose EDS lacks 0x6502, and that bus.yml gives no mode (the object is optional, CiA 402-2)."""
+    """Find drives without 0x6502 (optional in CiA 402-2) in the EDS, and without a mode in bus.yml."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
@@ -153,7 +153,7 @@ def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find modes of bus.yml whose target object is in no RPDO (CiA 402-2): such a drive is not enabled."""
+    """Find modes in bus.yml whose target object is in no RPDO; a drive in such a mode is not enabled."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion

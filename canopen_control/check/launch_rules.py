@@ -1,7 +1,8 @@
-"""Common mistakes of launch files (XML of ROS 1 and 2, YAML and Python), compared with the robot's files.
+"""Rules that find common mistakes in the launch files (XML of ROS 1 and 2, YAML, Python) of a robot.
 
-Nothing is launched or included. `$(arg NAME)` is its default; other substitutions of XML are not judged. A launch file
-in Python is parsed and never executed (`runtime.launch_python`); a name that it computes is reported as unknown.
+Nothing is launched or included. `$(arg NAME)` is replaced by its default; other substitutions in XML are not checked. A
+launch file in Python is parsed and never executed (`runtime.launch_python`); a name that it computes is reported as
+unknown.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ _ARG: Final = re.compile(r"\$\((?:arg|var) +([\w.-]+)\)")
 SPAWNERS: Final = ("spawner", "spawner.py", "controller_manager", "unspawner")
 _WITH_VALUE: Final = SPAWNER_VALUES | {"--shutdown-timeout", "--wait-for"}  # those of ROS 1 too
 DESCRIPTION: Final = "robot_description"
-_FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # that nothing but their author makes
+_FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # files that are not generated
 
 
 @dataclass
 class _Launch:
-    """Launch file during its traversal."""
+    """State of the check of one launch file, with its arguments and the findings."""
 
     path: str
     robot: CheckedRobot
@@ -119,7 +120,7 @@ def _check_python(launch: _Launch, path: Path) -> None:
 
 
 def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
-    """Return an error of a file as a finding at its line."""
+    """Return an error of a file as a finding at the line that the error names."""
     match = re.fullmatch(r"(\d+): (.*)", str(error).removeprefix(f"{path}:").lstrip(), re.DOTALL)
     line, text = (int(match[1]), match[2]) if match else (1, str(error).removeprefix(f"{path}: "))
     return [Finding(path, line, Severity.ERROR, text)]
@@ -157,7 +158,7 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
 
 
 def _check_spawned(launch: _Launch, name: str, namespace: str, line: int) -> None:
-    """Compare the names of spawned controllers with those of the parameter file."""
+    """Check that a spawned controller is in ros2_controllers.yaml, and store its namespace."""
     control = launch.robot.control
     if control is not None and name not in control.controllers:
         text = (
@@ -233,7 +234,7 @@ def _renamed(launch: _Launch, element: Element, name: str) -> None:
 
 
 def _transmissions(launch: _Launch) -> Iterator[Finding]:
-    """Report joints without a transmission, which spawned controllers of ROS 1 would not find."""
+    """Find joints without a transmission, for which spawned controllers of ROS 1 have no interface."""
     description, robot = launch.robot.description, launch.robot
     if description is None or not launch.spawns or any(not tag.transmissions for tag in description.hardware):
         return

@@ -38,17 +38,17 @@ if TYPE_CHECKING:
 
 # Speed limit of all joints, for every command interface, for the first run with real drives.
 #
-# What cannot be limited is named, never passed over. A velocity is bounded where it becomes the
+# A command that cannot be limited is reported. A velocity is bounded where it becomes the
 # drive's target, and so are the speeds that a drive has by itself (0x6081, 0x6099). A position follows its command in
-# steps of at most speed times cycle, from where the joint is. An effort has no speed: it is taken away as
-# long as the joint is faster than the cap and would be driven further that way.
+# steps of at most speed times cycle, from where the joint is. An effort is set to 0 as
+# long as the joint is faster than the cap and the effort acts in the direction of motion.
 
 
 _LAG_S = 0.5  # a joint that is further behind than this at the cap has not followed: it was disabled, or is blocked
 
 
 class _Position:
-    """Position that follows its command at the speed cap; `last` is the present one, nan before any command."""
+    """Limiter of a position command: the position follows the command at the speed cap."""
 
     __slots__ = ("_command", "_here", "_last", "_limit", "_target")
 
@@ -69,7 +69,7 @@ class _Position:
 
 
 class _Effort:
-    """Effort that is set to zero above the speed cap."""
+    """Limiter of an effort command: an effort in the direction of motion is 0 above the speed cap."""
 
     __slots__ = ("_command", "_limit", "_speed")
 
@@ -83,7 +83,7 @@ class _Effort:
 
 
 class _Target:
-    """Target in the present mode: velocity, position or effort, each with its cap."""
+    """Limiter of a `target` command by the quantity of the present mode: velocity, position or effort."""
 
     __slots__ = ("_command", "_effort", "_limit", "_position")
 
@@ -109,7 +109,7 @@ _NEEDS: dict[str, tuple[str, Callable[[CommandInterface, StateInterface, float],
 
 
 class SpeedCap:
-    """Speed limit of `joints`, rad/s or m/s, applied after another limiter; `unlimited` are commands it cannot cap."""
+    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are commands that have no cap."""
 
     def __init__(
         self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: CommandLimiter | None = None
@@ -138,9 +138,9 @@ class SpeedCap:
             self._capped.append(_Target(command, here, speed, self._limit))
 
     def bound(self, drives: Iterable[JointDrive], reductions: Mapping[str, float]) -> None:
-        """Bound the velocity targets of drives, and their own motion, as long as they are commanded.
+        """Limit the velocity targets of drives, and the speeds of motions that the drives perform by themselves.
 
-        `reductions` are the turns of the motor for one of the joint, by joint, where there is a transmission.
+        `reductions` are motor turns per joint turn, for the joints that have a transmission.
         """
         for drive in drives:
             most = self._limit * abs(reductions.get(drive.joint, 1.0))
@@ -151,7 +151,7 @@ class SpeedCap:
                 command.maximum = min(command.maximum, most)
 
     def enforce(self, period: float) -> str | None:
-        """Limit commands that are too fast; `period` in s. Return the text of the inner limiter."""
+        """Limit commands that are too fast; `period` is in s. Return the text of the limiter applied before."""
         limited = None if self._before is None else self._before.enforce(period)
         for cap in self._capped:
             cap.enforce(period)
@@ -165,7 +165,7 @@ _ANSWER_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PreflightRecord:
-    """Passed preflight: `config` is the hash of the files, `serials` are by node name, `time` is in Unix s."""
+    """Passed preflight: `config` is the hash of the files, `serials` are by node name, `time` is Unix time in s."""
 
     config: str
     serials: dict[str, int]
@@ -183,7 +183,7 @@ class SlowReason:
 
 
 def config_hash(setup: RobotSetup) -> str:
-    """Return the hash of all files that describe a robot, in hexadecimal digits."""
+    """Return the SHA-256 of the files and arguments that describe a robot, in hexadecimal digits."""
     paths = [*setup.files.buses.values(), setup.files.controllers, setup.files.description]
     paths += sorted({path for bus in setup.buses.values() for path in bus.eds_paths.values()})
     digest = hashlib.sha256()
@@ -196,9 +196,9 @@ def config_hash(setup: RobotSetup) -> str:
 
 
 def read_serials(setup: RobotSetup) -> dict[str, int | None]:
-    """Read the serial number of every node on the bus: 0 for none, None without an answer.
+    """Read the serial number of every node on the buses: 0 if the node has none, None without an answer.
 
-    Raises BusError where a channel cannot be opened.
+    BusError if a channel cannot be opened.
     """
     serials: dict[str, int | None] = {}
     for name, bus in setup.buses.items():
@@ -260,9 +260,9 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
 
 
 def slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Return the reason against full speed, by the record and the serial numbers of the drives; None without one.
+    """Return why full speed is not allowed, by the record and the drives' serial numbers; None if it is allowed.
 
-    Raises BusError where a channel cannot be opened.
+    BusError if a channel cannot be opened.
     """
     joints = tuple(part.name for tag in setup.description.hardware for part in tag.joints if _turns(setup, part))
     passed = find_record(setup)

@@ -1,6 +1,6 @@
-"""Common mistakes between a robot's three files, each with its place and its correction.
+"""Rules that find common mistakes in and between a robot's three files, with the place and the correction.
 
-A rule reads what could be parsed (a file that could not is None) and yields findings; it never raises, opens nothing
+A rule reads the files that could be parsed (others are None) and yields findings; it never raises, opens nothing
 and changes nothing. What a start refuses is an ERROR, what would surprise later a WARNING.
 """
 
@@ -50,9 +50,9 @@ if TYPE_CHECKING:
 
 
 _DIFF_DRIVE: Final = frozenset({"wheel_separation", "wheel_radius"})
-"""The sizes that a diff drive takes from the description where they are not given; it has switches for its limits."""
+"""Sizes that a diff drive controller takes from the URDF if they are missing; only this type has has_..._limits."""
 SAME: Final = 0.01
-"""Lengths that differ by less than one per cent are the same."""
+"""Relative difference up to which two lengths count as equal."""
 
 
 def _bases(robot: CheckedRobot) -> Iterator[tuple[str, DriveGeometry, ControllerConfig]]:
@@ -171,7 +171,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
-    """Report two drives mounted face to face without opposite signs between motor and wheel."""
+    """Find pairs of left and right wheels whose drives have scales of the same sign."""
     assert robot.bus is not None  # an error of `_scales`
     left = [each for name in base.left if (each := _drive(robot, name)) is not None]
     right = [each for name in base.right if (each := _drive(robot, name)) is not None]
@@ -186,7 +186,7 @@ def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
 
 
 def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
-    """Return the node of a joint, and whether it is reversed."""
+    """Return the node that moves a joint, and whether the scale of the joint is negative; None if unknown."""
     if robot.bus is None or robot.description is None:
         return None
     for tag in robot.description.hardware:
@@ -204,10 +204,10 @@ WHEEL_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (_
 
 
 LEGAL_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-"""What ROS takes for the name of a node, which every controller is."""
+"""Valid name of a ROS node, and therefore of a controller."""
 _PLACED: Final = re.compile(r"(?P<path>[^\s:][^:]*):(?P<line>\d+)(?::(?P<column>\d+))?: (?P<text>.+)")
 _TRANSLATED: Final = (" is read as ", " has no effect")
-"""What the warnings say of keys of other distributions, which are worth knowing and no mistakes."""
+"""Phrases in warnings about keys of other ROS distributions, which become notes."""
 _COUNT: Final = re.compile(r"\d+ errors")
 
 
@@ -222,7 +222,7 @@ def find(
     mock: bool = False,
     real: bool = False,
 ) -> list[Finding]:
-    """Return the findings of all rules; unreadable files are None. `launch` is a ROS launch file."""
+    """Return the findings of all rules; a file that could not be read is None, `launch` is a ROS launch file."""
     started = _started(files, control, description, controllers)
     chosen = bool(controllers or files.spawned)
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
@@ -253,7 +253,7 @@ def _started(
 
 
 def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator[Finding]:
-    """Return one finding per sentence of an error; sentences without a place get the given one."""
+    """Yield a finding for each line of an error text; a line without a place gets `path` and `line`."""
     for row in text.splitlines():
         placed = _PLACED.fullmatch(row)
         if placed is not None:
@@ -273,7 +273,7 @@ def _unplaced(text: str, path: str) -> str:
 
 
 def _configure(robot: CheckedRobot) -> Iterator[Finding]:
-    """Create and configure every controller of the file as a start does."""
+    """Create and configure every controller of the file as a start does, and yield the errors and warnings."""
     control = robot.control
     if control is None:
         return
@@ -304,7 +304,7 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find names in a block for all nodes (`/**`) that are close to those of a controller."""
+    """Find misspelt parameter names in a block for all nodes (`/**`)."""
     control = robot.control
     if control is None or len(robot.configured) < len(control.controllers):
         return
@@ -356,7 +356,7 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _joints(robot: CheckedRobot) -> Iterator[Finding]:
-    """Compare the interfaces of controllers with those of the description."""
+    """Find command interfaces of controllers that the description does not contain."""
     description = robot.description
     if description is None or not description.hardware:
         return
@@ -396,7 +396,7 @@ def _why_not(
         return f"joint {joint!r} has no place in the {tag} of {source}", f"add it to {tag}, or nothing drives it"
     interfaces = [
         interface for part in parts[joint] for interface in part.command_interfaces
-    ]  # of all tags it stands in
+    ]  # of all tags that contain the joint
     if kind not in interfaces:
         has = ", ".join(interfaces) or "none"
         fix = f'add <command_interface name="{kind}"/> at {source}:{parts[joint][0].place.line}'
@@ -405,7 +405,7 @@ def _why_not(
 
 
 def _line_naming(config: ControllerConfig, joint: str) -> int:
-    """Return the line of the parameter with a joint's name, else of the controller."""
+    """Return the line of the parameter value that names a joint, otherwise the line of the controller."""
     for key, value in config.params.flat.pairs():
         places = value.elements() if value.kind == "sequence" else [value]
         for place in places:
@@ -415,7 +415,7 @@ def _line_naming(config: ControllerConfig, joint: str) -> int:
 
 
 def _devices(robot: CheckedRobot) -> Iterator[Finding]:
-    """Compare the drives in the description with the nodes of bus.yml."""
+    """Find joints and devices in the description whose node is not in bus.yml."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -459,7 +459,7 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
 
 
 def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find guesses of `init`, and counts per revolution of 1."""
+    """Find values that `init` guessed, and counts per revolution of 1 or less."""
     bus = robot.bus
     if bus is None:
         return
@@ -521,7 +521,7 @@ GAZEBO_PLUGINS: Final = (
     "gz_ros2_control-system",
     "ign_ros2_control-system",
 )
-"""The plugins that bring the controllers into Gazebo."""
+"""Gazebo plugins that run ros2_control or ros_control in Gazebo."""
 
 
 # ------------------------------------------------------------------------------------------------------------- rates
@@ -553,16 +553,16 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 UNEVEN: Final = 0.01
-"""SYNCs between two runs of the controllers that differ by less from a whole number are one."""
+"""Deviation from a whole number up to which the SYNCs per update of the controllers count as a whole number."""
 
 
 def _whole(syncs: float) -> int:
-    """Return the integer number of SYNCs per controller update; of two equally near ones the smaller."""
+    """Return the whole number of SYNCs per controller update; of two equally near numbers the smaller."""
     return max(1, math.ceil(syncs - 0.5))
 
 
 def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
-    """Compare publish rates of controllers with the cycle."""
+    """Find controllers that publish faster than the ROS bridge and bags sample by default."""
     if robot.control is None:
         return
     sync = robot.bus.master.sync_period if robot.bus is not None else 0
@@ -603,7 +603,7 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 COMMAND_PERIOD_S: Final = 0.1
-"""How often teleop and this package's own command line send: at 10 Hz."""
+"""Period in s at which teleop and this package's command line send commands."""
 
 
 RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (

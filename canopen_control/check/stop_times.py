@@ -1,9 +1,9 @@
-"""Stop times of an axis: detection of each stop reason, and the ramp from maximum speed.
+"""Stopping times of an axis: the detection time of each stop reason plus the ramp from maximum speed.
 
 Pure computation from a robot's files: `check` prints it, and the invariants of simulations compare the shafts with
 it. Detection is by heartbeat or guarding, by missing TPDOs, by the drive's own monitoring of its master, and
 by the end of a controller's command. The ramp is 0x6084 where the master stops the axis, and what 0x6007, 0x605A and
-0x605E choose where the drive stops by itself (CiA 402-2, 6.3.5). Seconds; speeds in the drive's units.
+0x605E choose where the drive stops by itself (CiA 402-2, 6.3.5). Times are in s, speeds in the drive's units.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
-DEFAULT_RAMP_S: Final = 0.5  # of a master's ramp where the drive has no 0x6084, as `hardware.joint_targets` makes it
+DEFAULT_RAMP_S: Final = 0.5  # master's ramp for a drive without 0x6084, as in `hardware.joint_targets`
 _RAMPS: Final = {Reaction.SLOW_DOWN_RAMP: o.PROFILE_DECELERATION, Reaction.QUICK_STOP_RAMP: o.QUICK_STOP_DECELERATION}
 
 _LOST: Final[Mapping[Command | State | None, int]] = {
@@ -42,10 +42,9 @@ _LOST: Final[Mapping[Command | State | None, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class AxisFacts:
-    """Facts about one axis from the files; `speed` is inf without a limit, a time 0 without supervision.
+    """Stop parameters of one axis; `speed` is inf without a limit, a time is 0 without that supervision.
 
-    `objects` are values of its dictionary by index of the first axis; `lives` how long a command of each controller
-    holds.
+    `objects` are values of objects by the index for the first axis; `lives` are command timeouts by controller.
     """
 
     joint: str
@@ -63,9 +62,9 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True)
 class StopCase:
-    """One stop reason: detection time and ramp time; `by` names what detects it.
+    """Case of one stop reason, with detection and ramp time in s; `by` names what stops the axis.
 
-    `ramp_s` is inf where nothing bounds it: without a ramp (`bound` False), or from a speed without a limit.
+    `ramp_s` is inf if there is no ramp (`bound` is False), or if the speed has no limit.
     """
 
     cause: str
@@ -76,30 +75,30 @@ class StopCase:
 
     @property
     def total_s(self) -> float:
-        """Time to standstill in s."""
+        """Time from the stop reason to standstill in s."""
         return self.detection_s + self.ramp_s
 
 
 @dataclass(frozen=True, slots=True)
 class StopTime:
-    """Stop times of one axis, one case per reason."""
+    """Stopping times of one axis, with one case for each stop reason."""
 
     facts: AxisFacts
     cases: tuple[StopCase, ...]
 
     @property
     def longest(self) -> StopCase:
-        """Stop reason with the longest stop time."""
+        """Case with the longest stopping time."""
         return max(self.cases, key=lambda case: (case.total_s, not case.bound, case.detection_s))
 
     @property
     def longest_s(self) -> float:
-        """Longest stop time in s; inf without a bound."""
+        """Longest stopping time in s; inf if there is no bound."""
         return self.longest.total_s
 
     @property
     def words(self) -> str:
-        """Longest stop time in one line."""
+        """Longest stopping time as a line of text."""
         facts, case = self.facts, self.longest
         title = f"stop of {facts.joint} ({facts.node})"
         if math.isinf(facts.speed) and case.bound:
@@ -112,12 +111,12 @@ class StopTime:
 
 
 def stop_time(facts: AxisFacts) -> StopTime:
-    """Return the stop time of an axis for each stop reason."""
+    """Return the stopping times of an axis for all stop reasons."""
     return StopTime(facts, tuple(_cases(facts)))
 
 
 def ramp_s(speed: float, deceleration: float | None) -> float:
-    """Return the duration of a ramp from a speed; inf without a deceleration."""
+    """Return the duration in s of a ramp from a speed to 0; inf without a deceleration."""
     return speed / deceleration if deceleration else (0.0 if speed == 0 else math.inf)
 
 
@@ -136,7 +135,7 @@ def _cases(facts: AxisFacts) -> Iterator[StopCase]:
 
 
 def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
-    """Return the duration of the master's ramp, and its source."""
+    """Return the duration in s of the master's ramp, and a text that names the ramp."""
     slope = facts.objects.get(o.PROFILE_DECELERATION)
     if not slope:
         return DEFAULT_RAMP_S, "the master's ramp"
@@ -144,13 +143,13 @@ def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
 
 
 def _on_lost_master(facts: AxisFacts) -> int | None:
-    """Return the option code of a lost master (0x6007); None if the axis continues or coasts."""
+    """Return the index of the option code that applies to a lost master (0x6007); None if there is no ramp."""
     action = ABORT_CONNECTION.get(_option(facts, o.ABORT_CONNECTION_OPTION))
     return _LOST.get(action)
 
 
 def _drives_ramp(facts: AxisFacts, option: int | None) -> tuple[float, str, bool]:
-    """Return the duration of the drive's own stop, its object, and whether it is a ramp."""
+    """Return the duration in s of the drive's own ramp, a text that names it, and whether there is a ramp."""
     if option is None:
         return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, with which no ramp stops it", False
     code = _option(facts, option)
@@ -177,7 +176,7 @@ def _named(index: int, slope: float) -> str:
 # The stop parameters in a robot's files: supervision times, decelerations, option codes, maximum speeds.
 #
 # An object has the value that bus.yml writes at the boot, else that of the DCF or EDS. The maximum speed is the
-# smaller of the joint's velocity limit and 0x607F. Both are for `stop_times`, which computes.
+# smaller of the joint's velocity limit and 0x607F.
 
 
 _OBJECTS: Final = (
@@ -191,7 +190,7 @@ _UNLIMITED: Final = 0x7FFFFFFF
 
 
 def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | None = None) -> list[AxisFacts]:
-    """Return the facts of each joint with a drive; `lives` are command timeouts by joint and controller, in s."""
+    """Return the stop parameters of each joint with a drive; `lives` are command timeouts in s by joint."""
     return [
         _facts(setup, config, joint, node, (lives or {}).get(joint.name, {}))
         for config in setup.buses.values()
@@ -256,14 +255,14 @@ def _data_s(config: BusConfig, name: str, cycle_s: float) -> float:
 
 
 class _Values:
-    """The values of a node's objects after its boot."""
+    """Values of the objects of a node after the boot, from bus.yml, DCF or EDS."""
 
     def __init__(self, config: BusConfig, name: str) -> None:
         self._od, self._address = config.dictionaries[name], config.plans[name].address
         self._written = {(write.index, write.subindex): write.data for write in config.plans[name].writes}
 
     def __call__(self, index: int, subindex: int = 0) -> int | None:
-        """Return a value, None if it is unknown."""
+        """Return the value of an object as an integer, None if it is unknown."""
         data = self._written.get(self._address(index, subindex))
         if data is not None:
             return int.from_bytes(data, "little", signed=index & 0x7FF in _CODES)

@@ -3,8 +3,8 @@
 A drive in a cyclic mode takes one set-point with each SYNC and interpolates over the SYNC period (CiA 402-2; CiA 301,
 7.5.2.35). RPDOs that act on arrival pass the host's jitter to the motor; set-points for every other SYNC stop it in
 between; feedback that an inhibit time delays is older than a period. 0x60C2 is judged with the plan
-(`master.plan`), which writes it. A deadline of an RPDO (its event timer) shorter than two cycles expires
-where a cycle may be late, in any mode.
+(`master.plan`), which writes it. A deadline of an RPDO (its event timer) shorter than two cycles may expire
+when a cycle is late, in any mode.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.node import Node
 
 
-# What the rules of `check` look at, a robot's files as far as they could be read, and what they find there.
+# Input of the rules of `check`, which is a robot's files as far as they could be read, and their findings.
 #
-# A finding is data. ERROR: the robot must not be run like this. WARNING: it runs, and a user will
+# ERROR: the robot must not be run like this. WARNING: it runs, and a user will
 # be surprised. NOTE: worth knowing. Line 0 is the file as a whole. The rules that find them return lists and never
 # raise.
 
@@ -44,7 +44,7 @@ _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding about one line of a file; `fix` is the advice, "" where `text` contains it."""
+    """Finding about one line of a file; `fix` is advice, or "" if `text` contains the advice."""
 
     path: str
     line: int
@@ -69,10 +69,10 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """Files of a robot for the rules; None for unreadable ones. `requested_controllers` are the names of --controller.
+    """Files of a robot as input of the rules; a file that could not be read is None.
 
-    With `mock` or `real` the plugins of the description are overruled; `started` are the controllers that a run would
-    activate, None: all of the file count. `chosen` means that the user has named these.
+    `requested_controllers` are the names of --controller. `mock` and `real` override the plugins of the description.
+    `started` are the controllers that a run would activate, None if unknown; `chosen` means that the user named them.
     """
 
     files: RobotFiles
@@ -99,11 +99,11 @@ class CheckedRobot:
 
     @property
     def geometry(self) -> WheelGeometry | None:
-        """The wheels of the description."""
+        """Positions and sizes of the wheels in the description, None without a description."""
         return None if self.description is None else WheelGeometry(self.description.model)
 
 
-_RATE_HZ = 100  # of the cycle where neither SYNC nor a readable ros2_controllers.yaml gives it
+_RATE_HZ = 100  # of the cycle, if neither SYNC nor a readable ros2_controllers.yaml defines it
 _ON_ARRIVAL: Final = (254, 255)
 _FEEDBACK: Final = (
     objects.STATUSWORD,
@@ -116,7 +116,7 @@ _FEEDBACK: Final = (
 def check_timing(
     config: BusConfig, control: ControllersFile | None, description: UrdfDescription | None
 ) -> Iterator[Finding]:
-    """Yield timing errors of the set-points on a bus."""
+    """Find timing problems of the cyclic set-points, the feedback and the RPDO deadlines on a bus."""
     yield from _never_in_time(config, cycle_ns(config, control))
     if not config.master.sync_period or description is None:
         return
@@ -128,7 +128,7 @@ def check_timing(
 
 
 def cycle_ns(config: BusConfig, control: ControllersFile | None) -> int:
-    """Return the period of the cycle: that of SYNC, else of the controllers."""
+    """Return the period of the cycle in ns: the SYNC period, or without SYNC the period of the controllers."""
     rate = control.update_rate if control is not None else _RATE_HZ
     return config.master.sync_period * 1000 or 1_000_000_000 // rate
 
@@ -221,19 +221,19 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 
 class _FindingsByPlace:
-    """Findings by place; one caused by `defaults` is listed once for several nodes; `{}` in the key is the PDO."""
+    """Findings about one key of PDOs, merged by place: a key in `defaults` is reported once for all nodes."""
 
     def __init__(self, config: BusConfig, key: str) -> None:
         self._config, self._key = config, key
         self._by_place: dict[tuple[int, int], tuple[Node, str, str, set[str]]] = {}
 
     def add(self, node: NodeConfig, layout: PlannedPdo, text: str, fix: str) -> None:
-        """Add a finding; `{more}` in the text is replaced by the other nodes."""
+        """Add a finding; `{more}` in the text is replaced by the number of other nodes."""
         place = self._config.place(node.name, self._key.format(layout.number))
         self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield one finding per place."""
+        """Yield one finding for each place in bus.yml."""
         for place, text, fix, names in self._by_place.values():
             more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
             sentence = text.replace("{more}", more)
