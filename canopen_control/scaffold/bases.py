@@ -1,4 +1,4 @@
-"""Bases of `init`: controller, number of drives, names of their joints.
+"""Kinds of bases for `init`, with the controller, the possible numbers of drives and the joint names.
 
 Drives are taken in the order of their joints: left before right, front before rear, traction before steering.
 """
@@ -14,9 +14,9 @@ from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 @dataclass(frozen=True, slots=True)
 class BaseKind:
-    """Kind of base; `shapes` are its joints by number of drives, empty if any number is possible.
+    """Kind of base; `shapes` are the possible lists of joints, empty if any number of drives is possible.
 
-    The last `steering` joints are positions. `type_name` is its controller's, "" for none.
+    The last `steering` joints are commanded by position. `type_name` is the type of the controller, "" for none.
     """
 
     name: str
@@ -26,7 +26,7 @@ class BaseKind:
     words: str = ""
 
     def joints(self, drives: int) -> tuple[str, ...]:
-        """Return the usual names of the joints."""
+        """Return the usual names of the joints for a number of drives."""
         for shape in self.shapes:
             if len(shape) == drives:
                 return shape
@@ -39,7 +39,7 @@ class BaseKind:
         return (POSITION,) if self.steers(drives, number) else (VELOCITY,)
 
     def steers(self, drives: int, number: int) -> bool:
-        """Whether joint `number`, from 0, turns a wheel's direction."""
+        """Whether joint `number`, from 0, turns the direction of a wheel."""
         return number >= drives - self.steering
 
     def mirrored(self, drives: int, number: int) -> bool:

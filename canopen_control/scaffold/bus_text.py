@@ -1,6 +1,6 @@
-"""bus.yml of a new robot, with a comment on each key.
+"""Text of a new robot's bus.yml, with a comment on each key.
 
-What all nodes have in common stands under `defaults` where they have one EDS; else each node has its own keys.
+If all nodes have the same EDS and control, their common keys are in `defaults`; otherwise each node has its own keys.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _TRANSMISSION: Final = {1: "with every SYNC", 255: "acts on reception"}
 
 
 def bus_text(robot: NewRobot) -> str:
-    """Return the whole file."""
+    """Return the text of bus.yml for a new robot."""
     same = len({(node.device.eds, node.drive, node.unusable) for node in robot.nodes}) == 1
     lines = [*_head(robot), ""]
     if same:
@@ -126,7 +126,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
-    """Yield the PDOs of a device other than a drive, where those that it has live do not carry its signals."""
+    """Yield the PDO keys of a device that is no drive, with comments; no keys if its PDOs stay as they are."""
     if node.left_out:
         first, *_, last = (f"0x{index:04X}:{subindex:02X}" for index, subindex in (*node.left_out, node.left_out[-1]))
         yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
@@ -144,7 +144,7 @@ def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
 def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str]:
     """Return the keys that a drive of a known manufacturer needs and that are not `present`, with their sources.
 
-    They are comments, or where the manufacturer was named keys, but for a mode beside the one that the EDS chose.
+    The keys are comments; if the user named the manufacturer they are active, except for modes.
     """
     drive = node.known
     if drive is None:
@@ -169,7 +169,7 @@ def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _watched(node: NewNode) -> list[str]:
-    """Return the maximum rate of an encoder; a faster change is a jump."""
+    """Return the keys that limit the rate of an encoder's position; a faster change is reported as a jump."""
     if not node.measured:
         return []
     limit = remark(
@@ -179,7 +179,7 @@ def _watched(node: NewNode) -> list[str]:
 
 
 def _kept_pdos(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the word by which outputs are kept, if the device cannot switch them off."""
+    """Return the keys that keep outputs (`safe: keep`) if the device cannot switch them off by itself."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
         return []
@@ -228,7 +228,7 @@ def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
 
 
 def _scales(node: NewNode) -> Iterator[str]:
-    """Yield scales for a drive whose velocity is not in counts/s, or whose axes differ."""
+    """Yield the scale keys of a drive whose velocities are not in counts/s, or whose axes differ."""
     yield "# Multiply both ..._to_dev by the gear ratio, divide both ..._from_dev by it; all four are negative for a"
     yield "# motor that is mounted mirrored."
     several = len(node.joints) > 1
@@ -252,7 +252,7 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
 
 
 def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
-    """Return the key that marks guesses, so that `check` reports them until they are measured."""
+    """Return the key that marks guesses, which `check` reports until they are measured."""
     guessed = not all(axis.is_known for axis in drive.axes)
     return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
 
@@ -264,7 +264,7 @@ def _counts_comment(axis: AxisChoice) -> str:
 
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
-    """Return boot writes other than PDOs: the reaction to a lost master, and missing ramps."""
+    """Return the `sdo` writes of the boot: for the manufacturer, a lost master, and ramps missing in the EDS."""
     lines = []
     if _takes(node, ABORT_CONNECTION_OPTION, 0, _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
@@ -323,7 +323,7 @@ def _pdo(use: PdoUse) -> list[str]:
 
 
 def _by_scale(node: NewNode) -> bool:
-    """Whether positions and velocities, or axes, need separate scales."""
+    """Whether separate scales are needed: for position and velocity, or for each axis."""
     units = {(joint.mirrored, joint.axis.counts, joint.axis.rpm) for joint in node.joints}
     return len(units) > 1 or any(_in_rpm(joint.axis) for joint in node.joints)
 

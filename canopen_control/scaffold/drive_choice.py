@@ -1,10 +1,11 @@
-"""Choice of a new robot's drive control from its EDS: interfaces, modes, PDOs, units, supervision.
+"""Choice of the control of a new robot's drive by its EDS: interfaces, modes, PDOs, units and supervision.
 
-A device may have several axes, the profile again 0x800 higher for each: all of them are moved, in one mode for each
-kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
-Velocity before position, as far as 0x6502 and the mappable targets let it. What the drive ramps itself (PV, PP is after
-CSP, which ros2_control's position controllers expect) needs no set-point every cycle. A torque only where it is
-requested. Units are those of the EDS's defaults (0x608F, 0x6091, 0x6092, 0x60A9), else a guess that is marked as such.
+A device may have several axes, whose objects are 0x800 higher for each further axis. All axes are moved, in one mode
+for each kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
+Velocity is preferred to position, as far as 0x6502 and the mappable targets allow. PV is preferred, because the drive
+computes the ramp and needs no set-point every cycle; for positions CSP, as ros2_control's position controllers expect.
+Torque is chosen on request only. Units come from the defaults of the EDS (0x608F, 0x6091, 0x6092, 0x60A9), or are a
+guess that is marked as such.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ EFFORT: Final = "effort"
 POSITION: Final = "position"
 VELOCITY: Final = "velocity"
 GUESSED_COUNTS: Final = 4096.0
-"""Position counts of one motor turn where the EDS tells none."""
+"""Position counts of one motor turn if the EDS does not contain them."""
 
 _CANDIDATES: Final = {
     VELOCITY: (OperationMode.PV, OperationMode.CSV, OperationMode.VL),
@@ -52,7 +53,7 @@ _FEEDBACK: Final = {POSITION: objects.POSITION_ACTUAL, VELOCITY: objects.VELOCIT
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """Kinds of supervision: heartbeat of the drive, heartbeat consumer in the drive, node guarding."""
+    """Kinds of supervision in use: heartbeat of the drive, heartbeat consumer in the drive, node guarding."""
 
     producer: bool
     consumer: bool
@@ -66,10 +67,10 @@ class Supervision:
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """Control of axis `number`; `feedback` are its state interfaces, `counts` those per revolution of the joint.
+    """Control of axis `number`; `feedback` are state interfaces, `counts` position counts per joint revolution.
 
-    `is_known` is True if the EDS gives them; `rpm` is the unit of its velocities in revolutions per minute (0x60A9), 0
-    for counts per second.
+    `is_known` is True if the EDS contains the counts; `rpm` is the unit of velocities in revolutions per minute
+    (0x60A9), 0 for counts per second.
     """
 
     number: int
@@ -81,13 +82,13 @@ class AxisChoice:
     rpm: float
 
     def index(self, index: int) -> int:
-        """Return the index of a profile object for this axis."""
+        """Return the index of a profile object for this axis, from the index for the first axis."""
         return objects.axis_index(index, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class DriveChoice:
-    """Control of a drive's axes, and its PDOs; `motors` of a device with several motors in one object set."""
+    """Control of the axes of a drive, and the PDOs; `motors` is set if several motors share one set of objects."""
 
     axes: tuple[AxisChoice, ...]
     rpdos: tuple[PdoUse, ...]
@@ -111,14 +112,14 @@ def axes_of(od: ObjectDictionary) -> tuple[int, ...]:
 
 
 def is_drive(od: ObjectDictionary) -> bool:
-    """Whether a dictionary belongs to a CiA 402 drive."""
+    """Whether an object dictionary belongs to a CiA 402 drive."""
     return bool(axes_of(od))
 
 
 def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ()) -> DriveChoice:
-    """Choose the first supported entry of each axis's `interfaces`; RobotConfigError with the reason without one.
+    """Choose interface, mode and PDOs for the axes of a drive; RobotConfigError with the reason if impossible.
 
-    `interfaces` are those of the axes in their order, velocity before position for one that has none there.
+    `interfaces` are the acceptable interfaces of each axis, in order of preference; by default velocity, then position.
     """
     axes, motors = axes_of(od), motors_of(od)
     tpdos = _feedback_pdos(od, axes)
@@ -132,13 +133,13 @@ def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ())
 
 
 def _view(od: ObjectDictionary) -> ObjectDictionary:
-    """Return the dictionary with the objects of each axis where CiA 402 has them."""
+    """Return the object dictionary with the objects of each axis at the indices of CiA 402."""
     motors = motors_of(od)
     return od if motors is None else motors.view
 
 
 def _pdos_for(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Choose the PDOs for objects of the axes, each where the device has it."""
+    """Choose the PDOs for objects of the axes, at the addresses where the device has these objects."""
     if (motors := motors_of(od)) is None:
         return choose_pdos(od, required)
     needed, useful = (
@@ -164,7 +165,7 @@ def _axis_choice(
 
 
 def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
-    """Choose TPDOs; RobotConfigError if a statusword, a mode or its display is missing."""
+    """Choose the TPDOs; RobotConfigError if a statusword, a mode object or its display is missing."""
 
     def each(*indices: int) -> tuple[Address, ...]:
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
@@ -185,7 +186,7 @@ def _named(addresses: Sequence[Address]) -> str:
 
 
 def supervision_of(od: ObjectDictionary) -> Supervision:
-    """Return the writable objects of heartbeat (0x1016, 0x1017) and guarding (0x100C, 0x100D)."""
+    """Return the supervision that the writable objects allow: heartbeat (0x1016, 0x1017), else guarding."""
 
     def writable(index: int, subindex: int = 0) -> bool:
         entry = od.get(index, subindex)
@@ -215,7 +216,7 @@ def _choose_modes(
 def _choose_mode(
     od: ObjectDictionary, axis: int, interfaces: Sequence[str], chosen: dict[str, OperationMode]
 ) -> tuple[str, OperationMode]:
-    """Choose the mode of one axis; `chosen` are those of other axes of the device."""
+    """Choose interface and mode of one axis; `chosen` are the modes of the other axes, by interface."""
     listed = supported_modes(_number(_view(od), objects.axis_index(objects.SUPPORTED_DRIVE_MODES, axis), 0) or 0)
     possible = tuple(OperationMode) if motors_of(od) is None else MODES
     for interface in interfaces:
@@ -247,7 +248,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return position units per shaft revolution by the defaults of the EDS, None without them."""
+    """Return position units per shaft revolution by the defaults of the EDS, None if the EDS has none."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

@@ -1,7 +1,7 @@
 """Nodes, joints and base of a new robot, chosen from EDS files and checked before a file is written.
 
 Names of joints and controllers are names of ROS: letters, digits and _. Each axis of a drive is a joint. A device that
-is not a drive gets what its profile defines: inputs and outputs by name, or of an encoder a measured joint; one
+is not a drive gets the signals of its profile: named inputs and outputs, or for an encoder a measured joint; a device
 with an unknown profile is a proxy. A bus of proxies alone has no description and no controllers.
 """
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_LONGEST: Final = 32  # of a robot's name, which a socket has too
+_LONGEST: Final = 32  # characters of a robot's name, which is also in the name of a socket
 _KINDS: Final = {
     Profile.NONE: "device",
     Profile.IO: "io",
@@ -42,17 +42,17 @@ _KINDS: Final = {
     Profile.CHARGER: "charger",
     Profile.ENERGY: "energy",
 }
-"""What a node is called that is not a drive, before its node id."""
+"""Beginning of the name of a node that is not a drive; the node id follows."""
 FASTEST_MEASURED: Final = 30.0
-"""How fast what an encoder measures may turn, in rad/s; a guess that is written into its files."""
+"""Highest speed in rad/s of a joint that an encoder measures; a guess that is written into the files."""
 _MASTERS: Final = (1, *range(127, 1, -1))
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Planned node: its id, its EDS and the content of the file; `remark` is the result of a scan.
+    """Planned device: node id, EDS file and the content of the file; `remark` is the result of a scan.
 
-    `like` is the personality of its manufacturer, where it was named.
+    `like` is the personality of the manufacturer, if the user named the manufacturer.
     """
 
     node_id: int
@@ -62,7 +62,7 @@ class Device:
     like: Personality | None = None
 
     def of_manufacturer(self, like: Personality) -> Device:
-        """Return the device with only the objects and modes of the drives of `like`."""
+        """Return the device without the objects and modes that the drives of `like` do not have."""
         entries = {address: entry for address, entry in self.od.entries.items() if entry.index not in like.absent}
         objects = {index: info for index, info in self.od.objects.items() if index not in like.absent}
         modes = entries.get((SUPPORTED_DRIVE_MODES, 0))
@@ -75,7 +75,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class NewJoint:
-    """Joint of axis `axis` of `node`; `mirrored` if its motor faces that of the other side."""
+    """Joint that axis `axis` of `node` moves; `mirrored` if the motor is mounted mirrored."""
 
     name: str
     node: str
@@ -85,9 +85,9 @@ class NewJoint:
 
 @dataclass(frozen=True, slots=True)
 class NewNode:
-    """Node of the new bus.yml; `drive` None and no `joints` for other devices, which may have `signals`.
+    """Node of the new bus.yml; a drive has `drive` and `joints`, another device may have `signals`.
 
-    `unusable` is why a drive cannot be moved: `drive` is None then, and its PDOs are left as they are.
+    `unusable` is the reason why a drive cannot be moved; `drive` is None then, and the PDOs are left as they are.
     """
 
     name: str
@@ -104,13 +104,13 @@ class NewNode:
 
     @property
     def measured(self) -> str:
-        """Joint measured by an encoder, "" for other devices."""
+        """Name of the joint that an encoder measures, "" for other devices."""
         turns = any(signal.name == POSITION and signal.unit == "rad" for signal in self.signals)
         return f"{self.name}_joint" if self.profile is Profile.ENCODER and turns else ""
 
     @property
     def known(self) -> Personality | None:
-        """Personality of this manufacturer's drives, None without one."""
+        """Personality of the drive, as named by the user or found by the manufacturer; None if unknown."""
         if self.device.like is not None:
             return self.device.like
         od, device = self.device.od, self.device.od.device
@@ -130,10 +130,10 @@ class NewNode:
 
 @dataclass(frozen=True, slots=True)
 class NewRobot:
-    """Robot without files yet; `sync_us` is the SYNC period in us, `baudrate` in kbit/s.
+    """Plan of a robot before the files are written; `sync_us` is the SYNC period in us, `baudrate` in kbit/s.
 
     `heartbeat_ms` is the period of both sides' heartbeats, or of guarding. `eds_names` are the names of the copies of
-    EDS files, if they are set. `problems` are sentences about what prevents it from running.
+    EDS files, if they are set. `problems` are sentences about what prevents the robot from running.
     """
 
     name: str
@@ -176,11 +176,11 @@ def plan_robot(
     allow_unsupervised: bool = False,
     interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose nodes, joints and PDOs; RobotConfigError lists all errors, one sentence per line.
+    """Choose nodes, joints and PDOs of a robot; RobotConfigError lists all errors, one sentence per line.
 
-    What is wrong with the devices is among the robot's `problems`. A drive that cannot be moved has no joint, and there
-    is not a base then.
-    `interfaces` are what every joint may be commanded by, the best first; without any it is what the base needs.
+    Problems of the devices are in the robot's `problems`. A drive that cannot be moved has no joint, and the robot then
+    has no base.
+    `interfaces` are the acceptable interfaces of every joint in order of preference; by default those of the base.
     """
     check_robot_name(name)
     axes = sum(len(axes_of(device.od)) for device in devices)
@@ -295,7 +295,7 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate of all devices in kbit/s; 1000 if the files give none."""
+    """Return the highest bit rate in kbit/s that all devices support by their EDS; 1000 if there is none."""
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

@@ -1,9 +1,9 @@
 """Choice of the PDOs in a new bus.yml for the objects that a drive needs.
 
 A writable mapping is filled in the order of the required objects, up to the slots and the 64 bits of the PDO. If the
-mapping is fixed (its entries are const or ro, or the EDS has Granularity=0), the fewest PDOs that
-carry what is needed are taken as they are, and never two with one object: a second controlword would be a second
-steering wheel (CiA 301, 7.5.2.35 to 7.5.2.38; CiA 306-1).
+mapping is fixed (its entries are const or ro, or the EDS has Granularity=0), as few PDOs as
+possible that contain the required objects are used unchanged. An RPDO is not added for useful objects if it repeats an
+object, because two controlwords would compete (CiA 301, 7.5.2.35 to 7.5.2.38; CiA 306-1).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PREDEFINED = 4  # PDOs of each direction with a COB-ID in the predefined connec
 
 @dataclass(frozen=True, slots=True)
 class PdoRequirement:
-    """Required objects of the PDOs of one direction; `transmission` is the preferred type."""
+    """Objects for the PDOs of one direction, required ones and useful ones; `transmission` is the preferred type."""
 
     is_rpdo: bool
     needed: tuple[Address, ...]
@@ -36,9 +36,10 @@ class PdoRequirement:
 
 @dataclass(frozen=True, slots=True)
 class PdoUse:
-    """Used PDO: `remaps` if its mapping is to be written, `auto` if its COB-ID can be.
+    """PDO to be used; `remaps` if its mapping is written, `auto` if the COB-ID is set to the default.
 
-    `transmission` None: as the device has it. `own`: nothing of it can be changed, and bus.yml is not to list it.
+    `transmission` is None to keep the device's type. `own` means that nothing can be changed, and bus.yml omits the
+    PDO.
     """
 
     number: int
@@ -50,7 +51,7 @@ class PdoUse:
 
 
 def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Return the PDOs to use, by number, and the required objects that do not fit."""
+    """Return the PDOs to use, in order of number, and the required objects that do not fit."""
     pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == required.is_rpdo and (pdo.communication, 1) in od]
     needed = [address for address in required.needed if _mappable(od, address, required)]
     useful = [address for address in required.useful if _mappable(od, address, required)]
@@ -64,10 +65,10 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
 
 
 def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, ...]:
-    """Return the PDOs of a device that carry what is needed, () if those that are live by default carry it.
+    """Return PDOs that contain the needed objects; () if the PDOs enabled by default need no addition.
 
-    The live ones stay as they are. PDOs that are off and have the objects in their default mapping are switched on, as
-    CiA 401 demands of PDOs 2 to 4; what is then still missing is mapped into PDOs that nothing else uses.
+    PDOs that are enabled by default stay unchanged. Disabled PDOs that have the objects in the default mapping are
+    enabled, as CiA 401 requires for PDOs 2 to 4; objects that are still missing are mapped into unused PDOs.
     """
     pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
     uses = [(pdo, _ordered(pdo), False) for pdo in pdos if pdo.enabled and _usable(od, pdo, wish)]
@@ -86,7 +87,7 @@ def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, .
 
 
 def not_carried(od: ObjectDictionary, wish: PdoRequirement, uses: Sequence[PdoUse]) -> tuple[Address, ...]:
-    """Return what is needed and in none of `uses`, or, without any, in none of the PDOs that are live by default."""
+    """Return the needed objects that are not in `uses`, or if that is empty, not in PDOs enabled by default."""
     live = (pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od and pdo.enabled)
     mapped = [use.objects for use in uses] or [_ordered(pdo) for pdo in live if _usable(od, pdo, wish)]
     carried = {address for objects in mapped for address in objects}
@@ -103,7 +104,7 @@ def _chosen(
     required: PdoRequirement,
     wishes: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
-    """Choose default mappings if they are fixed, else fill the PDOs, else combine both."""
+    """Fill writable PDOs and use fixed ones for the rest; default mappings alone if they are fixed and suffice."""
     needed, useful = wishes
     uses = _covering(fixed, needed, useful, doubling=not required.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
@@ -117,7 +118,7 @@ def _chosen(
 
 
 def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], addresses: Sequence[Address]) -> list[_Use]:
-    """Fill writable PDOs one after the other."""
+    """Map objects into writable PDOs, filling one PDO after the other."""
     rest, uses = list(addresses), list[_Use]()
     for pdo in pdos:
         used, bits = list[tuple[int, int]](), 0
@@ -135,9 +136,9 @@ def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], addresses: Sequence[Addre
 def _covering(
     pdos: Sequence[Pdo], needed: Iterable[Address], useful: Iterable[Address], *, doubling: bool = False
 ) -> list[_Use]:
-    """Choose the PDOs with most of the required objects in their default mapping, then useful ones.
+    """Choose the PDOs with the most required objects in their default mapping, then PDOs with useful objects.
 
-    Of the latter only those that carry nothing again, unless `doubling` does no harm: it does in an RPDO.
+    PDOs for useful objects must not repeat an object, except with `doubling`, which would do harm in RPDOs.
     """
     uses, rest = list[_Use](), set(needed)
     remaining = list(pdos)
@@ -186,7 +187,7 @@ def _mappable(od: ObjectDictionary, address: Address, required: PdoRequirement) 
 
 
 def _usable(od: ObjectDictionary, pdo: Pdo, required: PdoRequirement) -> bool:
-    """Whether the device's mapping of a PDO can be used: every object exists, is allowed, and fits."""
+    """Whether the default mapping of a PDO can be used: every object exists, is mappable, and fits."""
     return (
         bool(pdo.mapped)
         and (pdo.enabled or od[pdo.communication, 1].writable)
@@ -213,7 +214,7 @@ def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
 
 
 def _auto(od: ObjectDictionary, pdo: Pdo) -> bool:
-    """Whether the predefined COB-ID applies, as for PDOs 1 to 4."""
+    """Whether bus.yml sets the COB-ID to `auto`: it is writable without limits (PDOs 1 to 4), or 0 in the EDS."""
     entry = od[pdo.communication, 1]
     if pdo.number > _PREDEFINED:
         return not (pdo.cob_id or 0) & 0x7FF

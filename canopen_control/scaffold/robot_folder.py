@@ -1,4 +1,4 @@
-"""Generator of a robot's folder: files are written temporarily, checked as by `check --strict`, then moved.
+"""Generator of a robot's folder: files are written to a temporary folder, checked as by `check`, and copied.
 
 An existing folder is not changed unless that is requested, and then only the generated files are replaced.
 Errors that the check finds are written into bus.yml as comments, and reported; so is the reason why a
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from canopen_control.scaffold.new_robot import NewJoint, NewNode, NewRobot
 
 
-# Writes the URDF of a new robot: links and joints to look at, and the <ros2_control> tag that ties joints to drives.
+# URDF of a new robot: links and joints for display, and the <ros2_control> tag that assigns drives to joints.
 #
-# A base has wheels on the ground; joints without a base are discs in a row, each turning about y. All turn without end:
-# a joint with an end is `revolute`, with its limits, once they are known.
+# A base has wheels on the ground; joints without a base are discs in a row, each turning about y. All joints are
+# continuous; a joint with end stops becomes `revolute` once its limits are known.
 
 
 RADIUS: Final = 0.05  # m, of a wheel
@@ -48,7 +48,7 @@ _FASTEST: Final = {VELOCITY: 30.0, POSITION: 1.0}  # rad/s
 
 
 def description_text(robot: NewRobot) -> str:
-    """Return the whole file."""
+    """Return the text of the URDF of a new robot."""
     lines = [
         '<?xml version="1.0"?>',
         f"<!-- {robot.name}: links and joints, in m and rad; at the end, <ros2_control> names the drive of each joint.",
@@ -122,7 +122,7 @@ def _joint(joint: str, place: tuple[float, float, float], axis: str, fastest: fl
 def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
     """Return the position of a joint on base_link: left and right alternating from the front, or in a row.
 
-    A steered wheel is in front of the one pair.
+    A steered wheel is in front of the single pair.
     """
     if not robot.base.type_name:
         return 0.0, 0.1 * number, RADIUS
@@ -134,7 +134,7 @@ def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
 
 
 def _measured(node: NewNode) -> list[str]:
-    """Return the joint measured by an encoder, which has no command."""
+    """Return the lines of the joint that an encoder measures, without a command interface."""
     return [
         f'    <joint name="{node.measured}">',
         f'      <param name="device_name">{node.name}</param>  <!-- an encoder of bus.yml -->',
@@ -145,7 +145,7 @@ def _measured(node: NewNode) -> list[str]:
 
 
 def _signals(node: NewNode) -> list[str]:
-    """Return the inputs and outputs of a device other than a drive; none for an unknown profile."""
+    """Return the lines for inputs and outputs of a device that is no drive; [] for an unknown profile."""
     if not node.signals:
         return []
     tag = "gpio" if node.profile is Profile.IO or node.outputs else "sensor"
@@ -227,10 +227,10 @@ _BATTERY: Final = DeviceController("broadcaster", "battery_state_broadcaster/Bat
 _INPUTS: Final = DeviceController("broadcaster", "canopen_control/GpioBroadcaster", _inputs)
 
 
-# Writes the ros2_controllers.yaml of a new robot: what commands the joints, commented.
+# ros2_controllers.yaml of a new robot, with comments.
 #
-# The first controller other than a broadcaster is activated by `run` and `demo`: that of the base, else the one
-# for the joints of the better interface.
+# The first controller other than a broadcaster is activated by `run` and `demo`: the controller of the
+# base, otherwise that of the velocity joints, otherwise that of the position joints.
 
 
 BASE_CONTROLLER: Final = "base_controller"
@@ -242,7 +242,7 @@ _UNITS: Final = {VELOCITY: "rad/s", POSITION: "rad"}
 
 
 def controllers_text(robot: NewRobot) -> str:
-    """Return the whole file."""
+    """Return the text of ros2_controllers.yaml of a new robot."""
     joints = {
         interface: [joint.name for joint in robot.joints if joint.axis.interface == interface] for interface in _TYPES
     }
@@ -288,7 +288,7 @@ def controllers_text(robot: NewRobot) -> str:
 
 
 def _feedback(joints: Sequence[NewJoint]) -> set[str]:
-    """Return the feedback of joints."""
+    """Return the state interfaces that any of the joints has."""
     return {name for joint in joints for name in joint.axis.feedback}
 
 
@@ -373,18 +373,18 @@ _PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {
     "tricycle": _tricycle,
     "mecanum": _mecanum,
 }
-"""What makes the parameters of a base's controller, by the base's name."""
+"""Functions that return the controller parameters of a base, by the name of the base."""
 
 
 _PERIODS_US: Final = (20_000, 50_000, 100_000, 200_000)
-"""SYNC periods, the shortest that the bus can carry is taken."""
+"""SYNC periods in us, of which the shortest that the bus load allows is used."""
 _FASTEST_US: Final = 5_000  # with the period in a file
 _LARGEST_POWER: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Result: the robot, its files, the warnings of `check`, and the errors."""
+    """Result of `write_robot`: the robot, its files, and the warnings and errors of `check`."""
 
     robot: NewRobot
     folder: Path
@@ -394,7 +394,7 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; RobotConfigError if it exists or cannot be created."""
+    """Write the folder of a robot into `parent`; RobotConfigError if it exists or cannot be written."""
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
@@ -412,7 +412,7 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
-    """Raise RobotConfigError for a folder that may not be written to."""
+    """Raise RobotConfigError if `folder` is no folder, or if it exists and `force` is not set."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RobotConfigError(f"{folder} is there and is not a folder; choose another name")
     if folder.exists() and not force:
@@ -420,7 +420,7 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
 
 
 def _with_distinct_files(robot: NewRobot) -> NewRobot:
-    """Rename copies of EDS files with equal names, because they are in one folder."""
+    """Return the robot with different names for copies of EDS files, which are in one folder."""
     names: dict[Path, str] = {}
     for node in robot.nodes:
         path, name = node.device.eds, node.device.eds.name
@@ -432,7 +432,7 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 
 
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
-    """Create the files with the shortest SYNC period the bus allows; return the robot and the warnings of `check`."""
+    """Create the files with the shortest SYNC period that the bus load allows; return robot and warnings."""
     errors, warnings, robot = list[str](), tuple[str, ...](), replace(robot, problems=())
     for period in dict.fromkeys([*_dcf_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)
@@ -475,7 +475,7 @@ def _make(robot: NewRobot, folder: Path) -> None:
 
 
 def _check(folder: Path) -> tuple[list[str], tuple[str, ...], bool]:
-    """Return errors, warnings, and whether the bus load is too high."""
+    """Check the files in a folder; return errors, warnings, and whether the bus load is too high."""
     report: CheckReport = check_robot(find_robot(str(folder)), CheckOptions())
     texts = {
         severity: [finding.text for finding in report.findings if finding.severity is severity]
