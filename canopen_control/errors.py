@@ -5,28 +5,28 @@ CanopenError
     EdsError               an EDS or DCF file: path, line, reason
     BusConfigError         a bus.yml: path, line, key, reason
     RobotConfigError       controllers, description, or their combination with the bus
-  DiskFull               a file could not be written completely: path, reason, kept
+  DiskFull               a file was not written completely: path, reason, kept
   BusError               the bus or the driver of its adapter
     BusClosed              the channel is gone or was closed
     BusOff                 the CAN controller left the bus
     InterfaceNotFound      no such channel
       BusNotOpen             a local: bus is not open: others
     InterfaceDown          the interface exists but is down
-  ProtocolError          a violation of CANopen's rules (never raised itself)
-    LocalProtocolError     by this side: a defect of the caller
+  ProtocolError          a violation of the CANopen protocol (never raised itself)
+    LocalProtocolError     by the caller, whose request is invalid
     RemoteProtocolError    by the other side: node_id
       SdoAbort               the transfer was aborted: node_id, index, subindex, code
       SdoTimeout             no answer: node_id, index, subindex
         SdoStopped             because the node is in NMT STOPPED
-      SdoRestarted           the node has booted in the middle of a transfer: node_id, index, subindex
-      SdoLengthError         an answer with a length other than that of the object: node_id, index, subindex, data
+      SdoRestarted           the node has booted during a transfer: node_id, index, subindex
+      SdoLengthError         an answer whose length does not fit the object: node_id, index, subindex, data
       BootError              the boot of a node failed (CiA 302-2): node_id, letter, step
       HeartbeatLost          a node was silent for longer than its heartbeat time: node_id, age
   DriveError             an error of a drive
     UnsupportedMode        the drive lacks the mode of operation: mode, supported
   ControlError           an error of controllers
     InterfaceConflict      a command interface already has an owner: interface, owner
-    NotEnabled             a command to a drive that is not enabled; it is dropped
+    NotEnabled             a command to a drive that is not enabled, which is discarded
       NotYetEnabled          the drive is being enabled: a later command may be accepted
     TrajectoryRefused      a trajectory violates a rule: code
     UnknownInterface       no component exports the interface: name
@@ -34,8 +34,8 @@ CanopenError
   RemoteError            a running robot refused a request: kind
     UnreadableMessage      a pushed message cannot be read
 
-Each has fields, and a message made from them with the error, its place and advice. ``OSError`` and ``can.CanError``
-are converted to these classes in `bus`, and nowhere else.
+Most classes have the fields listed here; the message states the error, its place and advice. ``OSError`` and
+``can.CanError`` of a bus are converted to these classes in `bus`, and nowhere else.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class CanopenError(Exception):
 
     @property
     def of_usage(self) -> bool:
-        """Whether the error is in the user's input and nothing was done; the command line then exits with 2."""
+        """Whether the error is in the user's input, so that nothing was done and the command line exits with 2."""
         return isinstance(self, _OF_USAGE)
 
 
@@ -108,7 +108,7 @@ class EdsError(ConfigError):
 
 
 class BusConfigError(ConfigError):
-    """Errors in a bus.yml; `reason` contains all of them, one paragraph each."""
+    """Errors in a bus.yml; `reason` contains all errors of the file, one per paragraph."""
 
     def __init__(self, path: str, line: int, key: str, reason: str) -> None:
         self.path, self.line, self.key, self.reason = path, line, key, reason
@@ -116,11 +116,11 @@ class BusConfigError(ConfigError):
 
 
 class RobotConfigError(ConfigError):
-    """Error in controllers, description or their combination with the bus, or a missing file."""
+    """Error in the controllers, in the description or in their combination with the bus, or a missing file."""
 
 
 class DiskFull(CanopenError):
-    """Failed write of a file: no space or a broken disk; `kept` describes what remains of the file."""
+    """Failed write of a file, for lack of space or a disk error; `kept` describes what remains of the file."""
 
     def __init__(self, path: str, reason: str, remains: str) -> None:
         self.path, self.reason, self.kept = path, reason, remains
@@ -156,7 +156,7 @@ class InterfaceNotFound(BusError):
 
 
 class BusNotOpen(InterfaceNotFound):
-    """Access to a ``local:`` bus that is not open by a caller that only listens or queries; `others` are open."""
+    """Access to a ``local:`` bus that no program has open; `others` are the open local buses."""
 
     def __init__(self, name: str, others: Sequence[str] = ()) -> None:
         names = f"open now: {', '.join(others)}" if others else "no local bus is open now"
@@ -165,7 +165,7 @@ class BusNotOpen(InterfaceNotFound):
 
 
 class InterfaceDown(BusError):
-    """Use of an interface that exists and is down."""
+    """Use of a CAN interface that exists but is down."""
 
     def __init__(self, name: str, hint: str = "") -> None:
         self.name = name
@@ -173,15 +173,15 @@ class InterfaceDown(BusError):
 
 
 class ProtocolError(CanopenError):
-    """Base class of violations of CANopen's rules; see the two children."""
+    """Base class of violations of the CANopen protocol, by the caller or by the other side."""
 
 
 class LocalProtocolError(ProtocolError):
-    """Violation by the caller; the state is unchanged."""
+    """Invalid request by the caller; nothing was changed."""
 
 
 class RemoteProtocolError(ProtocolError):
-    """Violation by the other side."""
+    """Violation of the protocol by the other side, or its failure to answer."""
 
     def __init__(self, node_id: int, reason: str) -> None:
         self.node_id = node_id
@@ -189,9 +189,9 @@ class RemoteProtocolError(ProtocolError):
 
 
 class SdoAbort(RemoteProtocolError):
-    """SDO transfer ended by an abort (CiA 301, table 22).
+    """SDO transfer that was aborted (CiA 301, table 22).
 
-    `code` is the 32-bit abort code, `text` its meaning; `name` is that of the node, if known.
+    `code` is the 32-bit abort code, `text` its meaning; `name` is the name of the node, if known.
     """
 
     def __init__(self, node_id: int, index: int, subindex: int, code: int, text: str = "", name: str = "") -> None:
@@ -203,7 +203,7 @@ class SdoAbort(RemoteProtocolError):
 
 
 class SdoTimeout(RemoteProtocolError):
-    """Missing answer of an SDO server; `seconds` is the time allowed, over all tries."""
+    """Missing answer of an SDO server; `seconds` is the total timeout of all tries."""
 
     hint = "is the node powered and its node id right?"
 
@@ -216,7 +216,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """Missing answer of an SDO server whose node is STOPPED, which permits no SDO (CiA 301, table 38)."""
+    """Missing answer of an SDO server whose node is in NMT state STOPPED, without SDO (CiA 301, table 38)."""
 
     hint = "its heartbeat says NMT STOPPED, where a node answers no SDO; `nmt preop` or `nmt start` ends that"
 
@@ -225,7 +225,7 @@ class SdoStopped(SdoTimeout):
 
 
 class SdoRestarted(RemoteProtocolError):
-    """Boot-up of a node during a transfer, which lost its data."""
+    """Boot-up of a node during an SDO transfer, which failed because of that."""
 
     def __init__(self, node_id: int, index: int, subindex: int, name: str = "") -> None:
         self.index, self.subindex = index, subindex
@@ -237,7 +237,7 @@ class SdoRestarted(RemoteProtocolError):
 
 
 class SdoLengthError(RemoteProtocolError):
-    """Upload whose `data` do not fit the type of the object; `wanted` is the expected type and length."""
+    """SDO upload whose `data` do not fit the type of the object; `wanted` is the expected type and length."""
 
     def __init__(
         self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
@@ -253,7 +253,7 @@ class SdoLengthError(RemoteProtocolError):
 
 
 class BootError(RemoteProtocolError):
-    """Failed boot of a node (CiA 302-2); `letter` is its error status A to O, `step` the failed step."""
+    """Failed boot of a node; `letter` is the error status (A to O by CiA 302-2, or T), `step` describes the failure."""
 
     def __init__(self, node_id: int, letter: str, step: str, name: str = "") -> None:
         self.letter, self.step = letter, step
@@ -261,7 +261,7 @@ class BootError(RemoteProtocolError):
 
 
 class HeartbeatLost(RemoteProtocolError):
-    """Node that was silent for longer than its heartbeat time; `age` in s."""
+    """Node whose last heartbeat is older than the heartbeat timeout; `age` is in s."""
 
     def __init__(self, node_id: int, age: float, name: str = "") -> None:
         self.age = age
@@ -269,11 +269,11 @@ class HeartbeatLost(RemoteProtocolError):
 
 
 class DriveError(CanopenError):
-    """Drive that does not execute a command."""
+    """Command that a drive does not or cannot execute."""
 
 
 class UnsupportedMode(DriveError):
-    """Mode of operation that the drive's 0x6502 does not list."""
+    """Mode of operation that the drive does not list in 0x6502."""
 
     def __init__(self, mode: str, supported: tuple[str, ...]) -> None:
         self.mode, self.supported = mode, supported
@@ -281,7 +281,7 @@ class UnsupportedMode(DriveError):
 
 
 class ControlError(CanopenError):
-    """Error of controllers or of their claims."""
+    """Error of a controller or of a command, switch or claim that is refused."""
 
 
 class InterfaceConflict(ControlError):
@@ -293,7 +293,7 @@ class InterfaceConflict(ControlError):
 
 
 class TrajectoryRefused(ControlError):
-    """Trajectory that violates a rule; `code` is the result code of FollowJointTrajectory."""
+    """Trajectory that is refused; `code` is the result code of FollowJointTrajectory."""
 
     def __init__(self, message: str, code: int) -> None:
         self.code = code
@@ -301,15 +301,15 @@ class TrajectoryRefused(ControlError):
 
 
 class NotEnabled(ControlError):
-    """Command to drives that are not enabled; it is dropped."""
+    """Command to drives that are not enabled, which is discarded."""
 
 
 class NotYetEnabled(NotEnabled):
-    """Command to drives that are being enabled; a later one may be accepted."""
+    """Command to drives that are being enabled; a later command may be accepted."""
 
 
 class UnknownInterface(ControlError):
-    """Unknown interface; `known` are the existing ones, for a suggestion."""
+    """Unknown command or state interface; `known` are the existing interfaces."""
 
     def __init__(self, name: str, known: tuple[str, ...] = ()) -> None:
         self.name, self.known = name, known
@@ -329,13 +329,13 @@ class RemoteError(CanopenError):
 
     @property
     def of_usage(self) -> bool:
-        """Whether the robot's error is a usage error."""
+        """Whether the robot's error is in the user's input."""
         kind = globals().get(self.kind)
         return isinstance(kind, type) and issubclass(kind, _OF_USAGE)
 
 
 class UnreadableMessage(RemoteError):
-    """Unreadable pushed message, for example of another version; later ones may be readable."""
+    """Pushed message that cannot be read, for example of another version; later messages may be readable."""
 
     def __init__(self, message: str) -> None:
         super().__init__("RemoteProtocolError", message)
@@ -349,7 +349,7 @@ _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper",
 
 
 def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
-    """Return `, did you mean 'x'?`, or the list of known names unless not `listed`, or "" if there are none.
+    """Return `, did you mean 'x'?` for the most similar known name, else if `listed` a list of the known names, or "".
 
     The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
     """

@@ -1,7 +1,7 @@
-"""CAN frames, and the COB-IDs of the predefined connection set (CiA 301, 7.3.3).
+"""CAN frames and the COB-IDs of the predefined connection set (CiA 301, 7.3.3).
 
-Ports transfer frames as records: 16 bytes each, Linux' struct can_frame, concatenated in a bytes object. The cycle
-works on records, everything else on `CanFrame`.
+Ports transfer frames as concatenated records of 16 bytes (struct can_frame of Linux). The cycle uses records,
+everything else uses `CanFrame`.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ ERROR_FLAG: Final = 0x20000000  # CAN_ERR_FLAG: the identifier contains error cl
 BROADCAST: Final = 0  # node id for all nodes
 MAX_NODE_ID: Final = 127
 FRAME_BITS: Final = 47
-"""Length in bits of a frame with an 11-bit identifier and no data, with intermission, without stuff bits."""
+"""Length in bits of a frame with an 11-bit identifier and no data, including intermission, without stuff bits."""
 
 RECORD: Final = struct.Struct("=IB3x8s")  # can_id with flags, length, padding, data
 RECORD_SIZE: Final = RECORD.size
 
 
 class CanFrame(NamedTuple):
-    """CAN frame: `can_id` is the identifier with the flags of linux/can.h, `data` 0 to 8 bytes.
+    """CAN frame with 0 to 8 bytes of data; `can_id` is the identifier with the flags of linux/can.h.
 
-    The data of a remote frame are zeros; their number is its DLC.
+    The data of a remote frame are zeros, whose number is the DLC of the frame.
     """
 
     can_id: int
@@ -67,11 +67,11 @@ class CanFrame(NamedTuple):
 
     @property
     def is_error(self) -> bool:
-        """Whether the frame is an error report of the controller, which is never on the wire."""
+        """Whether the frame is an error report of the CAN controller, which is never sent on the bus."""
         return bool(self.can_id & ERROR_FLAG)
 
     def __str__(self) -> str:
-        """Return the frame in candump's log form, ``183#3706``."""
+        """Return the frame in the log format of candump, such as ``183#3706``."""
         identifier = self.can_id & 0x1FFFFFFF
         width = 8 if self.can_id & EXTENDED_FLAG or self.is_error else 3
         data = f"R{len(self.data)}" if self.is_remote else self.data.hex().upper()
@@ -80,30 +80,30 @@ class CanFrame(NamedTuple):
 
 _new: Any = tuple.__new__
 make_frame: Final[Callable[[tuple[int, bytes]], CanFrame]] = partial(_new, CanFrame)
-"""Returns the frame of an identifier and its data, without the call of Python code that the class makes."""
+"""Returns the frame for a pair (identifier, data), faster than the constructor of the class."""
 
 
 def remote_frame(cob_id: int, length: int = 0) -> CanFrame:
-    """Return a remote frame that requests `length` bytes."""
+    """Return a remote frame for a COB-ID, which requests `length` bytes."""
     return CanFrame(cob_id | REMOTE_FLAG, bytes(length))
 
 
 def pack_records(frames: Iterable[CanFrame]) -> bytes:
-    """Return the records of `frames`, 16 bytes each."""
+    """Return the concatenated records of `frames`, 16 bytes per frame."""
     return b"".join([RECORD.pack(can_id, len(data), data) for can_id, data in frames])
 
 
 def frames_of(records: bytes | bytearray | memoryview) -> Iterator[CanFrame]:
-    """Yield the frames of whole records; a length above 8 counts as 8."""
+    """Yield the frames of concatenated records; a length above 8 counts as 8."""
     for can_id, length, data in RECORD.iter_unpack(records):
         yield CanFrame(can_id, data[:length])
 
 
 class Service(enum.Enum):
-    """Services of the predefined connection set; PDO directions are those of the device."""
+    """Services of the predefined connection set; RPDO and TPDO are from the device's view."""
 
     NMT = 0x000
-    SYNC = 0x080  # function code of EMCY with node id 0
+    SYNC = 0x080  # the function code of EMCY, with node id 0
     EMCY = 0x081
     TIME = 0x100
     TPDO1 = 0x180
@@ -130,14 +130,14 @@ _SINGLE = {s.value: s for s in (Service.NMT, Service.SYNC, Service.TIME, Service
 
 
 def cob_id(service: Service, node_id: int = BROADCAST) -> int:
-    """Return the predefined COB-ID of `service` at `node_id` (ignored for services without one)."""
+    """Return the predefined COB-ID of `service` for a node; `node_id` is ignored for services without a node id."""
     if service in _SINGLE.values():
         return service.value
     return (service.value & ~1) + node_id
 
 
 def service_of(identifier: int) -> tuple[Service, int] | None:
-    """Return service and node id of a COB-ID of the predefined connection set, None for other COB-IDs."""
+    """Return service and node id of a COB-ID in the predefined connection set, None for other COB-IDs."""
     if (single := _SINGLE.get(identifier)) is not None:
         return single, BROADCAST
     service, node_id = _PER_NODE.get(identifier & 0x780), identifier & 0x7F
@@ -145,12 +145,12 @@ def service_of(identifier: int) -> tuple[Service, int] | None:
 
 
 def rpdo_cob_id(number: int, node_id: int) -> int:
-    """Return the predefined COB-ID of RPDO `number`, 1 to 4."""
+    """Return the predefined COB-ID of RPDO `number` (1 to 4) of a node."""
     return 0x100 + 0x100 * number + node_id
 
 
 def tpdo_cob_id(number: int, node_id: int) -> int:
-    """Return the predefined COB-ID of TPDO `number`, 1 to 4."""
+    """Return the predefined COB-ID of TPDO `number` (1 to 4) of a node."""
     return 0x80 + 0x100 * number + node_id
 
 
@@ -164,5 +164,5 @@ def is_restricted(cob_id: int) -> bool:
 
 
 def can_id_of(entry: int) -> int:
-    """Return the identifier of a COB-ID entry in the form used in frames, without the upper bits of the entry."""
+    """Return the identifier in a COB-ID entry (such as 0x1800:01) with the flag of a frame, without other bits."""
     return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF

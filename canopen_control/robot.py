@@ -1,4 +1,4 @@
-"""Library interface `Robot`: a robot in this program, or one that is already running.
+"""Library interface `Robot`, for a robot that this program starts or that is already running.
 
     with Robot.from_config("robby", can="local:robby") as robot:  # runs until the end of the block
         robot.command("robby_forward_controller", [10.0, 10.0])
@@ -6,8 +6,8 @@
     with Robot.attach("robby") as robot:  # started by `canopen-control run robby`; keeps running after the block
         print(robot.joints()["left_wheel_joint"].velocity)
 
-Values are in SI units. Methods are thread-safe and raise CanopenError; a refusal of the robot has the class of its
-error if one sentence is enough to construct it.
+Values are in SI units. Methods are thread-safe and raise CanopenError; a refusal by the robot is raised with the class
+of the robot's error if that class can be constructed from a message alone, else with a base class.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _SOURCE: Final = "program"
 
 
 class Robot:
-    """Robot in this program (`from_config`) or a running one (`attach`); use it in a `with` block."""
+    """Robot that this program starts (`from_config`) or that already runs (`attach`), for use in a `with` block."""
 
     def __init__(self, name: str, background: BackgroundRobot | None = None) -> None:
         self.name = name
@@ -69,9 +69,10 @@ class Robot:
         drives: bool = True,
         xacro: Mapping[str, str] | None = None,
     ) -> Robot:
-        """Return a robot from its files; `can` is the `--can` option, `drives` False starts no virtual drives.
+        """Create a robot from its files, to be started by `start` or a `with` block; ConfigError for invalid files.
 
-        `xacro` are the arguments of its description.
+        `can`, `name` and `mock` are as the options `--can`, `--as` and `--mock`; `controllers` are to be activated.
+        `drives=False` starts no virtual drives. `xacro` are the arguments of the description.
         """
         from canopen_control.runtime.background import BackgroundRobot
         from canopen_control.runtime.robot_files import find_robot
@@ -87,7 +88,7 @@ class Robot:
 
     @classmethod
     def attach(cls, name: str | None = None) -> Robot:
-        """Return the running robot with this name, or the only one; ConfigError if there is none or more than one."""
+        """Connect to the running robot with this name, None for the only one; ConfigError if none or several match."""
         robot = cls(select_robot(name))
         robot.start()
         return robot
@@ -102,9 +103,9 @@ class Robot:
     # -- life cycle
 
     def start(self) -> None:
-        """Boot a robot of this program and return when it is running, or connect to a running one.
+        """Boot the robot of `from_config` and return when it runs, or connect to an already running robot.
 
-        Raises errors of the boot.
+        CanopenError if the start or the connection fails.
         """
         if self._background is not None:
             self._background.start()
@@ -112,14 +113,14 @@ class Robot:
         self._client()
 
     def close(self) -> None:
-        """Shut down a robot of this program; disconnect from a running one, which continues."""
+        """Shut down a robot that this program started; disconnect from any other robot, which continues to run."""
         if self._background is not None:
             self._background.shutdown()
         self._open = False
         self._leave()
 
     def shutdown(self) -> None:
-        """Ramp to zero, disable the drives and end the robot, in any process; a second call does nothing."""
+        """Ramp to zero, disable the drives and end the robot, whichever process runs it; a second call does nothing."""
         if self._background is None and self._connected is not None:
             self._ask(messages.Shutdown())
         self.close()
@@ -127,9 +128,9 @@ class Robot:
     # -- motion
 
     def command(self, controller: str, values: Sequence[float] | Mapping[str, float]) -> None:
-        """Command a controller, one value per joint; a velocity or effort command expires after the command timeout.
+        """Command a controller with one value per joint; velocity and effort commands expire after the command timeout.
 
-        Outputs of a GPIO command controller are given by name: `{"io/lamp": 1.0}`; the others are unchanged.
+        Outputs of a GPIO command controller can be given by name, `{"io/lamp": 1.0}`; other outputs are unchanged.
         """
         if isinstance(values, Mapping):
             self._ask(messages.CommandByName(controller=controller, values=dict(values), source=_SOURCE))
@@ -137,7 +138,7 @@ class Robot:
         self._ask(messages.CommandController(controller=controller, values=list(values), source=_SOURCE))
 
     def twist(self, controller: str, linear: float, angular: float, lateral: float = 0.0) -> None:
-        """Command the velocity of a base: m/s forward, rad/s to the left and, if it is holonomic, m/s to the left."""
+        """Command the velocity of a base: `linear` forward and `lateral` to the left in m/s, `angular` in rad/s."""
         self._ask(
             messages.TwistController(
                 controller=controller, linear=linear, lateral=lateral, angular=angular, source=_SOURCE
@@ -145,14 +146,14 @@ class Robot:
         )
 
     def stop(self, *, latch: bool = False) -> None:
-        """Ramp to zero and disable the drives; returns when no drive moves under power.
+        """Ramp to zero and disable the drives; return when no drive has power any more.
 
-        With `latch` no client can move the robot before `release`.
+        With `latch`, no client can move the robot before `release`.
         """
         self._ask(messages.Stop(latch=latch, source=_SOURCE))
 
     def release(self) -> None:
-        """Release a latched stop; the drives stay disabled."""
+        """Release a latched stop; the drives remain disabled."""
         self._ask(messages.Release(source=_SOURCE))
 
     def axis(
@@ -164,16 +165,17 @@ class Robot:
         method: int | None = None,
         mode: str | None = None,
     ) -> None:
-        """Execute an action of `canopen-control axis`, and return when it is complete.
+        """Execute an axis action, as `canopen-control axis` does, and return when the action is complete.
 
-        `joint` is one axis of a drive with several, `method` that of homing, `mode` such as "CSP".
+        `joint` selects an axis of a multi-axis drive, `method` is the homing method, `mode` the mode such as "CSP".
         """
         self._ask(messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode))
 
     def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Switch controllers, all or none.
+        """Activate and deactivate controllers, all or none.
 
-        Controllers already in the requested state are skipped, unloaded ones loaded first.
+        Controllers that are already in the requested state are skipped; unloaded controllers are loaded and configured
+        first.
         """
         states = {controller.name: controller.state for controller in self.controllers().values()}
         for name in activate:
@@ -182,7 +184,7 @@ class Robot:
             if states.get(name, "unconfigured") == "unconfigured":
                 self._ask(messages.ConfigureController(controller=name))
         new = [name for name in activate if states.get(name) != "active"]
-        # an unknown controller is refused
+        # an unknown controller is requested too, and refused
         old = [name for name in deactivate if states.get(name, "active") == "active"]
         if new or old:
             self._ask(messages.SwitchControllers(activate=tuple(new), deactivate=tuple(old)))
@@ -190,37 +192,37 @@ class Robot:
     # -- state
 
     def state(self) -> str:
-        """Return the state of the robot: "running", "fault", ..."""
+        """Return the state of the robot, such as "running", "disabled" or "fault"."""
         return self.status().state
 
     def joints(self) -> dict[str, JointReading]:
-        """Return all joints, by name."""
+        """Return the states of all joints, by name."""
         return self.status().joints
 
     def nodes(self) -> dict[str, NodeReading]:
-        """Return all nodes with their axes, by name."""
+        """Return the states of all nodes with their axes, by name."""
         return self.status().nodes
 
     def controllers(self) -> dict[str, ControllerReading]:
-        """Return the loaded controllers by name."""
+        """Return the states of the loaded controllers, by name."""
         return {controller.name: controller for controller in self._ask(messages.ListControllers())}
 
     def status(self) -> Status:
-        """Return the complete status, as printed by `status --json`."""
+        """Return the complete status, as `status --json` prints it."""
         return self._ask(messages.GetStatus())
 
     def events(self, timeout: float | None = None) -> EventStream:
-        """Return the stream of events from now on; it ends after `timeout` s without an event (None: never)."""
+        """Return a stream of the events from now on, which ends after `timeout` s without an event (None: never)."""
         self._client()  # raises if the robot is not running
         return EventStream(RobotClient.connect(self.name, _CALL_S), timeout)
 
     # -- objects
 
     def sdo_read(self, node: str | int, item: str | int, subindex: int = 0) -> Value:
-        """Read an object by its name in the EDS, or by index and subindex; bytes if the EDS lacks it.
+        """Read an object by name or by index and subindex; return bytes if the object is not in the EDS.
 
-        `node` is a name or a node id, `item` such as "Statusword", "0x1018:01" or 0x6041. RemoteProtocolError if the
-        node aborts or does not answer.
+        `node` is a name or a node id, `item` is for example "Statusword" (a name in the EDS), "0x1018:01" or 0x6041.
+        RemoteProtocolError if the node aborts the transfer or does not answer.
         """
         from canopen_control.od.codec import decode
 
@@ -234,9 +236,9 @@ class Robot:
             raise RemoteProtocolError(node_id, f"node {node_id}: {address.label}: {error}") from None
 
     def sdo_write(self, node: str | int, item: str | int, value: Value, subindex: int = 0) -> None:
-        """Write an object by its data type in the EDS; bytes if the EDS lacks it.
+        """Write an object, encoded in the data type of the EDS; `value` must be bytes if the object is not in the EDS.
 
-        Addressed as in `sdo_read`. ConfigError for a value that does not fit the type.
+        `node` and `item` are as in `sdo_read`. ConfigError for a value that does not fit the data type.
         """
         from canopen_control.od.codec import encode
 
@@ -251,14 +253,14 @@ class Robot:
         self.sdo_download(node_id, address.index, address.subindex, value)
 
     def sdo_upload(self, node: str | int, index: int, subindex: int = 0, *, block: bool = True) -> bytes:
-        """Read the bytes of an object, by block transfer if the node supports it."""
+        """Read the bytes of an object; with `block`, by SDO block transfer if the node supports that."""
         reading = self._find_node(node)
         seconds = _CALL_S + (MAX_OBJECT / _BLOCK_BYTES_PER_S if block else 0)
         request = SdoRead(node=str(reading.node_id), index=index, subindex=subindex, block=block)
         return self._ask_node(reading, request, seconds).data
 
     def sdo_download(self, node: str | int, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an object."""
+        """Write the bytes of an object; ConfigError for more than `MAX_OBJECT` bytes."""
         reading = self._find_node(node)
         if len(data) > MAX_OBJECT:
             raise ConfigError(f"{len(data)} bytes are more than the {MAX_OBJECT} that a running robot passes on")
@@ -324,16 +326,16 @@ _OF_THE_NODE: Final = ("SdoAbort", "SdoTimeout", "RemoteProtocolError")
 
 
 def _of_node(node: NodePlace, error: RemoteError) -> CanopenError:
-    """Return the local error for a refused transfer, such as SdoAbort or SdoTimeout."""
+    """Return the local error for a failed SDO transfer: RemoteProtocolError for SdoAbort, SdoTimeout and the like."""
     if error.kind in _OF_THE_NODE:
         return RemoteProtocolError(node.node_id, str(error))
     return _as_here(error)
 
 
 def _as_here(error: RemoteError) -> CanopenError:
-    """Return the local error for a RemoteError: that of the same class, or of its nearest base class.
+    """Return the local error for a RemoteError, of the same class or the nearest suitable base class.
 
-    Only classes that can be constructed from a sentence alone are used.
+    Only classes that can be constructed from a message alone are suitable; else the RemoteError itself is returned.
     """
     kind = getattr(errors, error.kind, None)
     for base in kind.__mro__ if isinstance(kind, type) else ():

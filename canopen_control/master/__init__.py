@@ -1,1 +1,1 @@
-"""The CANopen master: configuration, boot, supervision and process data of a bus."""
+"""CANopen master of a bus: configuration, boot, supervision and process data of the nodes."""

@@ -1,12 +1,12 @@
-"""Boot of one node (CiA 302-2, boot slave), as a generator of requests.
+"""Boot of a node by the NMT master (CiA 302-2, boot slave), as a generator that yields requests.
 
-`boot` yields requests (`requests.py`) and receives their results, or `SdoAbort` and `SdoTimeout` as exceptions; its
-runner (`remote_node.RemoteNode`) never waits. A failure is a `BootError` with the letter of the standard (`LETTERS`).
-`NextStep` marks the steps for timing.
+`boot` yields requests (`requests.py`) and receives their results, or `SdoAbort` and `SdoTimeout` as exceptions;
+`BootTask` executes the requests without blocking. A failure is a `BootError` with the letter of the standard
+(`LETTERS`). `NextStep` marks the steps for timing.
 
-A node is first reset, so that nothing of an earlier run remains and no PDO is mapped while it is OPERATIONAL.
-Exceptions are a node that has just sent its boot-up, and an OPERATIONAL node with `reset_communication: false`, which
-is only compared.
+The communication of a node is reset first, so that no configuration of an earlier run remains and no PDO is mapped
+while the node is OPERATIONAL. Exceptions are a node that has just sent its boot-up, and an OPERATIONAL node with
+`reset_communication: false`, whose configuration is only compared.
 """
 
 from __future__ import annotations
@@ -62,23 +62,23 @@ if TYPE_CHECKING:
 
 
 _MILLISECOND = 1_000_000
-STATE_NS = 500 * _MILLISECOND  # for the heartbeat that confirms an NMT command, beside its own period
-NMT_TRIES = 3  # NMT commands are unconfirmed: send again when no heartbeat shows the state
+STATE_NS = 500 * _MILLISECOND  # wait for confirmation of an NMT command, in addition to the heartbeat timeout
+NMT_TRIES = 3  # NMT commands are unconfirmed: repeated while no heartbeat shows the state
 DEVICE_TYPE, IDENTITY, SOFTWARE = 0x1000, 0x1018, 0x1F56
 LOAD = b"load"
-_COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 that a reset of the communication makes effective
+_COMMUNICATION_PARAMETERS = 2  # subindex of 0x1011 whose restored values are effective after reset communication
 _OPERATION_ENABLED_BIT = 0x04
 _SHUTDOWN = 0x0006
-#: target object -> object with its present value: an RPDO sends that value until the first command
+#: target object -> object with the actual value, which RPDOs contain until the first command
 _PRESETS = {0x607A: 0x6064, 0x6060: 0x6061}
 
 
 @dataclass(frozen=True, slots=True)
 class BootResult:
-    """Properties of the node after its boot; -1 or None if unknown.
+    """Result of a successful boot: identity of the node (-1 if unknown), PDOs and initial values.
 
-    `reads` and `writes` count its SDO requests, `adopted` are the PDOs used with the node's own configuration,
-    `presets` the initial values of its process data by (index, subindex).
+    `supported_modes` is 0x6502 or None. `reads` and `writes` are the numbers of SDO transfers, `adopted` the PDOs that
+    keep the node's own configuration, `presets` the initial values of process data by (index, subindex).
     """
 
     vendor_id: int
@@ -94,10 +94,11 @@ class BootResult:
 
 
 def boot(plan: NodePlan, *, reset: bool) -> Generator[Request, Answer, BootResult]:
-    """Bring one node from any state to OPERATIONAL.
+    """Boot a node from any NMT state to OPERATIONAL; BootError if a step fails.
 
-    `reset` sends NMT reset communication first, so that a node left over from an earlier run loses its configuration; a
-    node that has just sent its boot-up needs none; one that must not be reset gets it only if it is not running.
+    With `reset`, NMT reset communication is sent first, so that the node loses the configuration of an earlier run; a
+    node that has just sent its boot-up needs no reset. A node with `reset_communication: false` is reset only if it is
+    not OPERATIONAL.
     """
     transfers = BootTransfers(plan.motors)
     keep = plan.keep_alive and reset
@@ -135,7 +136,7 @@ def _reset(plan: NodePlan, command: NmtCommand) -> Generator[Request, Answer, bo
 def _identify(
     plan: NodePlan, transfers: BootTransfers, *, alive: bool
 ) -> Generator[Request, Answer, tuple[int, int, int, int]]:
-    """Compare device type and identity with the EDS: CiA 302-2, steps 3 to 8; `alive`: it sent its boot-up."""
+    """Read and compare device type and identity (CiA 302-2, steps 3 to 8); `alive` if a boot-up was received."""
     try:
         device_type = int.from_bytes((yield from transfers.read(DEVICE_TYPE)), "little")
     except (SdoTimeout, SdoAbort, SdoLengthError) as error:
@@ -168,7 +169,7 @@ def _identify(
 
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
-    """Return whether a node that must not be reset is OPERATIONAL: CiA 302-2, "check node state"."""
+    """Return whether a node that must not be reset is OPERATIONAL (CiA 302-2, "check node state"); BootError E or F."""
     yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
@@ -184,7 +185,7 @@ def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
 
 
 def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Compare the version of the firmware: CiA 302-2, "check and update software version"."""
+    """Compare the firmware version with `software_version` (CiA 302-2, "check and update software version")."""
     if not plan.software_version:
         return
     version = yield from _answered(plan, "G", transfers, SOFTWARE, 1)
@@ -202,7 +203,7 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
 
 
 def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:
-    """Read modes and actual values of a drive; disable it and clear its old target if it was left enabled."""
+    """Read modes and actual values of a drive; unless `running`, disable the drive and clear its target velocity."""
     modes: int | None = None
     sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
@@ -216,7 +217,7 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
                 value = yield from _answered(plan, "J", transfers, actual + offset, 0, signed=True)
                 if value is not None:
                     transfers.presets[target + offset, 0] = transfers.presets[actual + offset, 0] = value
-        if (MODES_OF_OPERATION + offset, 0) in transfers.presets:  # the mode that bus.yml writes stays until another
+        if (MODES_OF_OPERATION + offset, 0) in transfers.presets:  # unless bus.yml writes a mode
             for write in plan.writes:
                 if write.address == (MODES_OF_OPERATION + offset, 0):
                     transfers.presets[write.address] = int.from_bytes(write.data, "little", signed=True)
@@ -227,9 +228,9 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
 
 
 def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Take over a running node: compare its configuration and report differences (letter L, not a failure).
+    """Compare the configuration of a running node, and report differences as a warning (letter L of CiA 302-2).
 
-    Its supervision is written anyway, and a PDO in use that differs is an error.
+    Missing supervision parameters are written nevertheless; a difference in a used PDO is a BootError.
     """
     yield NextStep("compare")
     yield from check_expected(plan, transfers)
@@ -263,7 +264,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
 
 
 def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Start error control before the node is started."""
+    """Wait for a heartbeat or guarding answer before the node is started; BootError K if there is none."""
     yield NextStep("heartbeat")
     # CiA 302-2, error status K: error control did not start
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
@@ -272,10 +273,10 @@ def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
 
 
 def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Start the node, and again if it does not confirm: the command may have been lost."""
+    """Send NMT start until a heartbeat or TPDO confirms OPERATIONAL, at most `NMT_TRIES` times; BootError T."""
     yield NextStep("start")
     if not plan.supervision_ns and not plan.tpdos:
-        yield SendNmt(NmtCommand.START)  # nothing would confirm it
+        yield SendNmt(NmtCommand.START)  # nothing could confirm the state
         return
     for _ in range(NMT_TRIES):
         yield SendNmt(NmtCommand.START)
@@ -287,7 +288,7 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
 def _answered(
     plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an optional object; a missing answer or an invalid value is a boot error."""
+    """Read an optional number, None if refused; BootError with `letter` without an answer or for a wrong length."""
     try:
         return (yield from transfers.number(index, subindex, signed=signed))
     except (SdoTimeout, SdoLengthError) as error:
@@ -309,10 +310,10 @@ def _mismatch(plan: NodePlan, letter: str, title: str, actual: int, expected: in
     return boot_error(plan, letter, f"{title} is {actual_text}, expected 0x{expected:08X} (from {plan.source}); {hint}")
 
 
-# Runs one boot: hands the requests of `boot.boot` to the SDO client and to NMT, and the answers back.
+# Execution of a boot: passes the requests of `boot` to the SDO client and to NMT, and the answers back.
 #
-# Nothing here waits. `advance` goes on as far as it can; the node calls it again when an SDO
-# transfer ended, a boot-up or heartbeat came, or time passed.
+# No call blocks. The generator is resumed when an SDO transfer has ended, a boot-up or heartbeat was received, or a
+# timeout has expired.
 
 
 _WAITS = (AwaitBootUp, AwaitState, AwaitHeartbeat)
@@ -320,7 +321,7 @@ _WAITS = (AwaitBootUp, AwaitState, AwaitHeartbeat)
 
 @dataclass(frozen=True, slots=True)
 class FinishedStep:
-    """Completed step of a boot and its duration."""
+    """Completed step of a boot, with duration and error."""
 
     name: str
     seconds: float
@@ -328,9 +329,9 @@ class FinishedStep:
 
 
 class BootTask:
-    """Boot of one node in progress; `done` once it has a `result` or an `error`.
+    """Boot of a node in progress, which ends with either a `result` or an `error`.
 
-    `count_tpdos` returns the number of received TPDOs of the node: another one proves OPERATIONAL as a heartbeat does.
+    `count_tpdos` returns the number of TPDOs received from the node: a new TPDO proves OPERATIONAL like a heartbeat.
     """
 
     def __init__(
@@ -358,32 +359,32 @@ class BootTask:
 
     @property
     def done(self) -> bool:
-        """Whether the boot ended, with or without success."""
+        """Whether the boot has ended, with or without success."""
         return self.result is not None or self.error is not None
 
     @property
     def step(self) -> str:
-        """Current step of the boot."""
+        """Name of the current step of the boot."""
         return self._step
 
     @property
     def awaits_boot_up(self) -> bool:
-        """Whether a boot-up is expected next."""
+        """Whether the boot is waiting for the boot-up message of the node."""
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`; 0 means at once: a TPDO may have been received."""
+        """Return the time of the next `tick`, None if not needed; 0 for now, since a TPDO may have been received."""
         if self._hears_tpdos:
             return 0
         return self._deadline if isinstance(self._waiting, _WAITS) else None
 
     def boot_up(self, now: int) -> None:
-        """Process the boot-up of the node."""
+        """Process a boot-up message of the node."""
         if self.awaits_boot_up:
             self._answer(True, now)
 
     def heartbeat(self, state: NmtState | None, now: int) -> None:
-        """Process a heartbeat of the node."""
+        """Process a heartbeat or guarding answer of the node."""
         waiting = self._waiting
         if isinstance(waiting, AwaitHeartbeat) and state is not None:
             self._answer(state, now)
@@ -391,14 +392,14 @@ class BootTask:
             self._answer(True, now)
 
     def tick(self, now: int) -> None:
-        """End a wait after its timeout, or because of a TPDO."""
+        """End the current wait if its timeout has expired or a TPDO was received."""
         if self._hears_tpdos and self._count_tpdos() > self._tpdos:
             self._answer(True, now)
         elif isinstance(self._waiting, _WAITS) and now >= self._deadline:
             self._answer(None if isinstance(self._waiting, AwaitHeartbeat) else False, now)
 
     def transfer_ended(self, request: SdoRequest, now: int) -> None:
-        """Process the end of the requested SDO transfer."""
+        """Process the end of an SDO transfer, if requested by this boot."""
         if self.done or request is not self._transfer:
             return
         if request.error is not None:
@@ -408,7 +409,7 @@ class BootTask:
             self._answer(None if request.is_write else request.data, now)
 
     def cancel(self) -> None:
-        """Cancel the boot; pending requests are ignored."""
+        """Cancel the boot; answers to pending SDO requests are ignored."""
         self._generator.close()
         self._waiting = None
         self._transfer = None
@@ -423,7 +424,7 @@ class BootTask:
         self._resume(now, lambda: self._generator.send(value))
 
     def _resume(self, now: int, go_on: Callable[[], Request]) -> None:
-        """Run the generator until its next wait."""
+        """Resume the generator by `go_on` until its next wait or its end."""
         self._waiting = None
         try:
             request = go_on()

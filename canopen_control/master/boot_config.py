@@ -1,9 +1,9 @@
-"""Configuration of a node during its boot: read, compare, write, verify (CiA 302-2, "download configuration").
+"""Configuration of a node during its boot by reading, comparing, writing and verifying objects (CiA 302-2).
 
-Values that the node already has are not written, and written values are read back. A node that keeps another value is
-refused for objects of the network (communication objects, 0x6007), and only warned about for objects of the drive (such
-as a ramp that it limits). A PDO that cannot be configured is either used with the node's own mapping, if it carries
-what is needed, or left invalid.
+Values that the node already has are not written, and written values are read back. If the node then has another value,
+the boot fails for communication objects and 0x6007; for objects of the drive (such as a ramp that the drive limits)
+this is only a warning. A PDO that cannot be configured is used with the node's own mapping if that contains all
+needed objects; else the PDO is left invalid.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ if TYPE_CHECKING:
 
 # Comparison of a plan with the values in a node: differences, and the writes that remove them.
 #
-# The writes of one PDO belong together (`groups`), every other write is a group of its own. Bit 30 of a PDO's COB-ID
-# belongs to the device and is never a difference; of a PDO that is planned as invalid only bit 31 is compared. Values
-# are compared in the type of the object, so that a drive that answers with more bytes than the EDS declares is not
-# written again at each boot.
+# The writes of one PDO form a group, and every other write is a separate group. Bit 30 of a PDO's COB-ID belongs to the
+# device and is never a difference; for a PDO that is planned as invalid only bit 31 is compared. Values are compared
+# in the type of the object, so that an object that a drive answers with more bytes than the EDS declares is not written
+# again at each boot.
 
 
 _TEXT = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
@@ -56,7 +56,7 @@ _COB_ID = 1  # subindex of a communication record
 
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
-    """Return the writes in order: those of one PDO in one list, each other one in a list of its own."""
+    """Group writes in order: the writes of a PDO in one list, every other write in a separate list."""
     by_pdo: list[list[PlannedWrite]] = []
     for pdo, of_pdo in groupby(writes, key=lambda write: write.pdo):
         members = list(of_pdo)
@@ -65,27 +65,27 @@ def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
 
 
 def is_cob_id(write: PlannedWrite) -> bool:
-    """Whether the write is to the COB-ID of a PDO."""
+    """Whether a write is to the COB-ID of a PDO."""
     return write.pdo is not None and write.index == cob_id_of(write.pdo) and write.subindex == _COB_ID
 
 
 def cob_id_of(pdo: tuple[str, int]) -> int:
-    """Return the index of a PDO's communication record."""
+    """Return the index of the communication record of a PDO, whose subindex 1 is the COB-ID."""
     return COMMUNICATION[pdo[0]] + pdo[1] - 1
 
 
 def final_values(group: Sequence[PlannedWrite]) -> dict[tuple[int, int], PlannedWrite]:
-    """Return the last write of each address, which gives the final value."""
+    """Return the last write to each address, which contains the final value."""
     return {write.address: write for write in group}
 
 
 def reads_of(group: Sequence[PlannedWrite]) -> list[tuple[int, int]]:
-    """Return the addresses to read before the group is written, without those that cannot be compared."""
+    """Return the addresses of a group that are to be read and compared before writing."""
     return [address for address, write in final_values(group).items() if write.compare]
 
 
 def keep_rtr_bit(planned: bytes, current: bytes | None) -> bytes:
-    """Return a COB-ID with bit 30 as in the device."""
+    """Return a planned COB-ID with bit 30 (no RTR) as in the device's `current` COB-ID."""
     if current is None or len(current) != len(planned):
         return planned
     value, own = int.from_bytes(planned, "little"), int.from_bytes(current, "little")
@@ -93,7 +93,7 @@ def keep_rtr_bit(planned: bytes, current: bytes | None) -> bytes:
 
 
 def matches(write: PlannedWrite, current: bytes | None) -> bool:
-    """Whether the node already has the value of the write."""
+    """Whether the `current` value in the node equals the value of a write."""
     if current is None:
         return False
     if is_cob_id(write):
@@ -112,7 +112,7 @@ def matches(write: PlannedWrite, current: bytes | None) -> bool:
 
 
 def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
-    """Return the required writes of a group, in order, given the `current` values; none if nothing differs."""
+    """Return the writes of a group that are required, in order, for the `current` values; [] without a difference."""
     final = final_values(group)
     different = {
         address for address, write in final.items() if not write.compare or not matches(write, current.get(address))
@@ -133,10 +133,10 @@ def _is_needed(
     different: set[tuple[int, int]],
     current: Mapping[tuple[int, int], bytes | None],
 ) -> bool:
-    """Whether one write of a PDO is required: first invalid (if it is valid), then differences, then valid."""
+    """Whether a write of a PDO is required, so that the PDO is made invalid, changed, and made valid again."""
     if write.index != communication:
         # CiA 301, 7.5.2.36: number of objects 0, entries, number of objects
-        return remap  # a mapping is written as a whole: count 0, entries, count
+        return remap  # a mapping is always written completely: count 0, entries, count
     if write.subindex != _COB_ID or write.fixed:
         return write.address in different
     # CiA 301, 7.5.2.35 and 7.5.2.37: bit 31 of subindex 1, the PDO does not exist
@@ -146,16 +146,16 @@ def _is_needed(
     return True
 
 
-# The PDOs of a node during its boot: configured as planned, used as the node has them, or left invalid (CiA 301).
+# PDOs of a node during its boot: configured as planned, used as configured in the node, or left invalid (CiA 301).
 #
 # Rules (CiA 301, 7.5.2.35): a PDO is read before it is written, written in the standard's order (invalid, settings,
 # mapping, valid), and read back. If the node refuses (a constant COB-ID, a mapping that cannot be written), its
 # previous configuration is restored, and used if it contains every planned object; other objects of an RPDO keep their
-# values. Otherwise the PDO is left invalid and the boot fails with the missing objects.
+# values. Otherwise the PDO is left invalid and the boot fails with an error that names the missing objects.
 #
-# An RPDO is sent as a whole, so that each object in it needs a value before the first transmission: objects without a
-# writer keep the node's value (`read_outputs`), or get 0 if the node does not allow reading it. Objects that move an
-# axis are not among them; they begin at rest (`boot`).
+# An RPDO is always sent completely, so that every mapped object needs a value before the first transmission: objects
+# that nothing commands keep the node's value (`read_outputs`), or are 0 if the node does not allow reading. This does
+# not apply to objects that move an axis, whose initial values are set in `boot`.
 
 
 Held = dict[tuple[int, int], bytes | None]
@@ -164,7 +164,7 @@ _UNSIGNED = {kind.bits: kind for kind in DataType if kind.name.startswith("UNSIG
 
 @dataclass(frozen=True, slots=True)
 class _Own:
-    """PDO as configured in the node."""
+    """Configuration of a PDO as read from the node."""
 
     cob_id: int
     transmission_type: int
@@ -177,9 +177,9 @@ class _Own:
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Disable the PDOs that use an identifier planned for another one: devices refuse a second user.
+    """Make those PDOs invalid whose COB-ID is planned for another PDO.
 
-    Devices check that when a PDO becomes valid (maxon EPOS4 among them).
+    Some devices, such as the maxon EPOS4, refuse to make a PDO valid if another valid PDO has the same COB-ID.
     """
     final = {
         group[0].pdo: int.from_bytes(next(write.data for write in reversed(group) if is_cob_id(write)), "little")
@@ -202,7 +202,7 @@ def release_cob_ids(
 def configure_pdo(
     plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one PDO; use the node's configuration if it refuses. BootError J."""
+    """Read, compare, write and verify one PDO; if refused, use the node's configuration if possible. BootError J."""
     current: Held = {}
     try:
         for address in reads_of(group):
@@ -229,9 +229,9 @@ def configure_pdo(
 
 
 def _keep_transmission(plan: NodePlan, refused: PlannedWrite, current: Held, transfers: BootTransfers) -> bool:
-    """Accept the transmission type that a node refuses to change for an RPDO.
+    """Accept the node's transmission type of an RPDO if the node refuses to change that.
 
-    Return whether that solved the refusal.
+    Return whether the refused write was such a transmission type.
     """
     pdo = refused.pdo or ("", 0)
     layout, own = _layout(plan, pdo), current.get(refused.address)
@@ -253,10 +253,11 @@ _Refusal = tuple["PlannedWrite", str]
 def _write_pdo(
     writes: Sequence[PlannedWrite], planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Refusal | None]:
-    """Write a PDO; return what the node refused and the reason, None if there was no refusal.
+    """Write a PDO; return the refused write and the reason, None if the node accepted all writes.
 
     Drives whose COB-IDs cannot be written accept the mapping while the PDO is valid: count 0, mapping, count (Elmo;
-    ros-industrial/ros_canopen, issue 151). Others need it invalid although their EDS declares the COB-ID constant.
+    ros-industrial/ros_canopen, issue 151). Other drives need an invalid PDO although their EDS declares the COB-ID
+    constant.
     """
     final = final_values(planned)
     refused = yield from _write_all(writes, final, current, transfers)
@@ -279,7 +280,7 @@ def _write_pdo(
 
 
 def _is_off(write: PlannedWrite) -> bool:
-    """Whether a COB-ID has its invalid bit set (bit 31)."""
+    """Whether a write sets the invalid bit of a COB-ID (bit 31)."""
     return bool(write.data[-1] & INVALID_BIT >> 24)
 
 
@@ -289,9 +290,9 @@ def _write_all(
     current: Held,
     transfers: BootTransfers,
 ) -> Generator[Request, Answer, _Refusal | None]:
-    """Write in order; return the refused object and the reason, None if all were accepted.
+    """Execute writes in order; return the refused write and the reason, None if none was refused.
 
-    What cannot be written and holds its `final` value already stays; whether that was enough is verified afterwards.
+    The refusal of an object that already has its `final` value is ignored; the result is verified afterwards.
     """
     for write in writes:
         try:
@@ -306,7 +307,7 @@ def _write_all(
 def _verify(
     planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, str | None]:
-    """Read the written values back; return those that the node did not keep."""
+    """Read written values back; return a text about the first value that differs, None if all are as written."""
     for address, write in final_values(planned).items():
         if current.get(address) is None:
             continue  # cannot be read
@@ -320,7 +321,7 @@ def _verify(
 def _refused(
     plan: NodePlan, planned: Sequence[PlannedWrite], current: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Use the node's own PDO, or leave it disabled."""
+    """Use a refused PDO as configured in the node, or leave the PDO invalid; BootError J if it is needed."""
     pdo = planned[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
@@ -366,14 +367,14 @@ def _refused(
 
 
 def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
-    """Clear the mapping of a PDO; return whether it is empty then."""
+    """Clear the mapping of a PDO; return whether the mapping is empty afterwards."""
     mapping = MAPPING[pdo[0]] + pdo[1] - 1
     yield from _try(transfers, mapping, 0, b"\0")
     return (yield from transfers.number(mapping)) == 0
 
 
 def _own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
-    """Restore the former mapping as far as the node accepts it, and read the PDO."""
+    """Restore the former mapping of a PDO as far as the node accepts that, and return the PDO as read back."""
     communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
     count = current.get((mapping, 0))
     if count is not None and (yield from transfers.held(mapping, 0)) != count:
@@ -393,7 +394,7 @@ def _own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Gener
 def _enable(
     plan: NodePlan, writes: Sequence[PlannedWrite], own: _Own, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Own]:
-    """Enable the node's own PDO, with the planned COB-ID if the node accepts it."""
+    """Make a PDO with the node's own mapping valid, with the planned COB-ID if accepted; BootError J if impossible."""
     pdo = writes[0].pdo or ("", 0)
     communication = cob_id_of(pdo)
     planned = next(write.data for write in reversed(writes) if is_cob_id(write))
@@ -439,13 +440,13 @@ def _name(group: Sequence[PlannedWrite]) -> str:
     return f"{kind.upper()} {number}"
 
 
-_FIRST_OBJECT = 0x1000  # below it are the types, which fill gaps
+_FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entries
 
 
 def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Read the initial values of the RPDOs, except those of axes, into `transfers.presets`.
+    """Read the initial values of objects in RPDOs, except those that move an axis, into `transfers.presets`.
 
-    BootError J without an answer.
+    A refused object gets 0; BootError J without an answer.
     """
     motion = {index + offset for index in MOTION for offset in plan.axes}
     mapped = {entry[:2]: entry for layout in plan.rpdos for entry in layout.objects}
@@ -462,9 +463,9 @@ def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 
 
 def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Read initial values and scales of a device's inputs into `transfers.presets`.
+    """Read initial values and scales of a device's signals into `transfers.presets`.
 
-    An input that is sent on change may not change for hours. Objects that the node refuses are skipped.
+    This is necessary because an input that is sent on change may not change for hours. Refused objects are skipped.
     """
     reads = [read for read in plan.reads if _address(read) not in transfers.presets]
     if reads:
@@ -478,7 +479,7 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def _read_value(
     plan: NodePlan, mapped: MappedObject, title: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, Value | None]:
-    """Read one object, None if the node refuses; BootError J without an answer."""
+    """Read one mapped object, None if the node refuses; BootError J without an answer."""
     index, subindex = _address(mapped)
     try:
         data = yield from transfers.try_read(index, subindex)
@@ -489,7 +490,7 @@ def _read_value(
 
 
 def value_of(mapped: MappedObject, data: bytes) -> Value | None:
-    """Return the RPDO value of SDO data; None if they do not fit."""
+    """Decode SDO data to a value of a mapped object, None if the value does not fit into the mapping."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -500,20 +501,20 @@ def value_of(mapped: MappedObject, data: bytes) -> Value | None:
 
 STORE, RESTORE = 0x1010, 0x1011
 SAVE = b"save"
-STORE_NS = 20_000_000_000  # a node that writes its flash answers late
+STORE_NS = 20_000_000_000  # writing flash memory delays the answer
 _SYNC_COUNTER = (0x1006, 0x1019)
 _SYNC, _EMCY, _CONSUMER = 0x1005, 0x1014, 0x1016
-_FIRST_OWN = 0x2000  # below it stand the objects of the network
+_FIRST_OWN = 0x2000  # smaller indexes are communication objects
 _ABORT_CONNECTION = 0x6007
 _INTERPOLATION = frozenset(axis_index(INTERPOLATION_TIME_PERIOD, axis) for axis in range(AXES))
 _SUPERVISION = frozenset((0x100C, 0x100D, 0x1016, 0x1017, 0x1029, _ABORT_CONNECTION))
 
 
 def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Configure the node by its plan; BootError J."""
+    """Configure a node by its plan; BootError J if an essential object cannot be configured."""
     grouped = groups(plan.writes)
     counter = [group for group in grouped if group[0].index in _SYNC_COUNTER]
-    for group in counter:  # at once: until then each SYNC with a counter is an error of the node, EMCY 0x8240
+    for group in counter:  # first, because a SYNC with an unexpected counter causes EMCY 0x8240
         yield from _configure_object(plan, group[0], transfers)
     yield from check_expected(plan, transfers)
     yield from release_cob_ids(grouped, transfers)
@@ -523,17 +524,17 @@ def configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, An
         if group[0].pdo is not None:
             yield from configure_pdo(plan, group, transfers)
         elif group[0].index == STORE:
-            if transfers.changed:  # else nothing new would be stored, and flash wears out
+            if transfers.changed:  # else storing is unnecessary, and wears the flash memory
                 yield from _write(plan, group[0], transfers)
         else:
             yield from _configure_object(plan, group[0], transfers)
 
 
 def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Compare the objects that the scales of bus.yml assume and nothing writes; BootError J for a difference.
+    """Compare objects on which the scales of bus.yml depend and that are not written; BootError J for a difference.
 
-    Other factors are accepted if they give the counts per revolution of bus.yml and those of the EDS do not: bus.yml
-    was written for this drive.
+    Different factors are accepted if they result in the counts per revolution of bus.yml and those of the EDS do not:
+    then bus.yml was written for this drive.
     """
     values: dict[tuple[int, int], int] = {}
     by_file: dict[tuple[int, int], int] = {}
@@ -549,7 +550,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
             continue
         index, offset = axis_of(write.index)[0], 0x800 * axis_of(write.index)[1]
         if index != POLARITY and (not value or (_makes(plan, offset, values) and not _makes(plan, offset, by_file))):
-            continue  # 0 revolutions or counts: not defined by the drive
+            continue  # 0 means not defined by the drive
         line = f"{{index: 0x{write.index:04X}, sub_index: {write.subindex}, value: {value}}}"
         raise boot_error(
             plan,
@@ -560,7 +561,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
 
 
 def _makes(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], int]) -> bool:
-    """Whether the values of a drive result in the counts per revolution of bus.yml."""
+    """Whether encoder, gear and feed factors in `values` result in the counts per revolution of bus.yml."""
 
     def pair(index: int) -> tuple[int, int] | None:
         pair_values = values.get((index + offset, 1)), values.get((index + offset, 2))
@@ -576,7 +577,7 @@ def _makes(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], int]) -
 
 
 def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Return the writes that the node would need, without writing."""
+    """Return the writes that a running node would need, without writing anything."""
     missing: list[PlannedWrite] = []
     for group in groups(plan.writes):
         current = yield from _held(group, transfers)
@@ -587,10 +588,10 @@ def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def watch_running(
     plan: NodePlan, missing: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Write missing supervision parameters to a running node, and return its other differences.
+    """Write missing supervision parameters to a running node, and return the other missing writes.
 
-    Both sides must detect the loss of the other. PDOs in use must match the plan: BootError J otherwise, since they
-    cannot be changed while it runs.
+    Master and node must each detect the loss of the other. BootError J if a PDO in use does not match the plan, since
+    PDOs cannot be changed while the node is OPERATIONAL.
     """
     used = {("rpdo", rpdo.number) for rpdo in plan.rpdos} | {("tpdo", tpdo.number) for tpdo in plan.tpdos}
     if differs := sorted({write.pdo for write in missing if write.pdo is not None and write.pdo in used}):
@@ -607,7 +608,7 @@ def watch_running(
 
 
 def store(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Store the configuration in the node if this boot has changed it; a refusal is a warning."""
+    """Store the configuration in the node (0x1010) if planned and changed by this boot; a failure is a warning."""
     if not plan.save or not transfers.changed:
         return
     try:
@@ -628,7 +629,7 @@ def _held(
 def _configure_object(
     plan: NodePlan, write: PlannedWrite, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write, verify one object."""
+    """Read, compare, write and verify one object; BootError J if an essential object keeps another value."""
     current = None
     if write.compare:
         current = yield from _present(plan, write, transfers)
@@ -639,14 +640,14 @@ def _configure_object(
     if write.index == _CONSUMER:
         yield from _clear_double(plan, write, transfers)
     if not (yield from _write(plan, write, transfers)) or current is None:
-        return  # refused and done without, or not to be read
+        return  # refused and not essential, or not readable
     after = yield from transfers.held(*write.address)
     if after is not None and not matches(write, after):
         _differs(plan, write, after, transfers)
 
 
 def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Make a COB-ID changeable: that of a valid EMCY or a produced SYNC is fixed (CiA 301, 7.5.2.5 and 7.5.2.17)."""
+    """Make the COB-ID of SYNC or EMCY changeable, by clearing or setting a bit (CiA 301, 7.5.2.5 and 7.5.2.17)."""
     value = int.from_bytes(current, "little")
     # CiA 301, 7.5.2.5: bit 30 of 0x1005, the device produces SYNC; 7.5.2.17: bit 31 of 0x1014, not valid
     changeable = value & ~PRODUCER_BIT if write.index == _SYNC else value | INVALID_BIT
@@ -658,7 +659,7 @@ def _release(write: PlannedWrite, current: bytes, transfers: BootTransfers) -> G
 
 
 def _clear_double(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Clear other entries of 0x1016 for the same node: a device refuses a second one (CiA 301, 7.5.2.19)."""
+    """Clear other entries of 0x1016 for the same node, since devices refuse a second one (CiA 301, 7.5.2.19)."""
     node_id, ms = parse_consumer_entry(int.from_bytes(write.data, "little"))
     if not ms:
         return
@@ -678,7 +679,7 @@ def _present(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> G
 
 
 def _write(plan: NodePlan, write: PlannedWrite, transfers: BootTransfers) -> Generator[Request, Answer, bool]:
-    """Write; return False if the node refuses an addition that is not essential."""
+    """Write an object; return False if the node refuses an optional write, BootError J for any other failure."""
     try:
         yield from transfers.write(*write.address, write.data, STORE_NS if write.index in (STORE, RESTORE) else None)
     except (SdoAbort, SdoTimeout) as error:
@@ -696,7 +697,7 @@ def _vital(write: PlannedWrite) -> bool:
 
 
 def _differs(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootTransfers) -> None:
-    """Report a node that accepted a value and returns another one."""
+    """Report an object that does not have the written value: BootError J for communication objects, else a warning."""
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if (write.index < _FIRST_OWN and write.index != _EMCY) or axis_of(write.index)[0] == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)

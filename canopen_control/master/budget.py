@@ -1,8 +1,8 @@
-"""Bus load of process data: bits of the worst cycle, average load, shortest possible SYNC period.
+"""Bus load of process data: bits of the worst cycle, average load and shortest possible SYNC period.
 
-The worst cycle contains every PDO that may be sent in it, with the maximum of stuff bits, and decides whether the
-period is possible. The load is the average of the worst frames at their rates. SDO, EMCY and NMT are not included: they
-use the remaining bandwidth, so that a load above `HIGH` leaves too little for them.
+The worst cycle contains every PDO that may be sent in one cycle, with the maximum number of stuff bits, and decides
+whether the period is possible. The load is the average over all frames at their rates, with the maximum number of
+stuff bits. SDO, EMCY and NMT are not included: a load above `HIGH` leaves too little bandwidth for them.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from canopen_control.master.plan_builder import PlannedPdo
 
 
-HIGH = 0.70  # of the bit rate
+HIGH = 0.70  # fraction of the bit rate
 _ON_REMOTE = (252, 253)
 
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """One frame: number of data bytes and rate per cycle; `cyclic`: it is part of the worst cycle."""
+    """Frame with `length` data bytes, sent `per_cycle` times in a cycle; `cyclic` frames belong to the worst cycle."""
 
     name: str
     cob_id: int
@@ -40,13 +40,13 @@ class Share:
 
     @property
     def worst_bits(self) -> int:
-        """Bits with the maximum of stuff bits."""
+        """Length of the frame in bits, with the maximum number of stuff bits."""
         return bits_of(self.length)[1]
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Frames of a bus with its bit rate (bit/s) and the period of its cycle in ns."""
+    """Frames of a bus, with the bit rate in bit/s and the period of the cycle in ns."""
 
     shares: tuple[Share, ...]
     bitrate: int
@@ -55,22 +55,22 @@ class Budget:
 
     @property
     def bits(self) -> int:
-        """Bits of a cycle with every PDO, without stuff bits."""
+        """Number of bits in the worst cycle, without stuff bits."""
         return sum(bits_of(share.length)[0] for share in self.shares if share.cyclic)
 
     @property
     def worst_bits(self) -> int:
-        """Bits of a cycle with every PDO and the maximum of stuff bits."""
+        """Number of bits in the worst cycle, with the maximum number of stuff bits."""
         return sum(share.worst_bits for share in self.shares if share.cyclic)
 
     @property
     def shortest_period_ns(self) -> int:
-        """Duration of the worst cycle on the wire."""
+        """Duration of the worst cycle on the bus in ns."""
         return duration_ns(self.worst_bits, self.bitrate)
 
     @property
     def load(self) -> float:
-        """Average bus load, 0 to 1, including heartbeats and guarding."""
+        """Average bus load as a fraction of the bit rate, including heartbeats and guarding."""
         bits = sum(share.worst_bits * share.per_cycle for share in self.shares)
         return bits * 1e9 / (self.period_ns * self.bitrate)
 
@@ -81,12 +81,12 @@ class Budget:
 
 
 def bits_of(length: int) -> tuple[int, int]:
-    """Return the bits of a frame with `length` data bytes: without stuff bits, and the maximum."""
+    """Return the bits of a frame with `length` data bytes: without stuff bits, and with the maximum number of them."""
     return FRAME_BITS + 8 * length, worst_case_bits(length)
 
 
 def budget_of(config: BusConfig, period_ns: int) -> Budget:
-    """Return the budget of a bus whose cycle takes `period_ns`."""
+    """Return the bus load of process data for a cycle of `period_ns`."""
     unbounded: list[str] = []
     shares = list(_shares(config, period_ns, unbounded))
     return Budget(tuple(shares), config.master.baudrate * 1000, period_ns, tuple(unbounded))
@@ -112,7 +112,7 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
 
 
 def _tpdo(name: str, node: NodeConfig, layout: PlannedPdo, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
-    """Yield one TPDO: at every n-th SYNC, or event-driven at most once per inhibit time."""
+    """Yield a TPDO with its rate: every n-th SYNC, or at most once per inhibit time and cycle; none on request only."""
     kind, title = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
         return

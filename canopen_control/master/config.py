@@ -1,9 +1,9 @@
-"""Reader of bus.yml as defined by ros2_canopen, into frozen dataclasses.
+"""Reader of bus.yml files, in the format of ros2_canopen, into frozen dataclasses.
 
-Both forms are accepted (`options`, `master`, `defaults`, `nodes`; or the flat one in which every other top-level key is
-a node), a node's own keys take precedence over `defaults` at every depth, and all mistakes of the file are reported at
-once with their places. Keys used only by ros2_canopen are accepted and listed in `notes`. The keys, and the additions
-of this package, are in `keys.py`.
+Two forms are accepted: with the sections `options`, `master`, `defaults` and `nodes`, or without `nodes`, where every
+other top-level key is a node. A node's own keys take precedence over `defaults` at every depth. All errors of a file
+are reported together with their lines. Keys used only by ros2_canopen are accepted and listed in `notes`. The keys,
+including the additions of this package, are defined in `keys.py`.
 """
 
 from __future__ import annotations
@@ -45,22 +45,21 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.problems import Problems
 
 
-# Finds the files that a bus.yml names (EDS, DCF, configuration files), and reads each once.
+# Files that a bus.yml names (EDS, DCF, configuration files), each of which is read only once.
 #
-# A file is sought in the node's dcf_path, the file's, beside bus.yml and among the bundled ones, in
-# this order; `@BUS_CONFIG_PATH@` is the folder of bus.yml, `$NAMES` are those of the environment. One EDS serves all
-# nodes that name it.
+# A file is searched for in the node's dcf_path, the dcf_path of `options`, the folder of bus.yml and the bundled files,
+# in this order; `@BUS_CONFIG_PATH@` is the folder of bus.yml, `$NAME` an environment variable.
 
 
-BUS_FOLDER = "@BUS_CONFIG_PATH@"  # replaced by the other stack's build; here the folder of the file itself
+BUS_FOLDER = "@BUS_CONFIG_PATH@"  # replaced during the build of ros2_canopen; here the folder of bus.yml
 
 
 class NotFound(ConfigError):
-    """Error: a file is missing in all searched places; the message lists them."""
+    """Error for a file that is in none of the searched folders, which the message lists."""
 
 
 class Sources:
-    """Files of one bus.yml in `folder`; `issues` are those of each EDS."""
+    """Files named by a bus.yml in `folder`; `issues` are the problems found in each EDS."""
 
     def __init__(self, folder: Path, dcf_path: str = "") -> None:
         self._folder, self._dcf_path = folder, dcf_path
@@ -69,11 +68,11 @@ class Sources:
         self.issues: dict[Path, list[Issue]] = {}
 
     def expanded(self, text: str) -> str:
-        """Return the text with the folder of bus.yml and environment variables substituted."""
+        """Substitute `@BUS_CONFIG_PATH@` and environment variables in a text."""
         return os.path.expandvars(text.replace(BUS_FOLDER, str(self._folder)))
 
     def find(self, name: str, dcf_path: str = "") -> Path:
-        """Return the path of a file; NotFound with the places and unset variables."""
+        """Return the path of a named file; NotFound with the searched folders if there is none."""
         path = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
         places = [folder / path for folder in [*folders, self._folder]]
@@ -86,7 +85,7 @@ class Sources:
         raise NotFound(f"no file {name!r}; sought in {sought}{unset}")
 
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
-        """Return the dictionary of an EDS or DCF for a node; None stands for the file's own node id. EdsError."""
+        """Return the object dictionary of an EDS or DCF for a node id, None for the file's own node id; EdsError."""
         if (path, node_id) not in self._dictionaries:
             if path not in self._files:
                 self._files[path] = read_eds(path)
@@ -96,9 +95,10 @@ class Sources:
         return self._dictionaries[path, node_id]
 
     def downloads(self, name: str, dcf_path: str, node_id: int) -> tuple[tuple[int, int, bytes], ...]:
-        """Return the downloads of a concise DCF (.bin) or of the ParameterValues of a DCF: (index, subindex, data).
+        """Return the SDO downloads in a concise DCF (.bin) or a DCF, as (index, subindex, data).
 
-        Those of a DCF are in order of address, which is not valid for PDO parameters. ValueError, EdsError, NotFound.
+        The ParameterValues of a DCF are returned by ascending address, an order in which PDO parameters cannot be
+        written. ValueError, EdsError or NotFound if the file cannot be used.
         """
         path = self.find(name, dcf_path)
         if path.suffix.lower() in SUFFIXES:
@@ -113,15 +113,16 @@ _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.5.2.18)
 _SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, tables 71 and 75)
 _NAMED_PDOS: Final = 4
-_IGNORED_ID = 255  # a node that ros2_canopen's generator leaves out
+_IGNORED_ID = 255  # node id of a node that ros2_canopen's generator leaves out
 
 
 @dataclass(frozen=True)
 class BusConfig:
-    """One bus: its master, its nodes by name, and the dictionary (as its axes have it) and plan of each node.
+    """Configuration of a bus from bus.yml; nodes, object dictionaries, plans and EDS paths are by node name.
 
-    `period_line` is the line of sync_period, 0 without one; `sections` are the nodes in the file by name. `unreadable`
-    are the nodes with mistakes in their keys, with their node ids (0: unreadable).
+    The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
+    of sync_period, 0 without that key; `sections` are the YAML nodes by name. `unreadable` are the nodes with errors in
+    their keys, with their node ids (0: unreadable).
     """
 
     path: str
@@ -138,15 +139,15 @@ class BusConfig:
     unreadable: dict[str, int] = field(default_factory=dict)
 
     def place(self, name: str, key: str) -> Node:
-        """Return the place of a dotted key of a node, such as `rpdo.1.mapping`, or the nearest one in the file."""
+        """Return the YAML node of a node's dotted key, such as `rpdo.1.mapping`, or of the nearest key above."""
         return _place(self.sections[name], key)
 
 
 def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False) -> BusConfig:
-    """Read a bus.yml with the files it names; `BusConfigError` with all mistakes.
+    """Read a bus.yml with the files named there; BusConfigError with all errors.
 
-    With `peer_merge` the keys of `defaults` replace a node's own, as in ros2_canopen's generator; `allow_unsupervised`
-    is the key with this name for all nodes.
+    With `peer_merge` the keys of `defaults` replace a node's own keys, as in ros2_canopen's generator;
+    `allow_unsupervised` sets the key of this name for all nodes.
     """
     config, problems = inspect_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
     problems.raise_if_any(BusConfigError)
@@ -156,7 +157,7 @@ def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: 
 def inspect_bus(
     path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False
 ) -> tuple[BusConfig, Problems]:
-    """Read as `read_bus` does and return the readable part with all problems; text that is not YAML raises."""
+    """Read a bus.yml like `read_bus`, but return the readable part with all problems; a YAML syntax error is raised."""
     root = tree(path)
     reader = _Reader(Path(path), root, peer_merge, allow_unsupervised)
     config = reader.read()
@@ -165,7 +166,7 @@ def inspect_bus(
 
 
 class _Reader:
-    """Reading of one file; mistakes are collected in `problems`."""
+    """Reader of one bus.yml; errors are collected in the `problems` of the YAML root."""
 
     def __init__(self, path: Path, root: Node, peer_merge: bool, allow_unsupervised: bool) -> None:
         self._path, self._root, self._peer_merge = path, root, peer_merge
@@ -176,12 +177,12 @@ class _Reader:
         self._unused: dict[str, str] = {}
         self._unreadable: dict[str, int] = {}
         self._remarks: list[str] = []
-        self._doubled: set[str] = set()  # nodes whose id another one has: all their COB-IDs follow from that
-        self._spare_cob_ids = itertools.count(0x680)  # where ros2_canopen's generator begins with `auto` above PDO 4
+        self._doubled: set[str] = set()  # nodes with the id of another node, so that their COB-IDs are not checked
+        self._spare_cob_ids = itertools.count(0x680)  # as ros2_canopen's generator, for `auto` above PDO 4
 
     def read(self) -> BusConfig:
         master = self._master()
-        unclear = len(self._root.problems.errors)  # a key of `master` that could not be read explains what follows
+        unclear = len(self._root.problems.errors)  # errors in the keys of `master`, which may cause the later ones
         nodes = self._nodes(master)
         self._check_node_ids(master, nodes)
         read_files = {name: self._dictionary(config, node) for name, (config, node) in nodes.items()}
@@ -236,13 +237,13 @@ class _Reader:
         return master
 
     def _misplaced_master(self) -> bool:
-        """Report the keys of the master that are in the wrong section; return whether there are any."""
+        """Return whether keys of the master are in a wrong section, which is reported elsewhere."""
         options = self._root.get("options")
         inside = options is not None and options.get("master") is not None
         return inside or any("`master:`" in MISNAMED_ROOT.get(key, "") for key in self._root.keys())  # noqa: SIM118
 
     def _in_kbits(self, section: Node) -> Node:
-        """Convert a bit rate in bit/s to kbit/s with a note; ros2_canopen does not use bit rates."""
+        """Convert a bit rate in bit/s to kbit/s, with a note; ros2_canopen does not use the bit rate."""
         place, pairs = section.get("baudrate"), {key.text: (key, value) for key, value in section.pairs()}
         if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
             return section
@@ -259,7 +260,7 @@ class _Reader:
         return place.line if place is not None else 0
 
     def _nodes(self, master: MasterConfig) -> dict[str, tuple[NodeConfig, Node]]:
-        """Return the nodes of either form, with `defaults` merged into each."""
+        """Return the nodes of either form of the file, with `defaults` merged into each node."""
         section, defaults = self._root.get("nodes"), self._root.get("defaults")
         if section is not None:
             self._refuse_unknown_sections()
@@ -290,14 +291,14 @@ class _Reader:
         return nodes
 
     def _report_indented_nodes(self) -> None:
-        """Report nodes, and the section `nodes`, inside `defaults`, where they are not read."""
+        """Report nodes, or the section `nodes`, that are indented below `defaults` by mistake."""
         defaults = self._root.get("defaults")
         for key, place in defaults.keys().items() if defaults is not None else ():
             if key == "nodes" or (defaults is not None and node_id_below(defaults, key) is not None):
                 place.error(f"unknown key {key!r}; write `{key}:` at the margin; it is indented too far")
 
     def _misnamed_nodes(self) -> Node | None:
-        """Report a section with nodes under a wrong name and return it; None in the flat form."""
+        """Report and return a section that contains nodes under a name other than `nodes`; None if there is none."""
         for name, section in self._root.items():
             below = [child for _, child in section.items()]
             if name not in _SECTIONS and below and all(child.get("node_id") is not None for child in below):
@@ -326,7 +327,7 @@ class _Reader:
     def _check_node_ids(self, master: MasterConfig, nodes: dict[str, tuple[NodeConfig, Node]]) -> None:
         section = self._root.get("master")
         place = section.get("node_id") if section is not None else None
-        wrong = place is not None and place.value != master.node_id  # reported, and not the id of any master
+        wrong = place is not None and place.value != master.node_id  # reported; no master has the default
         owner = {} if wrong else {master.node_id: "the master"}
         for name, (config, node) in nodes.items():
             if not (node_id := config.node_id):
@@ -343,7 +344,7 @@ class _Reader:
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
-        """Report COB-IDs used twice, by PDOs or services, whose frames would collide."""
+        """Report COB-IDs that two PDOs, or a PDO and a service, would both use."""
         owner = {SYNC_COB_ID: "SYNC", _TIME_COB_ID: "TIME"}
         owner |= {cob_id(Service.EMCY, plan.node_id): f"EMCY of {name}" for name, plan in plans.items()}
         for name, plan in plans.items():
@@ -434,7 +435,7 @@ class _Reader:
         self._unused.setdefault(key, f"has no meaning here: {text}")
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
-        """Return the downloads of `configuration_file`, or of the ParameterValues of a DCF given as `dcf`."""
+        """Return the SDO downloads of `configuration_file`, or the ParameterValues of a DCF given as `dcf`."""
         if not config.boot.configuration_file:
             return tuple(concise_of(od))
         place = node.get("configuration_file") or node
@@ -448,7 +449,7 @@ class _Reader:
 
 
 def _place(node: Node, key: str) -> Node:
-    """Return the node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, or the nearest one in the file."""
+    """Return the YAML node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, or of the nearest key above."""
     place = node
     for part in key.replace("[", ".").replace("]", "").split("."):
         if part.isdigit() and (elements := place.elements()):
@@ -462,10 +463,10 @@ def _place(node: Node, key: str) -> Node:
 
 
 def _named(config: NodeConfig, place: Node, text: str) -> str:
-    """Add the name of the node to a message, unless its place contains it or is common to several nodes."""
+    """Prefix a message with the name of the node, unless the place in the file already names the node."""
     return text if "." in place.where else f"{config.name}: {text}"
 
 
 def is_supervised(bus: BusConfig, name: str) -> bool:
-    """Whether the loss of the master stops the axes of a node: by its heartbeat, or by node guarding."""
+    """Whether the loss of the NMT master stops the axes of a node; True for a node without axes."""
     return not bus.plans[name].unsupervised

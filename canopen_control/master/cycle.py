@@ -1,9 +1,9 @@
-"""Process data of a bus: PDOs compiled once, exchanged every cycle.
+"""Process data of a bus: PDOs that are compiled once and exchanged in every cycle.
 
-Names are those of the device: a TPDO is received here, an RPDO is sent. After `compile` no object is looked up by
-index, a received frame costs one dictionary look-up and one unpack, and an object mapped into several RPDOs (the
-controlword of most drives) has one value in all of them. An RPDO that moves an axis is sent automatically, at every
-SYNC or periodically; any other one, such as that of an I/O module, only after a value was written.
+Directions are from the device's view: a TPDO is received here, an RPDO is sent. During operation no object is looked up
+by index, a received frame costs one dictionary look-up and one unpack, and an object mapped into several RPDOs (such as
+the controlword of most drives) has the same value in all of them. An RPDO that moves an axis is sent automatically, at
+every SYNC or periodically; any other RPDO, such as that of an I/O module, is sent only after a value was written.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
 
-_HEAD: Final = "<IB3x"  # of a record, see `canopen_control.frame`
+_HEAD: Final = "<IB3x"  # head of a record, see `canopen_control.frame`
 _NEVER: Final = -1
 _NO_END: Final = (1 << 62) - 1
-MISSED_SYNCS = 3  # SYNCs without a TPDO after which its values are stale; bus.yml can set another limit
+MISSED_SYNCS = 3  # default number of SYNCs without a TPDO after which its values are stale
 CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
 
 
 class ReceivedPdo:
-    """One TPDO of a node: newest values, their time, and the number of short and long frames.
+    """TPDO of a node with the last received values, their time `stamp`, and counters of frames.
 
-    `values` are the raw numbers in mapping order; before the first frame they are zeros and `stamp` is -1. `every` is
-    the number of SYNCs per transmission, 0 for event-driven ones. While `expected`, missing frames are counted in
-    `silent`, from `since` on, by `supervision.PdoWatch`, which sets `overdue` after `allowed_silence` SYNCs.
-    `age_limit_ns` is the maximum age of values with an event timer, 0: unlimited.
+    `values` are the raw numbers in mapping order, initially zeros; `stamp` is -1 before the first frame. `every` is the
+    number of SYNCs per transmission, 0 for an event-driven TPDO. While `expected` is set, `supervision.PdoWatch` counts
+    SYNCs without a frame in `silent`, from the time `since` on, and sets `overdue` after `allowed_silence` SYNCs.
+    `age_limit_ns` is the maximum age of values with an event timer, 0 without a limit.
     """
 
     __slots__ = (
@@ -79,9 +79,9 @@ class ReceivedPdo:
         self.count = self.short = self.long = 0
 
     def receive(self, data: bytes, length: int, now: int) -> None:
-        """Receive the data of a frame (eight bytes, of which `length` are real).
+        """Process the data of a frame: eight bytes, of which `length` were received.
 
-        A short one only increments a counter.
+        A frame that is too short only increments a counter.
         """
         if length != self.length:
             # CiA 301, 7.2.2.5: a short PDO is not processed; of a long one the first bytes are used
@@ -94,9 +94,9 @@ class ReceivedPdo:
         self.count += 1
 
     def use(self, layout: PlannedPdo, planned: Sequence[MappedObject]) -> None:
-        """Use the node's own mapping; `values` stay in the order of the `planned` objects, which it must contain.
+        """Use another COB-ID or mapping, because the node keeps its own; `layout` must contain the `planned` objects.
 
-        `planned` and the objects of the layout differ only if a node keeps its own mapping.
+        `values` remain in the order of the `planned` objects.
         """
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self.length = self.codec.length
@@ -111,23 +111,23 @@ class ReceivedPdo:
             self.unpack = lambda data: tuple([values[position] for values in (unpack(data),) for position in order])
 
     def allow(self, missed: int) -> None:
-        """Set the number of frames that may be missing before it is overdue."""
+        """Set the number of consecutive missing frames after which the TPDO is overdue."""
         self.missed = missed
         self.allowed_silence = missed * self.every if self.every else _NO_END
 
     def preset(self, position: int, value: Value) -> None:
-        """Set the value used until the first frame."""
+        """Set the initial value of an object, which is valid until the first frame."""
         self.values = (*self.values[:position], value, *self.values[position + 1 :])
 
     def forget(self) -> None:
-        """Clear the received values after the node was lost or has restarted."""
+        """Invalidate the received values, because the node was lost or has restarted."""
         self.stamp = _NEVER
         self.expected = self.overdue = False
         self.silent = 0
 
 
 class Input:
-    """One object of a TPDO; `value` is the raw number of the newest frame."""
+    """Object in a TPDO; `value` is the raw number in the last received frame."""
 
     __slots__ = ("pdo", "position")
 
@@ -136,7 +136,7 @@ class Input:
 
     @property
     def value(self) -> int:
-        """Raw number; 0 before the first frame."""
+        """Raw number; before the first frame the initial value, 0 by default."""
         return self.pdo.values[self.position]  # type: ignore[return-value]  # mapped drive objects are integers
 
     @property
@@ -145,31 +145,31 @@ class Input:
         return self.pdo.stamp >= 0
 
     def age_ns(self, now: int) -> int | None:
-        """Return the age of the value, or None."""
+        """Return the age of the value in ns, None if no frame was received since the node booted."""
         return now - self.pdo.stamp if self.pdo.stamp >= 0 else None
 
 
 class Output:
-    """One object in RPDOs, at `places` in them: `set` marks each of them as changed.
+    """Object in one or more RPDOs; `places` are these RPDOs, with the position of the object.
 
-    `driven`: it moves an axis.
+    `driven` is set if the object moves an axis.
     """
 
     __slots__ = ("driven", "places", "value")
 
     def __init__(self) -> None:
-        self.value: Any = 0  # most often, and for all that moves an axis, an integer
+        self.value: Any = 0  # usually an integer, and always for objects that move an axis
         self.driven = False
         self.places: list[tuple[SentPdo, int]] = []
 
     def drive(self) -> None:
-        """Mark the object as moving an axis: its RPDOs are sent automatically."""
+        """Mark the object as moving an axis, so that its RPDOs are sent automatically."""
         self.driven = True
         for pdo, _ in self.places:
             pdo.repeated = pdo.changed = True
 
     def set(self, value: int) -> None:
-        """Set the raw number of the next frames."""
+        """Set the raw number for the next frames, and mark the RPDOs as changed if the value differs."""
         if value != self.value:
             self.value = value
             for pdo, position in self.places:
@@ -177,13 +177,13 @@ class Output:
                 pdo.changed = True
 
     def write(self, value: Value) -> None:
-        """Set the value of the next frames and send them even if it is unchanged."""
+        """Set the value for the next frames, and let the RPDOs be sent even if the value is unchanged."""
         self.record(value)
         for pdo, _ in self.places:
             pdo.changed = True
 
     def record(self, value: Value) -> None:
-        """Record a value that the node received otherwise; later frames contain it, but none is triggered."""
+        """Record a value that the node has already, for later frames, without triggering an RPDO."""
         self.value = value
         for pdo, position in self.places:
             pdo.values[position] = value
@@ -191,10 +191,11 @@ class Output:
 
 
 class SentPdo:
-    """One RPDO of a node, its record ready to be sent; `enabled` only while the node is OPERATIONAL.
+    """RPDO of a node with the packed `record`; sent only while `enabled`.
 
-    `values` are the raw numbers in mapping order, set by their outputs. `repeated`: it is sent automatically. `refresh`
-    is the number of cycles until it is repeated because the node has a timeout for it, 0: none.
+    `values` are the raw numbers in mapping order, which the outputs set. `repeated` is set if the RPDO is sent
+    automatically. `refresh` is the number of cycles after which an unchanged RPDO is repeated because the node
+    supervises its reception, 0 if it does not.
     """
 
     __slots__ = (
@@ -222,11 +223,11 @@ class SentPdo:
         self._packer = _packer(self.codec)
         self.enabled, self.count = False, 0
         self.refresh = 0
-        self.sent_in = 0  # cycle in which it was sent last
+        self.sent_in = 0  # cycle of the last transmission
         self._carry(outputs)
 
     def use(self, layout: PlannedPdo, outputs: Sequence[Output]) -> None:
-        """Use the node's own mapping; `outputs` are its objects."""
+        """Use another COB-ID or mapping, because the node keeps its own; `outputs` are the mapped objects."""
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
@@ -242,11 +243,11 @@ class SentPdo:
             output.places.append((self, position))
 
     def start(self) -> None:
-        """Start sending when the node becomes OPERATIONAL; a PDO that is sent automatically at once."""
+        """Enable the RPDO when the node becomes OPERATIONAL; an RPDO that moves an axis is sent at once."""
         self.enabled, self.changed = True, self.repeated
 
     def pack(self) -> None:
-        """Pack the record; LocalProtocolError for a value that does not fit, and the record stays unchanged."""
+        """Pack the values into the record; LocalProtocolError, with the record unchanged, if a value does not fit."""
         packer, codec = self._packer, self.codec
         if packer is None:
             self.record = RECORD.pack(self.cob_id, codec.length, codec.pack(self.values))
@@ -254,15 +255,15 @@ class SentPdo:
             try:
                 self.record = packer(self.cob_id, codec.length, *self.values)
             except (struct.error, OverflowError):
-                codec.pack(self.values)  # its error names the object
+                codec.pack(self.values)  # raises an error that names the object
                 raise
         self.changed = False
 
 
 def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
-    """Return a function that packs a whole record at once; None if the mapping does not allow it.
+    """Return a function that packs a whole record at once, None if that is not possible for a mapping.
 
-    Records are in the host's byte order, values little-endian; a mapping of odd bits has no structure.
+    Records have the host's byte order, values are little-endian; objects that are not whole bytes cannot be packed so.
     """
     if codec.struct is None or sys.byteorder != "little":
         return None
@@ -270,10 +271,10 @@ def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
 
 
 class ProcessImage:
-    """Process data of a bus: add the PDOs of every node, then exchange.
+    """Process image of a bus: the objects in the PDOs of all nodes, with their values.
 
-    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is the number of cycles until an unchanged RPDO
-    that moves an axis is repeated, in case a frame was lost.
+    `inputs` maps the COB-ID of a TPDO to its `ReceivedPdo`; `refresh` is the number of cycles after which an unchanged
+    RPDO that moves an axis is repeated, in case a frame was lost.
     """
 
     def __init__(self, refresh: int = 5) -> None:
@@ -282,14 +283,14 @@ class ProcessImage:
         self.outputs: list[SentPdo] = []
         self._inputs: dict[tuple[int, int, int], Input] = {}
         self._outputs: dict[tuple[int, int, int], Output] = {}
-        self._of_axes: dict[tuple[int, int, int], Output] = {}  # in place of an output that several axes share
+        self._of_axes: dict[tuple[int, int, int], Output] = {}  # replace an output that several axes share
         self._records: list[bytes] = []
         self._cycle = 0
 
     def add_tpdo(
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
     ) -> ReceivedPdo:
-        """Add a TPDO; the first one that maps an object provides its input."""
+        """Add a TPDO of a node; if several TPDOs map an object, its input is in the first."""
         pdo = ReceivedPdo(cob_id, objects, transmission_type)
         self.inputs[cob_id] = pdo
         for position, mapped in enumerate(objects):
@@ -305,10 +306,10 @@ class ProcessImage:
         *,
         deadline: int = 0,
     ) -> SentPdo:
-        """Add an RPDO; objects already mapped into an earlier one share their value.
+        """Add an RPDO of a node; an object that several RPDOs map has one value in all of them.
 
-        `deadline` is the number of cycles without it after which the node raises EMCY 0x8250, 0: never. It is repeated
-        in half of it, so that neither a late cycle nor one lost frame is an error.
+        `deadline` is the number of cycles without the RPDO after which the node sends EMCY 0x8250, 0 for never. The
+        RPDO is repeated in half that time, so that neither a late cycle nor one lost frame causes the error.
         """
         outputs = self.outputs_of(node_id, objects)
         pdo = SentPdo(cob_id, objects, outputs, cyclic=transmission_type in CYCLIC_SYNCHRONOUS)
@@ -317,11 +318,11 @@ class ProcessImage:
         return pdo
 
     def outputs_of(self, node_id: int, objects: Sequence[MappedObject]) -> list[Output]:
-        """Return the outputs of a node's objects, created if necessary."""
+        """Return the outputs for objects of a node, creating missing ones."""
         return [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
 
     def preset(self, node_id: int, values: Mapping[tuple[int, int], Value]) -> None:
-        """Set initial values of process data read from the node, by (index, subindex)."""
+        """Set initial values of a node's process data, by (index, subindex)."""
         for (index, subindex), value in values.items():
             if (output := self._outputs.get((node_id, index, subindex))) is not None:
                 output.record(value)
@@ -337,18 +338,18 @@ class ProcessImage:
         return self._of_axes.get((node_id, index, subindex)) or self._outputs.get((node_id, index, subindex))
 
     def share(self, node_id: int, address: tuple[int, int], copy: tuple[int, int]) -> None:
-        """Use the input and the output of an object for another address too; no-op if no PDO maps it."""
+        """Use the input and output of the object at `address` for `copy` too; do nothing if no PDO maps the object."""
         if (present := self._inputs.get((node_id, *address))) is not None:
             self._inputs[node_id, *copy] = present
         if (output := self._outputs.get((node_id, *address))) is not None:
             self._outputs[node_id, *copy] = output
 
     def put_before(self, node_id: int, index: int, output: Output) -> None:
-        """Return `output` for an object of subindex 0 from now on; what its RPDOs carry stays."""
+        """Let `output()` return another output for an object with subindex 0; its RPDOs are not changed."""
         self._of_axes[node_id, index, 0] = output
 
     def collect(self, sync: bytes = b"") -> bytes:
-        """Return the records of one cycle: the RPDOs that are due, then the SYNC."""
+        """Return the frame records of one cycle: the RPDOs that are due, then the record `sync`."""
         records, cycle = self._records, self._cycle + 1
         self._cycle, idle_since = cycle, cycle - self.refresh
         records.clear()

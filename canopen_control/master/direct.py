@@ -1,8 +1,8 @@
-"""SDO, NMT and LSS on a bus without a running master, as blocking calls.
+"""Blocking calls for SDO, NMT and LSS on a bus without a running master.
 
-The protocol cores decide; this module only transfers their frames and waits for the end of a request. An SDO server has
-one client: on the bus of a running robot the robot's nodes must not be used. An interrupted wait, by Ctrl-C too, aborts
-the transfer, so that no server stays in the middle of one.
+The protocol cores implement the services; this module only transfers their frames and waits for the end of a request.
+An SDO server has only one client: do not use the nodes of a running robot. If a wait is interrupted, for example by
+Ctrl-C, the transfer is aborted, so that no server remains in the middle of a transfer.
 """
 
 from __future__ import annotations
@@ -32,38 +32,37 @@ if TYPE_CHECKING:
 
 
 _BOOT_UP = b"\0"
-FLUSH_S = 1.0  # what the last frames have to leave before the port is closed
+FLUSH_S = 1.0  # time for sending the last frames before the port is closed
 _FIRST_HEARTBEAT, _LAST_HEARTBEAT = ERROR_CONTROL_COB_ID + 1, ERROR_CONTROL_COB_ID + MAX_NODE_ID
-_FEW = (SHORTEST_RUN - 1) * RECORD_SIZE  # bytes: no run among them
-PARALLEL = 16  # servers asked at the same time by `read_many`: what a slow bus carries within one timeout
+_FEW = (SHORTEST_RUN - 1) * RECORD_SIZE  # bytes; too few frames for a block transfer run
+PARALLEL = 16  # servers used in parallel by `read_many`: as many as a slow bus can serve within one timeout
 
 
 class FrameListener(Protocol):
-    """Interface of a listener that only receives."""
+    """Interface of an object that only receives frames."""
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive a frame."""
+        """Process a frame received at `now`, in monotonic ns."""
 
 
 class Core(FrameListener, Protocol):
-    """Interface of a protocol core for `serve`."""
+    """Interface of a protocol core, such as an SDO client, that `DirectBus.serve` drives."""
 
     def tick(self, now: int) -> None:
-        """Process timers."""
+        """Process timeouts up to `now`, in monotonic ns."""
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`."""
+        """Return the time of the next `tick` in monotonic ns, None if not needed."""
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send."""
+        """Return the frames to send, and clear them."""
 
 
 class DirectBus:
-    """Port with protocol cores.
+    """Port of a bus with blocking calls for SDO, NMT and LSS services.
 
-    `states` are the nodes whose boot-up, heartbeat or guarding answer was received, by node id. `timeout_s` is the time
-    for each SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is
-    gone.
+    `states` are the last NMT states shown by boot-ups, heartbeats or guarding answers, by node id. `timeout_s` is the
+    timeout of an SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is lost.
     """
 
     def __init__(self, port: Port, *, timeout_s: float = 0.5, retries: int = 1) -> None:
@@ -77,15 +76,15 @@ class DirectBus:
         self._poll.register(self._fd, select.POLLIN)
         self._watches_writing = False
         self._errors = port.stats.errors
-        self._down = ""  # why the channel carries nothing, "" while it does
+        self._down = ""  # reason why the interface is down, "" if it is up
 
     @classmethod
     def open(
         cls, channel: str, *, label: str = "direct", timeout_s: float = 0.5, retries: int = 1, join: bool = True
     ) -> DirectBus:
-        """Open a channel; `join` as in `open_port`.
+        """Open a channel; `join` is passed to `open_port`.
 
-        ConfigError for an invalid name, BusError if the channel cannot be opened.
+        ConfigError for an invalid channel name, BusError if the channel cannot be opened.
         """
         return cls(open_port(channel, label=label, join=join), timeout_s=timeout_s, retries=retries)
 
@@ -103,23 +102,23 @@ class DirectBus:
                 self._wait(10_000_000)
                 self._receive([], time.monotonic_ns())
         except CanopenError:
-            pass  # the bus is gone, and all receivers with it
+            pass  # the bus is lost
         self.port.close()
 
     # -- SDO
 
     def read(self, node_id: int, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
-        """Upload an object; raises SdoAbort, SdoTimeout or another RemoteProtocolError."""
+        """Upload an object by SDO; SdoAbort, SdoTimeout or another RemoteProtocolError if that fails."""
         client = self.client(node_id)
         return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool | None = None) -> None:
-        """Download an object; without `block` the length selects the transfer. Raises as `read` does."""
+        """Download an object by SDO; if `block` is None, the length selects the transfer. Raises errors as `read`."""
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
     def read_many(self, addresses: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
-        """Upload (node_id, index, subindex) from many nodes in parallel; a refusal is returned as an error."""
+        """Upload objects (node_id, index, subindex) from many nodes in parallel; return data or errors by address."""
         by_node: dict[int, list[tuple[int, int]]] = {}
         for node_id, index, subindex in addresses:
             by_node.setdefault(node_id, []).append((index, subindex))
@@ -136,7 +135,7 @@ class DirectBus:
         return answers
 
     def client(self, node_id: int) -> SdoClient:
-        """Return the SDO client of a node: one per node, so that late answers are recognised."""
+        """Return the SDO client of a node, always the same, so that late answers are recognised."""
         client = self._clients.get(node_id)
         if client is None:
             client = SdoClient(node_id, timeout_ns=round(self.timeout_s * 1e9), retries=self.retries)
@@ -156,7 +155,7 @@ class DirectBus:
         return request.data
 
     def _error(self, request: SdoRequest) -> CanopenError | None:
-        """Return the error of a request; a missing answer is explained by heartbeats or the port if possible."""
+        """Return the error of a request; a timeout is replaced if the interface is down or the node is STOPPED."""
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
             return BusError(f"{self._down}; node {error.node_id} could not be read")
@@ -165,7 +164,7 @@ class DirectBus:
         return error
 
     def _run(self, client: SdoClient, request: SdoRequest) -> None:
-        """Serve one client, without the bookkeeping for several, which would cost a third of a round trip."""
+        """Drive one SDO client until a request has ended, faster than `serve` by a third of a round trip."""
         cores = (client,)
         now = time.monotonic_ns()
         while True:
@@ -175,7 +174,7 @@ class DirectBus:
                 return
             deadline = client.next_deadline()
             if deadline is not None and deadline <= now:
-                client.tick(now)  # what it sends, and when the next is due, shows in another round
+                client.tick(now)  # the next iteration sends the frames
             else:
                 self._wait(None if deadline is None else deadline - now)
                 now = time.monotonic_ns()
@@ -184,10 +183,10 @@ class DirectBus:
     # -- NMT
 
     def command(self, command: NmtCommand, node_id: int, timeout_s: float) -> list[NmtConfirmed | NmtUnconfirmed]:
-        """Send an NMT command, 0 for all nodes, and return the confirmations within `timeout_s`.
+        """Send an NMT command to a node (0: all nodes), and return the confirmations within `timeout_s`.
 
-        Only heartbeats and boot-ups can confirm: a node without them is `NmtUnconfirmed` with state None, and is
-        omitted for all nodes.
+        Only heartbeats and boot-ups can confirm a command: a node that sends neither is returned as `NmtUnconfirmed`
+        with state None, and is left out if the command is for all nodes.
         """
         timeout = round(timeout_s * 1e9)
         master = NmtMaster(retry_ns=timeout, tries=1, reset_timeout_ns=timeout)
@@ -200,15 +199,15 @@ class DirectBus:
         return sorted(events, key=lambda event: event.node_id)
 
     def listen(self, seconds: float) -> None:
-        """Receive frames for `seconds`, to fill `states`."""
+        """Receive frames for `seconds`, which updates `states`."""
         self.serve([], lambda: False, seconds)
 
     # -- LSS
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run one LSS service, such as `lambda master: master.store()`; raises RemoteProtocolError.
+        """Run an LSS service, such as `lambda master: master.store()`; RemoteProtocolError if it fails.
 
-        `scan_s` is the time of each request of a scan.
+        `scan_s` is the timeout of each request during a scan, None for the default.
         """
         master = LssMaster(timeout_ns=round(self.timeout_s * 1e9))
         if scan_s is not None:
@@ -222,7 +221,7 @@ class DirectBus:
     # -- the loop
 
     def serve(self, cores: Sequence[Core], done: Callable[[], bool], seconds: float | None = None) -> bool:
-        """Transfer frames until `done`, or return False after `seconds`."""
+        """Transfer frames of protocol cores until `done()` is True; return False if that takes more than `seconds`."""
         now = time.monotonic_ns()
         end = None if seconds is None else now + round(seconds * 1e9)
         while True:
@@ -248,12 +247,12 @@ class DirectBus:
         records = self.port.receive()
         if len(records) > _FEW and len(cores) == 1 and isinstance(only := cores[0], SdoClient):
             deliver(records, now, only.receive_records, partial(self._hand_out, cores))
-        else:  # with several cores each frame is for all of them
+        else:  # every core gets every frame
             for can_id, length, data in RECORD.iter_unpack(records):
                 self._hand_out(cores, CanFrame(can_id, data[:length]), now)
         if self.port.wants_write:
             self.port.flush()
-        if not records or self.port.stats.errors != self._errors:  # what else can have happened
+        if not records or self.port.stats.errors != self._errors:  # other events are possible only then
             self._errors = self.port.stats.errors
             self._check_events()
 
@@ -275,11 +274,11 @@ class DirectBus:
                 self._down = event.text if event.kind is BusEventKind.DOWN else ""
 
     def _wait(self, nanoseconds: int | None) -> None:
-        """Wait for the port to be readable or writable, or until a time."""
+        """Wait until the port is readable or writable, at most for a time; None means no limit."""
         if self.port.wants_write != self._watches_writing:
             self._watches_writing = not self._watches_writing
             self._poll.modify(self._fd, select.POLLIN | select.POLLOUT if self._watches_writing else select.POLLIN)
-        # Rounded up: a deadline that is half a millisecond away must not become a busy loop.
+        # Rounded up: a deadline in half a millisecond must not cause a busy loop.
         self._poll.poll(None if nanoseconds is None else max(0, -(-nanoseconds // 1_000_000)))
 
 

@@ -1,7 +1,7 @@
-"""Event log of the robot: each event is one sentence, repeated ones are reported with their count.
+"""Event log of a robot, in which repetitions of an event are summarised with a count.
 
-An event has the node, a kind (one word, for programs), a sentence for users, and a level. Events are passed unchanged
-to the command line, the log and ROS; repetitions are summarised here for all of them.
+An event has a node, a kind (one word, for programs), a sentence for users, and a level. The command line, the log and
+ROS receive the same events; repetitions are summarised here for all of them.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ WIDEST_WINDOW_NS: Final = 64_000_000_000
 FEW: Final = 5
 _MOST_OPEN: Final = 256
 _NEVER: Final = 1 << 62
-#: kinds of actions and of their results: each event is reported, except in a flood
+#: kinds of deliberate actions and their results, which are reported one by one up to `FEW`
 _ACTS: Final = frozenset({"stop", "stop_latched", "stop_released", "stopping", "stopped", "recovered"})
-#: prefixes of the kinds of events that occur without an action of a user
+#: prefixes of the kinds of events that occur without a user's action
 _MACHINES: Final = ("bus_", "emcy")
-#: counts, times and bytes of data, but neither hexadecimal codes nor node ids
+#: numbers and data bytes in a text, except hexadecimal codes and node ids
 _NUMBER: Final = re.compile(r"(?<!node )(?<![\w.])(?:[0-9a-f]{2}(?: [0-9a-f]{2})+|\d+(?:\.\d+)?)(?!\w)")
 
 
 class Level(enum.IntEnum):
-    """Level of an event, with the numbers of diagnostic_msgs/DiagnosticStatus."""
+    """Severity level of an event, with the numbers of diagnostic_msgs/DiagnosticStatus."""
 
     INFO = 0
     WARNING = 1
@@ -41,8 +41,8 @@ class Level(enum.IntEnum):
 class Event:
     """Event at `time` in monotonic ns; `node` is the name in bus.yml or "" for the bus itself.
 
-    `controller` is the one concerned, "" for none. `details` is the fault that it reports, for programs, which need not
-    parse the text. `count` is the number of occurrences since `since` if it is more than one.
+    `controller` is the name of the controller concerned, "" for none. `details` is the reported fault, so that programs
+    need not parse the text. `count` is the number of occurrences since the time `since`.
     """
 
     time: int
@@ -57,7 +57,7 @@ class Event:
 
     @property
     def sentence(self) -> str:
-        """Text with the number of occurrences."""
+        """Text of the event, with the number of occurrences if more than one."""
         if self.count < 2:
             return self.text
         if self.since is None:
@@ -70,13 +70,13 @@ def _span(seconds: float) -> str:
 
 
 def _few(event: Event) -> int:
-    """Return the number of events of a kind that are reported individually."""
+    """Return how many repetitions of an event are reported one by one before they are summarised."""
     good_news = event.level is Level.INFO and not event.kind.startswith(_MACHINES)
     return FEW if good_news or event.kind in _ACTS else 1
 
 
 class _Repeated:
-    """Event that may repeat: newest occurrence, its count, reported count, end of its window."""
+    """Series of equal events: newest occurrence, count, reported count, and end of the current window."""
 
     __slots__ = ("count", "event", "reported", "since", "until", "window_ns")
 
@@ -87,22 +87,22 @@ class _Repeated:
         self.until = event.time + self.window_ns
 
     def sum(self) -> Event:
-        """Return the summary of all occurrences."""
+        """Return one event that stands for all occurrences."""
         if self.count == self.event.count:
             return self.event
         return replace(self.event, count=self.count, since=self.since, details=None)
 
 
 class EventLog:
-    """Log of events: first occurrences are reported at once, repetitions as a summary.
+    """Log of events: the first occurrence of an event is reported at once, repetitions as a summary.
 
-    Events are equal if kind, node and text are equal except for numbers. `add` returns events to report at once: the
-    first occurrence, of deliberate actions and good news the first `FEW`. Others are counted, and `tick` returns their
-    summary: after `FIRST_WINDOW_NS`, and while they continue in windows that double up to `WIDEST_WINDOW_NS`. A window
-    without any ends the series.
+    Events are equal if kind, node and text are equal except for numbers. `add` returns the events to report at once:
+    the first occurrence, or the first `FEW` of deliberate actions and of information. Further occurrences are counted,
+    and `tick` returns their summary: after `FIRST_WINDOW_NS`, and while they continue, after windows whose length
+    doubles up to `WIDEST_WINDOW_NS`. A window without an occurrence ends the series.
 
-    `recent` are the newest, at most `capacity`, repeated ones with their count, and `version` grows when they change;
-    `take` returns the `waiting` ones, `dropped` counts discarded ones.
+    `recent` are the newest series, at most `capacity`, and `version` increases when they change. `waiting` are the
+    reported events until `take`, at most `capacity`; `dropped` counts discarded events.
     """
 
     def __init__(self, capacity: int = 256) -> None:
@@ -115,11 +115,11 @@ class EventLog:
 
     @property
     def recent(self) -> list[Event]:
-        """Newest events, oldest first."""
+        """Newest events, oldest first; a series of equal events is one event with a count."""
         return [repeated.sum() for repeated in self._recent]
 
     def add(self, event: Event) -> list[Event]:
-        """Add an event; return the events to report now. Only the newest are kept until they are fetched."""
+        """Add an event; return the events to report now."""
         self.version += 1
         key = (event.kind, event.node, _NUMBER.sub("#", event.text))
         repeated = self._open.get(key)
@@ -137,7 +137,7 @@ class EventLog:
         return self._report(events)
 
     def tick(self, now: int) -> list[Event]:
-        """Return the due summaries."""
+        """Return the summaries that are due at `now`, in monotonic ns."""
         events: list[Event] = []
         for key, repeated in list(self._open.items()):
             if now >= repeated.until:
@@ -146,7 +146,7 @@ class EventLog:
         return self._report(events)
 
     def flush(self) -> list[Event]:
-        """Return all pending summaries, at the end."""
+        """Return all pending summaries, at the end of a run."""
         events = [repeated.sum() for repeated in self._open.values() if repeated.count > repeated.reported]
         self._open.clear()
         self.due = _NEVER
@@ -162,7 +162,7 @@ class EventLog:
         return [repeated.sum()]
 
     def _close_oldest(self) -> list[Event]:
-        """Close the oldest series to free its entry, and report its summary."""
+        """Remove the oldest series to limit their number; return the pending summary, if any."""
         key = next(iter(self._open))
         repeated = self._open.pop(key)
         return [repeated.sum()] if repeated.count > repeated.reported else []
@@ -176,7 +176,7 @@ class EventLog:
         return events
 
     def take(self) -> list[Event]:
-        """Return the reported events since the last call."""
+        """Return the events that were reported since the last call, and clear them."""
         events = list(self.waiting)
         self.waiting.clear()
         return events

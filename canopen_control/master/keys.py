@@ -1,10 +1,10 @@
-"""Keys of bus.yml, those of ros2_canopen and additional ones, as frozen dataclasses.
+"""Keys of bus.yml as frozen dataclasses: the keys of ros2_canopen and those that this package adds.
 
-Every key that ros2_canopen reads stands here. It is either honoured, or listed in
-`UNUSED_MASTER` or `UNUSED_NODE` with what takes its place, and then named once to the user; none is dropped silently.
-Times have the format's own units: us where named sync, ms where named heartbeat, boot, timer or `_ms`.
+Every key that ros2_canopen reads is here: it is either used, or listed in `UNUSED_MASTER` or `UNUSED_NODE` with what
+replaces it, and then reported once to the user. Times have the units of the format: us for SYNC, ms for heartbeats,
+boot, timers and names ending in `_ms`.
 
-`docs/words.py` describes each key; the reference of bus.yml is generated from it. The keys that this package adds to
+`docs/words.py` describes each key; the reference of bus.yml is generated from there. The keys that this package adds to
 those of ros2_canopen are optional, and a file with them still works with ros2_canopen, which ignores unknown keys.
 """
 
@@ -20,14 +20,14 @@ from canopen_control.od.model import BIT_RATES
 from canopen_control.profiles.device_signal import TYPES, object_of
 from canopen_control.yamlfile.convert import derived, part, setting
 
-DEFAULT_HEARTBEAT_MS = 100  # default without a key in bus.yml: a failed partner is always detected
+DEFAULT_HEARTBEAT_MS = 100  # without a key in bus.yml, so that a lost node or master is always detected
 DEFAULT_BOOT_MS = 5000
 DRIVE_DRIVERS = ("Cia402", "MotionController")
-"""Parts of the names of ros2_canopen's drivers for drives, of today and of before."""
+"""Parts of the names of ros2_canopen's drivers for drives, in current and former versions."""
 
 SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
 
-#: keys of ros2_canopen's `master` that have no effect here, and what takes their place
+#: keys of ros2_canopen's `master` that have no effect here, and what replaces them
 UNUSED_MASTER = {
     "driver": "the master is this package",
     "package": "the master is this package",
@@ -49,7 +49,7 @@ UNUSED_MASTER = {
     "reset_all_nodes": "`recovery` and the stop of the whole robot take its place",
     "stop_all_nodes": "`recovery` and the stop of the whole robot take its place",
 }
-#: keys that users write where another is meant -> which one
+#: keys that users write by mistake -> the correct key
 MISNAMED_ROOT = {
     "can_interface_name": "`channel` under `master:`, or --can",
     "master_node_id": "`node_id` under `master:`",
@@ -101,7 +101,7 @@ MISNAMED_NODE = {
     "default_operation_mode": "`position_mode`, `velocity_mode` or `effort_mode`",
     "mode_of_operation": "`position_mode`, `velocity_mode` or `effort_mode`",
 }
-#: the same for a node
+#: keys of ros2_canopen's nodes that have no effect here, and what replaces them
 UNUSED_NODE = {
     "package": "every node is driven by this package",
     "polling": "drives are read every SYNC",
@@ -120,16 +120,16 @@ UNUSED_NODE = {
 
 @dataclass(frozen=True)
 class PdoObjectKeys:
-    """Mapped object of a PDO."""
+    """Object in the mapping of a PDO; `bits` is None if not given."""
 
     index: int = setting(low=0x0001, high=0xFFFF)
     sub_index: int = setting(0, low=0, high=0xFF)
-    bits: int | None = setting(None, low=1, high=64)  # compared with the EDS, whose length counts
+    bits: int | None = setting(None, low=1, high=64)  # compared with the EDS, which takes precedence
 
 
 @dataclass(frozen=True)
 class PdoConfig:
-    """PDO section of bus.yml; None keeps the value of the EDS. `inhibit_time` in 100 us, other times in ms."""
+    """PDO section of bus.yml; None keeps the value of the EDS. `inhibit_time` is in 100 us, other times are in ms."""
 
     enabled: bool = True
     cob_id: int | Literal["auto"] | None = setting(None, low=1, high=0xFFFFFFFF)
@@ -148,7 +148,7 @@ class PdoConfig:
 
 @dataclass(frozen=True)
 class SdoEntry:
-    """Object written at boot; hex digits for bytes, `save` and `load` for 0x1010 and 0x1011."""
+    """Object written at boot; `value` may be hex digits for bytes, or `save` and `load` for 0x1010 and 0x1011."""
 
     index: int = setting(low=0x1000, high=0xFFFF)
     sub_index: int = setting(0, low=0, high=0xFF)
@@ -157,7 +157,7 @@ class SdoEntry:
 
 @dataclass(frozen=True)
 class AxisUnitKeys:
-    """Units of one axis of a multi-axis device (`channels`); None uses those of the node."""
+    """Units of one axis of a multi-axis device (`channels`); None uses the value of the node."""
 
     scale_pos_to_dev: float | None = None
     scale_pos_from_dev: float | None = None
@@ -170,7 +170,7 @@ class AxisUnitKeys:
 
 @dataclass(frozen=True)
 class FileOptions:
-    """Options of the file as a whole."""
+    """Section `options` of bus.yml, which applies to the whole file."""
 
     dcf_path: str = ""
     heartbeat_multiplier: float = setting(3.0, low=1.0, high=100.0)
@@ -185,13 +185,13 @@ _BY_KERNEL = {
 
 @dataclass(frozen=True)
 class MasterConfig:
-    """Master section: `boot_time` 0 waits for mandatory nodes without limit, `boot_timeout` is its SDO timeout."""
+    """Section `master` of bus.yml; `boot_time` 0 means no limit, `boot_timeout` is the SDO timeout in a boot in ms."""
 
     node_id: int = setting(1, low=1, high=MAX_NODE_ID)
     channel: str = ""
     baudrate: int = setting(
         1000, choices=BIT_RATES, hint="; a number in kbit/s, such as 500"
-    )  # `master/config.py` takes bit/s for kbit/s before
+    )  # `master/config.py` converts bit/s to kbit/s before
     sync_period: int = setting(0, low=0, high=10_000_000)
     sync_window: int = setting(0, low=0, high=10_000_000)
     sync_overflow: int = setting(0, choices=(0, *range(2, 241)))
@@ -204,17 +204,17 @@ class MasterConfig:
 
     @property
     def heartbeat_ms(self) -> int:
-        """Period of the master's own heartbeat."""
+        """Period of the master's heartbeat in ms."""
         return self.heartbeat_producer or DEFAULT_HEARTBEAT_MS
 
     @property
     def sends_sync_first(self) -> bool:
-        """Whether SYNC of this program is sent before the RPDOs of its cycle."""
+        """Whether this program, if it sends SYNC, sends it before the RPDOs of its cycle."""
         return self.sync_order == "first"
 
     @property
     def follows_closely(self) -> bool:
-        """Whether the cycle runs an eighth of a period after an external SYNC instead of half a period."""
+        """Whether the cycle follows the SYNC of another producer after an eighth of a period, else after half."""
         return self.sync_order != "last"
 
     def sync_words(self, *, by_kernel: bool | None = None) -> str:
@@ -236,7 +236,7 @@ _ANY = "; 0 accepts any"
 
 @dataclass(frozen=True)
 class IdentityKeys:
-    """Device type, file and expected identity."""
+    """EDS file, expected identity and firmware of the device."""
 
     dcf: str
     dcf_path: str = ""
@@ -250,9 +250,10 @@ class IdentityKeys:
 
 @dataclass(frozen=True)
 class SupervisionKeys:
-    """Heartbeat and node guarding of a node; `multiplier` and `life_factor` as in effect.
+    """Heartbeat and node guarding of a node; `multiplier` and `life_factor` are the effective values.
 
-    Those come of the node's own key, the master's or the file's (heartbeat_multiplier; life_time_factor, retry_factor).
+    `multiplier` is the heartbeat_multiplier of the node, the master or the file; `life_factor` is the life_time_factor
+    or retry_factor of the node, or the retry_factor of the file.
     """
 
     heartbeat_multiplier: float | None = setting(None, low=1.0, high=100.0)
@@ -271,17 +272,17 @@ class SupervisionKeys:
 
     @property
     def heartbeat_ms(self) -> int:
-        """Period of the node's heartbeat; 0 with node guarding."""
+        """Period of the node's heartbeat in ms; 0 with node guarding."""
         return self.heartbeat_producer or (0 if self.guarded else DEFAULT_HEARTBEAT_MS)
 
     @property
     def guarded(self) -> bool:
-        """Whether the node is supervised by node guarding; heartbeat takes precedence (CiA 301, 7.2.8.3)."""
+        """Whether the keys request node guarding for the node; a heartbeat takes precedence (CiA 301, 7.2.8.3)."""
         return bool(self.guard_time) and not self.heartbeat_producer
 
     @property
     def heartbeat_timeout_ns(self) -> int:
-        """Silence in ns after which the node counts as lost; 0 with node guarding."""
+        """Time in ns without a heartbeat after which the node counts as lost; 0 with node guarding."""
         return round(self.heartbeat_ms * self.multiplier * 1e6)
 
 
@@ -305,7 +306,7 @@ class BootKeys:
 
     @property
     def insists(self) -> bool:
-        """Whether the file requires the node explicitly."""
+        """Whether bus.yml explicitly declares the node as required or mandatory."""
         return bool(self.required or self.mandatory)
 
     def pdos(self, kind: str) -> dict[int, PdoConfig]:
@@ -315,7 +316,7 @@ class BootKeys:
 
 @dataclass(frozen=True)
 class UnitKeys:
-    """Units of the device: SI per device unit (from) and back (to), as numbers or by name."""
+    """Units of the device: scales from and to device units, or counts per revolution with a gear ratio."""
 
     scale_pos_to_dev: float = 1000.0
     scale_pos_from_dev: float = 0.001
@@ -331,7 +332,7 @@ class UnitKeys:
     guesses: list[str] = field(default_factory=list)
 
     def with_scale(self, to_device: float) -> UnitKeys:
-        """Return these units with all four scales derived from one, in device units per SI unit."""
+        """Return a copy whose four scales are all derived from `to_device`, in device units per SI unit."""
         back = 1 / to_device
         return replace(
             self,
@@ -342,7 +343,7 @@ class UnitKeys:
         )
 
     def of_axis(self, axis: int) -> dict[str, float]:
-        """Return the arguments of `units.Scale` for an axis; `channels` override the node's own."""
+        """Return the arguments of `units.Scale` for an axis; values in `channels` override those of the node."""
         own = self.channels[axis] if axis < len(self.channels) else AxisUnitKeys()
         names = (*SCALES, "scale_eff_from_dev", "offset_pos_to_dev", "offset_pos_from_dev")
         chosen = {name: getattr(own, name) if getattr(own, name) is not None else getattr(self, name) for name in names}
@@ -351,12 +352,12 @@ class UnitKeys:
 
 @dataclass(frozen=True)
 class MotionKeys:
-    """Motion options of the axes, and their behaviour at a stop."""
+    """Motion options of the axes: modes, targets, timeouts and reactions to errors."""
 
     position_mode: int | None = setting(None, low=-128, high=127)
     velocity_mode: int | None = setting(None, low=-128, high=127)
     effort_mode: int | None = setting(None, low=-128, high=127)
-    torque_mode: int | None = setting(None, low=-128, high=127)  # what the other documentation calls effort_mode
+    torque_mode: int | None = setting(None, low=-128, high=127)  # another name for effort_mode
     position_target: int | str | None = None
     velocity_target: int | str | None = None
     effort_target: int | str | None = None
@@ -374,7 +375,7 @@ class MotionKeys:
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
 
     def own_target(self, interface: str) -> tuple[int, int] | None:
-        """Return the target object of a command interface, None for that of the CiA 402 mode."""
+        """Return index and subindex of the configured target of a command interface, None for the mode's default."""
         text = getattr(self, f"{interface}_target")
         if isinstance(text, int):
             return (text, 0) if 0 < text <= 0xFFFF else None
@@ -384,10 +385,10 @@ class MotionKeys:
 
 @dataclass(frozen=True)
 class SignalKeys:
-    """Signal of a device in units; None keeps the value of the device's profile.
+    """Signal of a device with its scale; None keeps the value of the device's profile.
 
-    value = raw number * factor + offset; raw numbers in `invalid` are nan. `safe` is what an output is to be when the
-    master is gone, `max_rate` how fast an input can change.
+    The value is the raw number times `factor` plus `offset`; raw numbers in `invalid` are nan. `safe` is the value of
+    an output after the loss of the master, `max_rate` the maximum rate of change of an input.
     """
 
     name: str
@@ -413,9 +414,9 @@ class RosKeys:
 
 @dataclass(frozen=True)
 class NodeConfig:
-    """Node of bus.yml with `defaults` merged in; `line` is its line in the file.
+    """Keys of a node in bus.yml with `defaults` merged in; `line` is the line of the node in the file.
 
-    `required`: the robot waits for it. Where `node_id` is missing it is that of the device's file.
+    `required` is set if the robot waits for the node. If `node_id` is missing, the node id of the EDS or DCF is used.
     """
 
     identity: IdentityKeys = part()  # noqa: RUF009 - makes a field
@@ -433,9 +434,9 @@ class NodeConfig:
 
 
 def named_scale(counts_per_revolution: float, gear_ratio: float | list[int] | None, mirrored: bool) -> float:
-    """Return the counts per radian of a joint from counts per motor turn and `gear_ratio` motor turns per joint turn.
+    """Return the counts per radian of a joint; `gear_ratio` is motor turns per joint turn, or [motor, joint] turns.
 
-    ValueError for a gear ratio that is none.
+    Negative if `mirrored`; ValueError for an invalid gear ratio.
     """
     if isinstance(gear_ratio, list):
         if len(gear_ratio) != 2 or not all(part > 0 for part in gear_ratio):

@@ -1,7 +1,6 @@
-"""Drives known by identity or by names in their EDS, and the keys of bus.yml that they need.
+"""Drives that are recognised by identity or EDS names, and the keys of bus.yml that they need.
 
-The knowledge is in the files of `eds/personalities`. A key is proposed, with its source, and never taken: what a user
-has written counts.
+The data is in the files of `eds/personalities`. A missing key is only proposed, with its source, and never applied.
 """
 
 from __future__ import annotations
@@ -22,9 +21,9 @@ _INDEX: Final = re.compile(r"index: (0x[0-9A-Fa-f]+)")
 
 
 def known_drive(vendor: int, product: int, words: str) -> Personality | None:
-    """Return the personality of a device: by 0x1018:01 and :02 (0: unknown), else by a name in its EDS.
+    """Return the personality of a device, by vendor id and product code (0: unknown), else by a name in the EDS.
 
-    A name counts where the file of the manufacturer's drives has no vendor id, or the device has none.
+    A name in `words`, the text of the EDS, counts only if the personality or the device has no known vendor id.
     """
     if vendor and (match := personality_of(vendor, product)) is not None:
         return match
@@ -40,9 +39,9 @@ def known_drive(vendor: int, product: int, words: str) -> Personality | None:
 def proposals(
     drive: Personality, sync_us: int, keys: Collection[str], written: Collection[int], commanded: Collection[str]
 ) -> Iterator[tuple[BusKey, str]]:
-    """Yield the missing keys that a drive needs, each with its line of bus.yml.
+    """Yield the keys of bus.yml that a drive needs and that are missing, each with the text to write.
 
-    `written` are the objects of the `sdo:` list; the mode of a command interface is proposed where it is `commanded`.
+    `written` are the indexes in the `sdo:` list. The mode of a command interface is proposed if that is `commanded`.
     """
     for key in drive.bus_keys:
         text = _CYCLE_PERIOD.sub(rf"\g<1>{sync_us}", key.text) if sync_us else key.text

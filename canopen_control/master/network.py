@@ -1,8 +1,8 @@
-"""Master of one bus without I/O: receives and sends frames and supervises all nodes.
+"""NMT master of a bus, without I/O, which processes received frames and supervises all nodes.
 
-A frame is routed by one look-up of its identifier and never raises, whatever its content; unexpected frames are
-counted in `unknown`. PDOs go straight to the process image. Every other frame is processed by the node that sent it.
-Frames to send wait in `take`; RPDOs and SYNC come from `cycle`.
+A received frame is routed by one look-up of its identifier and never raises an error, whatever its content; unexpected
+frames are counted in `unknown`. TPDOs go straight to the process image, other frames to the `RemoteNode` of the sender.
+`take` returns the frames to send, and `cycle` the RPDOs and SYNC.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import ReceivedPdo
 
 
-# Detects other masters on the bus: frames that only a master sends, and that this one did not.
+# Detection of other masters on the bus by frames that only a master sends.
 #
-# A port never receives what was sent through it, so each of these frames is from another program. What
-# is seen within half a second is reported once in one sentence with the identifiers, and again when for a minute there
-# was nothing. An SDO request or an NMT command may be a tool's; SYNC, RPDOs and a heartbeat of this master's node id,
-# or of a number that masters have by custom, are another master's.
+# A port never receives the frames that were sent through it, so each of these frames is from another program. The
+# frames of half a second are reported in one event with the identifiers, and again only after a minute without such
+# frames. An SDO request or an NMT command may be from a tool; SYNC, RPDOs, and heartbeats with this master's node id or
+# another customary node id of masters are from another master.
 
 
 _GATHER_NS: Final = 500_000_000
 _FORGET_NS: Final = 60_000_000_000
 _EXAMPLES: Final = 4
-_SYNCS: Final = 20  # of the kernel, in which there are not half as many more
-_CUSTOMARY: Final = (1, 127)  # node ids of masters
+_SYNCS: Final = 20  # of the kernel; half as many more in that time are from another producer
+_CUSTOMARY: Final = (1, 127)  # customary node ids of masters
 _COMMANDS: Final = {int(command): command.name.lower().replace("_", " ") for command in NmtCommand}
 
 
@@ -56,7 +56,7 @@ class Evidence(enum.IntEnum):
 
 
 class _Sighting:
-    """Frames with one identifier; `examples` are their contents where they differ."""
+    """Frames with one identifier; `examples` are texts about their contents."""
 
     __slots__ = ("count", "evidence", "examples", "what")
 
@@ -69,11 +69,11 @@ class _Sighting:
 
 
 class SecondMasterDetector:
-    """Detects frames of a second master on the bus `name` and reports them; `wake` is the time of the report."""
+    """Detector of frames of a second master on the bus `name`; `wake` is called when `deadline` is set."""
 
     def __init__(self, name: str, report: Callable[[Event], None], wake: Callable[[], None]) -> None:
         self.deadline: int | None = None
-        """When `tick` has something to tell."""
+        """Time at which `tick` reports, None if there is nothing to report."""
         self._name, self._report, self._wake = name, report, wake
         self._sightings: dict[int, _Sighting] = {}
         self._reported = 0
@@ -81,7 +81,7 @@ class SecondMasterDetector:
         self._last = -_FORGET_NS
 
     def saw(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
-        """Process a frame that this master did not send."""
+        """Record a frame of another master or tool; `title` and `example` describe the frame."""
         if now - self._last >= _FORGET_NS:
             self._reported = 0
             self._sightings.clear()
@@ -97,7 +97,7 @@ class SecondMasterDetector:
             self._wake()
 
     def tick(self, now: int) -> None:
-        """Report the collected frames."""
+        """Report the recorded frames when the deadline has passed."""
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
@@ -111,7 +111,7 @@ class SecondMasterDetector:
     def handlers(
         self, own_id: int, sync: int, nodes: dict[int, RemoteNode]
     ) -> Iterator[tuple[int, Callable[[bytes, int, int], None]]]:
-        """Return the handlers of frames that only a master sends, by identifier, except RPDOs."""
+        """Yield identifiers and handlers of frames that only a master sends, except RPDOs."""
         yield 0, self._on_nmt
         yield sync, self._handler(sync, Evidence.MASTER, f"SYNC 0x{sync:03X}")
         for node_id in {own_id, *_CUSTOMARY} - nodes.keys():
@@ -123,12 +123,12 @@ class SecondMasterDetector:
             yield can_id, self._on_sdo(can_id, node)
 
     def on_rpdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return the handler of an RPDO."""
+        """Return the handler for the reception of an RPDO to a node, which only another master can have sent."""
         return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.who}")
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
-        """Process a SYNC sent for this master by the kernel; a surplus comes from another producer."""
-        if late or now - self._sync_since >= _SYNCS * period_ns:  # frames read together give no rate
+        """Count a SYNC that the kernel or a node is to send; a surplus is evidence of another SYNC producer."""
+        if late or now - self._sync_since >= _SYNCS * period_ns:  # frames that were read together show no rate
             self._sync_since, self._syncs = now, 0
         self._syncs += 1
         if self._syncs > _SYNCS + _SYNCS // 2:
@@ -138,7 +138,7 @@ class SecondMasterDetector:
         return lambda _data, _length, now: self.saw(can_id, evidence, title, now)
 
     def _on_sdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return the handler for SDO requests to a node in use; its callers must check the node id first."""
+        """Return the handler for SDO requests of other programs to a node, which count only while the node is ready."""
         title = f"SDO 0x{can_id:03X} to {node.who}"
         return lambda _data, _length, now: self.saw(can_id, Evidence.SDO, title, now) if node.ready else None
 
@@ -173,14 +173,14 @@ _TELLING: Final = {
 }
 
 
-_OPERATIONAL: Final = NmtState.OPERATIONAL  # for every heartbeat, see `hardware.interfaces.OK`
+_OPERATIONAL: Final = NmtState.OPERATIONAL  # a constant, for speed, see `hardware.interfaces.OK`
 _DEFAULT_TPDOS: Final = {number: Service[f"TPDO{number}"] for number in range(1, 5)}
-REFRESH_NS = 100_000_000  # an unchanged RPDO is repeated this often
-TIMERS_MISSED = 3  # after so many event timers without its TPDO what it carries is stale
+REFRESH_NS = 100_000_000  # period in which an unchanged RPDO is repeated
+TIMERS_MISSED = 3  # event timer periods without the TPDO after which its values are stale
 
 
 class Network:
-    """All nodes of a bus.yml on one channel; `report` gets every event."""
+    """NMT master with all nodes of a bus.yml; `report` receives the events."""
 
     def __init__(self, name: str, config: BusConfig, report: Callable[[Event], None], cycle_ns: int) -> None:
         self.name, self.config, self._cycle_ns = name, config, cycle_ns
@@ -189,12 +189,12 @@ class Network:
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self.outgoing: list[CanFrame] = []
-        """What waits for `take`."""
+        """Frames that wait for `take`."""
         self.pdo_watch = PdoWatch(config.master.sync_period * 1000)
-        self._since: int | None = None  # of what a late process reads: when no frame waited to be read
+        self._since: int | None = None  # time at which no frame waited to be read, if the process is late
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
-        self._last_records = b""  # what was received last; drives that stand send the same again
-        self._repeated: list[ReceivedPdo] | None = None  # its PDOs, once it came twice: they have these values already
+        self._last_records = b""  # last received records; drives at standstill repeat the same
+        self._repeated: list[ReceivedPdo] | None = None  # TPDOs in `_last_records`, after a repetition
         self._to_boot: list[RemoteNode] = []
         self._guarding: GuardingMaster | None = None
         self._sync_elsewhere = False
@@ -206,7 +206,7 @@ class Network:
         self._producer = HeartbeatProducer(config.master.node_id, config.master.heartbeat_ms * 1_000_000)
         self._report = report
         self._deadline: int | None = None
-        self._stale = True  # whether the deadline has to be found again
+        self._stale = True  # whether `_deadline` must be computed again
         self.nodes = {name: self._node(name) for name in config.nodes}
         self._by_id = {node.node_id: node for node in self.nodes.values()}
         self._handlers: dict[int, Callable[[bytes, int, int], None]] = {}
@@ -220,7 +220,7 @@ class Network:
             self._handlers.setdefault(can_id, handler)
 
     def start(self, now: int) -> None:
-        """Send the master's boot-up and begin the boot of every node."""
+        """Send the master's boot-up and start the boot of every node with `boot: true`."""
         self._producer.boot_up(now)
         self._producer.state = NmtState.OPERATIONAL
         self.outgoing.extend(self._producer.frames())
@@ -231,16 +231,16 @@ class Network:
 
     @property
     def waits(self) -> bool:
-        """Whether an answer or a boot step is pending, so that received frames must be processed at once."""
+        """Whether an answer is pending or a node is not ready, so that received frames must be processed at once."""
         return self._guarding is not None or any(not node.ready or node.sdo.busy for node in self._by_id.values())
 
     @property
     def identifiers(self) -> Collection[int]:
-        """The identifiers that `receive` processes."""
+        """CAN identifiers that `receive` processes."""
         return self._handlers.keys()
 
     def receive(self, records: bytes, now: int, since: int | None = None) -> None:
-        """Process received records; a late process reads those received between `since` and `now`."""
+        """Process received records; `since` is given by a late process, whose frames came between `since` and `now`."""
         self._since, stamp = since, now if since is None else since
         if records == self._last_records:
             if self._repeated is None:
@@ -264,7 +264,7 @@ class Network:
                 handler(data, length, now)
 
     def _pdos_of(self, records: bytes) -> list[ReceivedPdo]:
-        """Return the PDOs of the records in order; nothing where one is no TPDO, or one of another length."""
+        """Return the TPDOs of the records in order; [] if a record is no TPDO or has an unexpected length."""
         received = []
         for can_id, length, _ in RECORD.iter_unpack(records):
             pdo = self._pdos.get(can_id)
@@ -274,7 +274,7 @@ class Network:
         return received
 
     def tick(self, now: int) -> None:
-        """Process timeouts up to `now`; cheap while none is due."""
+        """Process the timeouts up to `now`, in monotonic ns; fast if none is due."""
         if self._stale:
             self._deadline, self._stale = self._earliest(), False
         if self._deadline is None or now < self._deadline:
@@ -296,13 +296,13 @@ class Network:
             self._stale = True
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`."""
+        """Return the time of the next `tick`, None if not needed."""
         if self._stale:
             self._deadline, self._stale = self._earliest(), False
         return self._deadline
 
     def take(self) -> bytes:
-        """Return the waiting records except process data."""
+        """Return the records of the waiting frames, without process data, and clear them."""
         if not self.outgoing:
             return b""
         records = pack_records(self.outgoing)
@@ -310,14 +310,11 @@ class Network:
         return records
 
     def cycle(self, *, sync: bool) -> bytes:
-        """Return the records of one cycle: due RPDOs, then SYNC unless another node produces it."""
+        """Return the records of one cycle: the RPDOs that are due, then SYNC if requested and produced here."""
         return self.image.collect(self.sync_record() if sync else b"")
 
     def sync_record(self) -> bytes:
-        """Return the record of the next SYNC, b"" if another node produces it.
-
-        With a counter it is made again for each cycle, without one it is always the same.
-        """
+        """Return the record of the next SYNC, b"" if the kernel or a node produces SYNC."""
         if self._sync_elsewhere:
             return b""
         if self._sync_record:
@@ -326,13 +323,13 @@ class Network:
         return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
     def synced(self, now: int) -> None:
-        """Count synchronous TPDOs missing after the previous SYNC."""
+        """Check, after a SYNC was sent or received, whether the TPDOs for the previous SYNC have come."""
         if changed := self.pdo_watch.sync(now):
             for pdo in changed:
                 self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
-        """Follow an external SYNC and call `on_sync(now)` for each."""
+        """Let another producer send SYNC, and call `on_sync(now)` for every received SYNC."""
         self._sync_elsewhere = True
         can_id, period = self.sync.cob_id, self.config.master.sync_period * 1000
 
@@ -343,25 +340,25 @@ class Network:
         self._handlers[can_id] = receive
 
     def bus_failed(self, text: str, now: int) -> None:
-        """Mark every node as lost because the bus failed; `bus_back` boots them again."""
+        """Mark all nodes as lost because the bus has failed; `bus_back` boots them again."""
         for node in self.nodes.values():
             if node.ready or node.boot_step:
                 node.lost(now, text)
                 self._to_boot.append(node)
 
     def bus_back(self, now: int) -> None:
-        """Boot the nodes again that were lost with the bus."""
+        """Boot the nodes that were lost with the bus."""
         nodes, self._to_boot = self._to_boot, []
         for node in nodes:
             node.begin_boot(now)
         self._collect()
 
     def send_nmt(self, command: NmtCommand, node_id: int = BROADCAST) -> None:
-        """Send an NMT command."""
+        """Queue an NMT command for a node, or for all nodes."""
         self.outgoing.append(nmt_frame(command, node_id))
 
     def changed(self) -> None:
-        """Collect frames of a node after a call from outside a cycle (an SDO request, a command)."""
+        """Collect the frames to send after a call outside the cycle, such as an SDO request or a command."""
         self._collect()
 
     def _node(self, name: str) -> RemoteNode:
@@ -398,7 +395,7 @@ class Network:
         return node
 
     def _connect(self, node: RemoteNode) -> None:
-        """Route the node's identifiers."""
+        """Register the handlers for the identifiers of a node."""
         handlers, node_id = self._handlers, node.node_id
         sdo, emcy = cob_id(Service.SDO_SERVER, node_id), cob_id(Service.EMCY, node_id)
         error_control = cob_id(Service.HEARTBEAT, node_id)
@@ -425,7 +422,7 @@ class Network:
             happened = self._supervise(now, self._since)
             if length == 1 and data[0] & 0x7F:
                 node.on_state(state_of_byte(data[0] & 0x7F), now, self._since)
-            if happened or not node.ready:  # else only its deadline is later, which `tick` finds by itself
+            if happened or not node.ready:  # else only the heartbeat deadline is later, which `tick` detects
                 self._collect_from(node)
 
         handlers[sdo], handlers[emcy], handlers[error_control] = on_sdo, on_emcy, on_heartbeat
@@ -436,8 +433,8 @@ class Network:
             handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
 
     def _lay_out(self, node: RemoteNode, result: BootResult) -> None:
-        """Set up process data as the boot found or configured them, with the node's own values."""
-        self._last_records, self._repeated = b"", None  # other routes, and values that were read by SDO
+        """Set up the process data of a node as configured by the boot, with the initial values read from the node."""
+        self._last_records, self._repeated = b"", None  # the handlers and values change
         own = {(kind, layout.number): layout for kind, layout in result.adopted}
         for planned, received in zip(node.plan.tpdos, node.received, strict=True):
             layout = own.get(("tpdo", planned.number), planned)
@@ -463,7 +460,7 @@ class Network:
             self.reader.follow_identifiers()
 
     def _written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-        """Copy a value written by SDO into the RPDOs that map its object, so that the next RPDO does not undo it."""
+        """Copy a value written by SDO into the RPDOs that map the object, so that the next RPDO does not revert it."""
         output = self.image.output(node.node_id, index, subindex)
         if output is None or output.driven:
             return
@@ -472,9 +469,9 @@ class Network:
             output.record(value)
 
     def _watch_defaults(self, node: RemoteNode) -> None:
-        """Count frames with the default identifier of a reconfigured TPDO: some nodes return to it.
+        """Record frames with the default identifier of a TPDO that has another one, to which some nodes return.
 
-        durand 0.5.0 (PyPI) does so at NMT start, and takes every write before that.
+        durand 0.5.0 (PyPI) returns to it at NMT start, although it accepts every write before that.
         """
         for layout, pdo in zip(node.plan.tpdos, node.received, strict=True):
             service = _DEFAULT_TPDOS.get(layout.number)
@@ -489,7 +486,7 @@ class Network:
             self._handlers[default] = astray
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
-        """Return a handler for a TPDO with a wrong length."""
+        """Return a handler for a TPDO, which also reports frames with a wrong length."""
         right, receive = pdo.codec.length, pdo.receive
 
         def on_pdo(data: bytes, length: int, now: int) -> None:
@@ -503,7 +500,7 @@ class Network:
         self._stale = True
 
     def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
-        """Start or stop guarding a node without a heartbeat."""
+        """Start or stop node guarding of a node whose plan has guarding."""
         if node.plan.guard is None:
             return
         if self._guarding is None:
@@ -515,7 +512,7 @@ class Network:
         self._stale = True
 
     def _supervise(self, now: int, since: int | None = None) -> bool:
-        """Pass error control events to the nodes; return whether there were any."""
+        """Pass events of heartbeat and guarding supervision to the nodes; return whether there were any."""
         events = self._consumer.events()
         happened = bool(events)
         for guarded in self._guarding.events() if self._guarding is not None else ():
@@ -528,7 +525,7 @@ class Network:
         return happened
 
     def _collect(self) -> None:
-        """Collect the frames of every service."""
+        """Collect the frames of all services, to be sent."""
         self.outgoing.extend(self._producer.frames())
         if self._guarding is not None:
             self.outgoing.extend(self._guarding.frames())

@@ -1,4 +1,4 @@
-"""One node of a bus.yml: `defaults` merged below it, its keys converted and checked against each other."""
+"""Reader of one node in bus.yml: merges `defaults`, converts the keys, and checks them against each other."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
 
-_TRANSITIONS = range(17)  # of the CiA 402 power state machine; 0 and 1 are the drive's own
+_TRANSITIONS = range(17)  # of the CiA 402 state machine; 0 and 1 are automatic
 
 
 def tolerated(
     section: Node, keys: Collection[str], unused: Mapping[str, str], misnamed: Mapping[str, str], driver: str = ""
 ) -> set[str]:
-    """Check a section for unknown keys; return those that the conversion ignores.
+    """Report the unknown keys of a section; return the keys that the conversion must ignore.
 
-    A key similar to a known one that is not there too, or listed in `misnamed`, is an error. Any other is a warning:
-    ros2_canopen ignores unknown keys, so that files with such keys are in use. `driver` is one that only its user
-    has; such a driver reads keys of its own.
+    A key in `misnamed`, or similar to a known key that is absent, is an error. Any other unknown key is a warning:
+    ros2_canopen ignores unknown keys, so that files with such keys are in use. `driver` is the name of a user's own
+    driver, which may read additional keys.
     """
     tolerated_keys = set(unused)
     for key, place in section.keys().items():
@@ -61,7 +61,7 @@ def tolerated(
 
 
 def node_id_below(section: Node, key: str) -> Node | None:
-    """Return the `node_id` below a key of a section, which marks the key as a node's name; None if absent."""
+    """Return the `node_id` below a key of a section, which shows that the key is a node's name; None if absent."""
     below = section.get(key)
     return below.get("node_id") if below is not None else None
 
@@ -75,7 +75,7 @@ _MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: 
 
 
 def _suggestion(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str, str]) -> str:
-    """Return the correct spelling of a key, "" if it is unknown."""
+    """Return the correct form of a misspelled or misplaced key, "" if none is known."""
     if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in keys:
         return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
     suggestion, place = misnamed.get(key, ""), section.get(key)
@@ -86,7 +86,7 @@ def _suggestion(key: str, section: Node, keys: Collection[str], misnamed: Mappin
 
 
 def _respelled(section: Node) -> Node:
-    """Return the section with misnamed keys replaced, so that one error is not reported twice."""
+    """Return a section with misnamed keys replaced by the correct ones, so that an error is not reported twice."""
     pairs = {key.text: (key, value) for key, value in section.pairs()}
     for key, pair in list(pairs.items()):
         if (spelling := _SPELLING.fullmatch(MISNAMED_NODE.get(key, ""))) and spelling[1] not in pairs:
@@ -104,7 +104,7 @@ def _at(place: Node, kind: str) -> Node:
 
 
 def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[str, tuple[Node, Node]]:
-    """Return the PDOs that are written as `tpdo1:` by their numbers."""
+    """Return the PDOs that are written as `tpdo1:`, by number."""
     numbered = {}
     for key, (place, value) in pairs.items():
         if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() == kind:
@@ -113,7 +113,7 @@ def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[st
 
 
 def _require_modes(motion: MotionKeys, node: Node) -> None:
-    """Report modes that have no target for the command interface of their key (CiA 402)."""
+    """Report modes of operation that do not fit the command interface of their key, and invalid target objects."""
     for kind in ("position", "velocity", "effort", "torque"):
         number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
         served = "effort" if kind == "torque" else kind
@@ -139,7 +139,7 @@ _TARGET_EXAMPLES: Final = {"position": "0x607A", "velocity": "0x60FF", "effort":
 
 
 def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | None) -> None:
-    """Report an invalid target object, or one that no mode uses."""
+    """Report an invalid target object, or a target object without the mode that uses it."""
     key = f"{kind}_target"
     if kind == "torque" or (place := node.get(key)) is None:
         return
@@ -150,7 +150,7 @@ def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | N
 
 
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
-    """Merge `defaults` into a node as configured, and report values that the other method would change."""
+    """Merge `defaults` into a node, and warn of values that differ between the two methods of merging."""
     if defaults is None:
         return node
     ours, theirs = node.over(defaults), _peer_merged(node, defaults)
@@ -170,14 +170,14 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
 
 
 def _peer_merged(node: Node, defaults: Node) -> Node:
-    """Return the node with the keys of `defaults` in place of its own, as ros2_canopen's generator merges."""
+    """Return a node whose keys are replaced by those of `defaults`, as ros2_canopen's generator does."""
     if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
         return node.over(defaults)
     pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
     return Node.mapping(Node("mapping", node.line, node.column, node.where, node.problems), pairs)
 
 
-def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - what stands there
+def _plain(node: Node, key: str) -> Any:  # noqa: ANN401 - any YAML value
     value = node.get(key)
     return None if value is None else value.value
 
@@ -187,8 +187,8 @@ def _brief(value: object) -> str:
 
 
 def _indented(node: Node) -> Node:
-    """Report PDOs whose keys stand beside their numbers, and put the last ones where they belong."""
-    keys = node.keys()  # by the names under which a misspelt key is read
+    """Report PDO keys that are indented like the PDO numbers, and move them below the last number."""
+    keys = node.keys()  # also under the names that replace misspelled keys
     pairs = {name: (keys[name], value) for name, value in node.items()}
     for kind in ("rpdo", "tpdo"):
         section = node.get(kind)
@@ -197,7 +197,7 @@ def _indented(node: Node) -> Node:
         beside = {key: pair for key, pair in entries.items() if key in _PDO_KEYS}
         if section is None or not numbers or not beside:
             continue
-        node.problems.forget(section.where)  # keys that are there twice
+        node.problems.forget(section.where)  # duplicate keys
         key = next(iter(beside.values()))[0]
         key.error(f"{key.text!r} belongs to a PDO: indent the keys of each PDO below its number, `{numbers[0]}:`")
         place, _ = entries[numbers[-1]]
@@ -211,7 +211,7 @@ _DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy"
 
 
 def _foreign_driver(node: Node) -> str:
-    """Return the driver of a node where ros2_canopen has none of this name, with a warning; else ""."""
+    """Return the `driver` of a node, with a warning, if it is not one of ros2_canopen; else ""."""
     place = node.get("driver")
     driver = "" if place is None or not isinstance(place.value, str) else place.value
     if place is None or not driver or any(name in driver.lower() for name in _DRIVERS):
@@ -221,7 +221,7 @@ def _foreign_driver(node: Node) -> str:
 
 
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> tuple[NodeConfig, Node] | None:
-    """Convert and check the keys of one node; return them with the section as it was read, None if unusable."""
+    """Convert and check the keys of a node; return them with the corrected section, None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
     node = _indented(_respelled(node))
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)
@@ -258,7 +258,7 @@ def _supervision(keys: SupervisionKeys, master: MasterConfig, options: FileOptio
 
 
 def _required(keys: BootKeys, node: Node) -> bool:
-    """Whether the robot waits for the node: `required`, else `mandatory`, else whether it is booted."""
+    """Whether the robot waits for a node: by `required`, else by `mandatory`, else if the node is booted."""
     place = node.get("required") or node
     if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
         place.error("`required` and `mandatory` mean the same and differ; keep one")
@@ -275,7 +275,7 @@ def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
 
 
 def _units(keys: UnitKeys, node: Node) -> UnitKeys:
-    """Convert units by name to scales, or check the given scales."""
+    """Return the units of a node, with scales computed from counts_per_revolution or checked as given."""
     named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
     scales = [key for key in SCALES if node.get(key) is not None]
     if not named:
@@ -295,7 +295,7 @@ def _units(keys: UnitKeys, node: Node) -> UnitKeys:
 
 
 def _check_scales(keys: UnitKeys, node: Node) -> None:
-    """Report zero scales, and scales that are not inverse to each other, so that command and feedback would differ."""
+    """Report scales that are zero, or whose two directions are not inverse to each other."""
     for key in SCALES:
         if not 1e-15 < abs(getattr(keys, key)) < 1e15:
             (node.get(key) or node).error(

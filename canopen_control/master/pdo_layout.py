@@ -1,6 +1,6 @@
-"""PDO layout of a bus as a message for trace, monitor, exports and the API's `layout`.
+"""PDO layout of a bus, as a message for trace, monitor, exports and the API method `layout`.
 
-It is what a boot makes of the bus, taken from the same plans; nothing is decided here.
+The layout is taken from the plans by which the nodes are booted.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 LinearAxes = frozenset[tuple[str, int]]
-"""Node and axis of each prismatic joint."""
+"""Node name and axis number of prismatic joints."""
 
 
 class _Meaning(NamedTuple):
-    """Scale of a raw number: times `factor` plus `offset`, in `unit`."""
+    """Scale of a raw number: the value is the number times `factor` plus `offset`, in `unit`."""
 
     factor: float = 1.0
     offset: float = 0.0
@@ -36,7 +36,7 @@ class _Meaning(NamedTuple):
 
 
 class _Quantity(NamedTuple):
-    """Quantity of a CiA 402 object: its scale, whether it is commanded, whether an offset applies."""
+    """Quantity of a CiA 402 object; `absolute` if the position offset applies."""
 
     scale: str
     commanded: bool = False
@@ -53,13 +53,13 @@ _QUANTITIES: Final = {
     objects.TARGET_VELOCITY: _Quantity("vel", commanded=True),
     objects.TORQUE_ACTUAL: _Quantity("eff"),
 }
-_UNITS: Final = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "eff": ("Nm", "N")}  # of a turning joint, of a prismatic
+_UNITS: Final = {"pos": ("rad", "m"), "vel": ("rad/s", "m/s"), "eff": ("Nm", "N")}  # revolute, prismatic joints
 
 
 def layout_of(config: BusConfig, channel: str = "", linear: Collection[tuple[str, int]] | None = None) -> BusLayout:
-    """Return the layout of a bus; `channel` defaults to that of bus.yml.
+    """Return the PDO layout of a bus; `channel` defaults to the channel in bus.yml.
 
-    `linear` are the prismatic joints by node and axis; None: unknown, so that no unit is named.
+    `linear` are the prismatic joints by node and axis; if None, they are unknown, and no scales and units are given.
     """
     master = config.master
     return BusLayout(
@@ -103,7 +103,7 @@ def _objects(
 
 
 def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
-    """Return the scale of a device's input or output, if no object of the device affects it."""
+    """Return the scale of a signal of a device, None if there is none or if objects of the device affect the scale."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
             own = signal.data_type in (None, mapped.data_type)
@@ -112,7 +112,7 @@ def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
 
 
 def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Collection[tuple[str, int]]) -> _Meaning:
-    """Return the scale of a drive's object in bus.yml; empty without one."""
+    """Return the scale of a drive's object by bus.yml, the default if bus.yml gives no scale."""
     base, axis = objects.axis_of(mapped.index)
     quantity = _QUANTITIES.get(base) if plan.axes and not mapped.subindex else None
     if quantity is None or not _is_scaled(config, plan.name, axis, quantity.scale):
@@ -127,7 +127,7 @@ def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Co
 
 
 def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
-    """Whether bus.yml defines the scale of an axis; ros2_canopen's default does not count."""
+    """Whether bus.yml defines the scale of a quantity of an axis; ros2_canopen's default does not count."""
     units = config.nodes[node].units
     if units.counts_per_revolution is not None and quantity != "eff":
         return True

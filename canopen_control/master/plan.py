@@ -1,13 +1,14 @@
-"""Configuration plan of a node: SDO writes and PDO layout, from bus.yml and the EDS.
+"""Configuration plan of a node: SDO writes and PDO mappings, derived from bus.yml and the EDS.
 
-All decisions are made before the first frame is sent; whatever does not fit (an object missing from the EDS, a value
-outside its type, a mapping over 64 bits) is a configuration error, not a boot error.
+All decisions are made before the first frame is sent; an object missing from the EDS, a value outside the range of its
+type, or a mapping of more than 64 bits is a configuration error, not a boot error.
 
-Order: objects of SYNC, then the downloads of a `configuration_file` or the ParameterValues of a DCF, RPDOs, TPDOs
-(`plan_pdos.py`), the `sdo:` list, and supervision last. So bus.yml takes precedence over a file, and no write can
-switch off a node's supervision unnoticed: `NodePlan.unsupervised` is computed from the values that the node has after
-all writes. Writes added by this package have a `reason`: the drive monitors the master (0x1016), stops when the master
-is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), and has no valid PDO without a configuration.
+The writes are in this order: objects of SYNC, the downloads of a `configuration_file` or the ParameterValues of a DCF,
+RPDOs, TPDOs (`plan_pdos.py`), the `sdo:` list, and supervision. So bus.yml takes precedence over a file, and no write
+can switch off the supervision of a node unnoticed: `NodePlan.unsupervised` is computed from the values in the node
+after all writes. Writes that this package adds have a `reason`: the drive monitors the master (0x1016), stops when the
+master is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), and has no valid PDO that is not
+configured.
 """
 
 from __future__ import annotations
@@ -70,11 +71,11 @@ TIME_COB_ID, SYNC_OVERFLOW, SYNC_PERIOD, SYNC, EMCY = 0x1012, 0x1019, 0x1006, 0x
 ABORT_CONNECTION = 0x6007
 STORE = 0x1010
 _INTERFACES = ("position", "velocity", "effort")
-STOPPED = 2  # 0x1029: to NMT stopped
-FAULT_REACTION = 1  # 0x6007: malfunction, then the fault reaction of 0x605E
+STOPPED = 2  # value of 0x1029: change to NMT state STOPPED
+FAULT_REACTION = 1  # value of 0x6007: malfunction, with the fault reaction of 0x605E
 _SUPERVISION = frozenset((CONSUMER, PRODUCER, GUARD_TIME, LIFE_TIME, ERROR_BEHAVIOUR))
 FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RATIO, FEED_CONSTANT) for sub in (1, 2))
-"""The objects that say how many position counts a turn has."""
+"""Objects that determine the position counts per turn."""
 _MILLISECOND = 1_000_000
 _STOPS = "a lost master stops the motor"
 _NO_HEARTBEAT = "guarding takes the place of the heartbeat, and a heartbeat would switch it off"
@@ -82,16 +83,16 @@ _NO_HEARTBEAT = "guarding takes the place of the heartbeat, and a heartbeat woul
 
 @dataclass(frozen=True, slots=True)
 class NodePlan:
-    """Everything the boot of a node needs; `axes` are the index offsets of its CiA 402 axes, none for other devices.
+    """Plan for the boot of a node; `axes` are the index offsets of its CiA 402 axes, empty for other devices.
 
-    `guard` is (guard time in ns, life time factor) of a node watched by guarding; `restore` and `save` are subindices
-    of 0x1011 and 0x1010, 0 for neither; `software_version` is what 0x1F56:01 must hold, 0 for anything. `signals` are
-    those of a device that is not a drive, and of `signals` in bus.yml, by name; `reads` is read for them at boot.
-    `unsupervised` is the reason why the loss of the master would not stop its axes after all writes, else "".
-    `expected` is what the scales of bus.yml count on and nothing writes: polarity, gear and feed, as in the EDS;
-    `turns` are the position counts of one turn by axis (its offset), as bus.yml has them. `motors` is the order of the
-    objects of a device with several motors in one object set: `rpdos`, `tpdos` and `axes` have the addresses of its
-    view, `writes` those of the device.
+    `guard` is (guard time in ns, life time factor) for a node supervised by guarding, else None. `restore` and `save`
+    are subindexes of 0x1011 and 0x1010, 0 for none. `software_version` is the required value of 0x1F56:01, 0 for any.
+    `signals` are the signals of the device profile and of `signals` in bus.yml, by name; `reads` are the objects read
+    for them during the boot. `unsupervised` is the reason why the loss of the master would not stop the axes after all
+    writes, else "". `expected` are objects on which the scales of bus.yml depend and that nothing writes (polarity,
+    encoder, gear and feed), with the values of the EDS; `turns` are the position counts per turn in bus.yml, by axis
+    offset. `motors` maps the objects of a device with several motors in one object set: `rpdos`, `tpdos` and `axes`
+    have the addresses of the axes' view, `writes` the addresses of the device.
     """
 
     name: str
@@ -112,7 +113,7 @@ class NodePlan:
     restore: int = 0
     save: int = 0
     boot_up_ns: int = 1000 * _MILLISECOND
-    sdo_timeout_ns: int | None = None  # of the boot; None: the client's own
+    sdo_timeout_ns: int | None = None  # SDO timeout of the boot; None: as configured for the client
     profile: Profile = Profile.NONE
     signals: dict[str, Signal] = field(default_factory=dict)
     reads: tuple[MappedObject, ...] = ()
@@ -123,28 +124,27 @@ class NodePlan:
 
     @property
     def supervision_ns(self) -> int:
-        """Time after which a silent node counts as lost, by heartbeat or guarding; 0 without supervision."""
+        """Time in ns after which a silent node counts as lost, by heartbeat or guarding; 0 without supervision."""
         return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
     def carried(self, pdos: Sequence[PlannedPdo]) -> set[tuple[int, int]]:
-        """Return the objects of all axes that PDOs of the node carry, with those that axes share."""
+        """Return the addresses mapped by PDOs of the node, for every axis that shares an object."""
         carried = {(mapped.index, mapped.subindex) for pdo in pdos for mapped in pdo.objects}
         shared = {} if self.motors is None else self.motors.shared
         return carried.union(*(shared.get(address, ()) for address in carried))
 
     def address(self, index: int, subindex: int = 0) -> tuple[int, int]:
-        """Return the device's address of an object of an axis."""
+        """Return the address in the device of an object of an axis."""
         return (index, subindex) if self.motors is None else self.motors.address(index, subindex)
 
 
 @dataclass(frozen=True, slots=True)
 class PlanInput:
-    """Input of a plan; `complain(key, text)` and `warn` get errors and warnings, `note` and `remark` the rest.
+    """Input of a plan; `complain(key, text)` receives errors and `warn(key, text)` warnings about keys of bus.yml.
 
-    `note` gets keys without effect, `remark` further information.
-
-    `downloads` are those of a `configuration_file` or of a DCF's ParameterValues; `source` names the EDS in messages;
-    `spare_cob_ids` are for PDOs above 4 with `cob_id: auto`, one supply for the whole bus.
+    `note` receives keys without effect, `remark` further information. `downloads` are the SDO downloads of a
+    `configuration_file` or of a DCF; `source` is the name of the EDS for messages; `spare_cob_ids` are the COB-IDs for
+    PDOs above 4 with `cob_id: auto`, shared by all nodes of a bus.
     """
 
     node: NodeConfig
@@ -160,7 +160,7 @@ class PlanInput:
 
 
 def make_plan(plan_input: PlanInput) -> NodePlan:
-    """Plan the configuration of a node; after an error in `complain` the plan must not be used."""
+    """Plan the configuration of a node; after a call of `complain` the plan must not be used."""
     node, od = plan_input.node, plan_input.od
     builder = PlanBuilder(
         node,
@@ -212,13 +212,13 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
 
 
 def _names(od: ObjectDictionary, view: ObjectDictionary) -> tuple[dict[tuple[int, int], str], dict[int, str]]:
-    """Return the names of entries, in the device and in the view of its axes, and of objects."""
+    """Return the names of the entries in the dictionary and in the axes' view, and the names of the view's objects."""
     entries = {address: entry.name for each in (od, view) for address, entry in each.entries.items()}
     return entries, {index: info.name for index, info in view.objects.items()}
 
 
 def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan SYNC, services and PDOs, and the objects of a DCF or concise DCF."""
+    """Plan SYNC, EMCY, TIME and PDOs, and the downloads of a DCF or concise DCF."""
     node, od = builder.node, builder.od
     _plan_sync_counter(builder, master)
     _plan_services(builder, master)
@@ -232,13 +232,13 @@ def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
-    """Plan the `sdo` list, supervision and the store command; return the heartbeat period of the node in ms."""
+    """Plan the `sdo` list, interpolation period, error control and storing; return the heartbeat period in ms."""
     sdo = list(enumerate(builder.node.boot.sdo))
     storing = list(itertools.takewhile(lambda pair: pair[1].index == STORE, reversed(sdo)))[::-1]
     _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
     plan_interpolation(builder, tuple(_axes(builder.od)), master.sync_period)
     heartbeat_ms = _plan_error_control(builder, master)
-    _plan_sdo_list(builder, storing)  # what is stored is the whole configuration
+    _plan_sdo_list(builder, storing)  # last, so that the whole configuration is stored
     return heartbeat_ms
 
 
@@ -247,7 +247,7 @@ def _guard(keys: SupervisionKeys) -> tuple[int, int]:
 
 
 def _motors(builder: PlanBuilder) -> MotorMap | None:
-    """Return the order of the objects of a device with several motors in one object set; None for any other."""
+    """Return the object map of a device with several motors in one object set (`motor_subindices`), else None."""
     subindices = builder.node.motion.motor_subindices
     if subindices is None:
         _warn_of_two_motors(builder)
@@ -270,14 +270,14 @@ def _motors(builder: PlanBuilder) -> MotorMap | None:
 
 
 def _of_axes(layouts: Sequence[PlannedPdo], motors: MotorMap | None) -> tuple[PlannedPdo, ...]:
-    """Return the PDOs with their objects as the axes have them."""
+    """Return PDOs whose objects have the addresses of the axes' view."""
     if motors is None:
         return tuple(layouts)
     return tuple(replace(layout, objects=motors.split(layout.objects)) for layout in layouts)
 
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
-    """Warn of a drive with its axes in subindices, and name the key for it."""
+    """Warn of a drive that has two motors in subindexes of one object set, and name the key for such drives."""
     motors = per_motor(builder.od)
     if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
@@ -296,7 +296,7 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
 
 
 def _check_identity(builder: PlanBuilder) -> None:
-    """Warn where bus.yml and EDS differ in vendor or product: the EDS belongs to another device."""
+    """Warn if bus.yml and EDS differ in vendor id or product code, so that the EDS belongs to another device."""
     expected, device = builder.node.identity, builder.od.device
     for key, value, actual in (
         ("vendor_id", expected.vendor_id, device.vendor_number),
@@ -308,10 +308,11 @@ def _check_identity(builder: PlanBuilder) -> None:
 
 
 def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
-    """Return vendor and product of bus.yml, else of the EDS; revision and serial of bus.yml only. 0 is not checked.
+    """Return the identity that the boot compares; a number 0 is not compared.
 
-    Only those that the EDS has: of 0x1018 only the vendor id is mandatory (CiA 301, 7.5.2.21), and some devices lack
-    even that. Values of [DeviceInfo] cannot be read from a device.
+    Vendor id and product code are from bus.yml, else from the EDS; revision and serial number only from bus.yml. EDS
+    values count only if the EDS has the entry of 0x1018: only the vendor id is mandatory there (CiA 301, 7.5.2.21),
+    some devices lack even that, and values of [DeviceInfo] cannot be read from a device.
     """
 
     def default(index: int, subindex: int, device: int | None, number: int | None = None) -> int:
@@ -333,7 +334,7 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
 
 
 def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
-    """Return the position counts per motor turn by axis; empty if bus.yml uses the drive's own."""
+    """Return the position counts per turn by axis offset, without axes that have the default scale."""
     turns = {}
     for number, offset in enumerate(_axes(od)):
         to_device = node.units.of_axis(number)["pos_to_dev"]
@@ -343,9 +344,9 @@ def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
 
 
 def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
-    """Yield the objects on which scales depend: 0x607E, and with a scale in bus.yml 0x608F, 0x6091, 0x6092.
+    """Yield the unwritten objects on which scales depend: 0x607E, and with a scale in bus.yml 0x608F, 0x6091, 0x6092.
 
-    They are not written: they describe motor and mechanics, and a drive that was commissioned holds the right ones.
+    They are not written, because they describe motor and mechanics, and a commissioned drive has the right values.
     """
     scaled = _turns(builder.node, builder.od)
     for offset in _axes(builder.od):
@@ -373,9 +374,10 @@ def _store_object(builder: PlanBuilder, index: int, subindex: int, key: str) -> 
 
 
 def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
-    """Plan error control in both directions (0x1016, 0x1017, guarding, 0x1029, 0x6007); return its period in ms.
+    """Plan error control in both directions (0x1016, 0x1017, guarding, 0x1029, 0x6007).
 
-    The keys of bus.yml go before its `sdo:` list, that before what this package adds, and that before a file.
+    Return the heartbeat period of the node in ms. Keys of bus.yml take precedence over the `sdo:` list, the list over
+    the defaults of this package, and these over a file.
     """
     keys = builder.node.supervision
     _plan_consumer(builder, master)
@@ -399,9 +401,9 @@ def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
 
 
 def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan the consumer entry 0x1016 for the master's heartbeat, next to entries for other nodes.
+    """Plan the consumer entry in 0x1016 for the master's heartbeat, besides entries for other nodes.
 
-    Two entries for one node are refused by devices (CiA 301, 7.5.2.19), so the entry that has the master is taken.
+    Devices refuse two entries for one node (CiA 301, 7.5.2.19), so an existing entry for the master is used.
     """
     keys, od = builder.node.supervision, builder.od
     subindices = od.subindices(CONSUMER)[1:]
@@ -444,9 +446,10 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_producer(builder: PlanBuilder) -> int:
-    """Return the node's heartbeat period in ms after all writes.
+    """Plan the heartbeat producer time (0x1017); return the node's heartbeat period in ms, 0 without a heartbeat.
 
-    A file may give another period than the default, but not none: a DCF lists every object with its default.
+    A file may give another period than the default, but a period of 0 in a file is ignored, because a DCF lists every
+    object with its default.
     """
     keys = builder.node.supervision
     fixed = 0 if builder.can_write(PRODUCER, 0) else builder.default(PRODUCER, 0) or 0
@@ -480,10 +483,10 @@ def _plan_producer(builder: PlanBuilder) -> int:
 
 
 def _plan_reactions(builder: PlanBuilder) -> None:
-    """Plan the reaction of the axes to a lost master: 0x6007 where present, else 0x1029:1 = stopped.
+    """Plan the reaction of the axes to the loss of the master: 0x6007 if the axis has it, else 0x1029:1 = stopped.
 
-    A value in a file is kept if it is a reaction: 0 in 0x6007 is none, nor is 0 or 1 in 0x1029:1 of a drive that has an
-    axis without 0x6007.
+    A value of 0x6007 in a file is kept unless it is 0, which means no reaction; a value of 0x1029:1 in a file is kept
+    only if no axis depends on it.
     """
     keys = builder.node.supervision
     watches = keys.heartbeat_consumer is not False or keys.guarded
@@ -511,7 +514,7 @@ def _plan_reactions(builder: PlanBuilder) -> None:
 
 
 def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
-    """Whether a node configured by the plan detects a lost master."""
+    """Whether a node, configured by the plan, detects the loss of the master; warn if its timeout is too short."""
     if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
         return True
     consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
@@ -526,7 +529,7 @@ def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bo
 
 
 def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, watches: bool) -> str:
-    """Return why a lost master would not stop the axes of a node configured by the plan; "" if it would."""
+    """Return the reason why the loss of the master would not stop a node's axes after the boot, "" if it would."""
     axes = tuple(_axes(builder.od))
     if not axes:
         return ""
@@ -560,10 +563,10 @@ def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan SYNC consumption and EMCY production at the identifiers this package uses.
+    """Plan the COB-IDs of SYNC (0x1005) and EMCY (0x1014) that this package uses.
 
-    A different value in the `sdo:` list is kept, with a warning. 0x1005 of a node that sends SYNC itself (bit 30) is
-    left alone if `sync_producer` names another node.
+    A different value in the `sdo:` list is kept, with a warning. With `sync_producer: other`, 0x1005 of a node that
+    produces SYNC (bit 30) is not changed.
     """
     if master.sync_producer != "other" or not (builder.default(SYNC, 0) or 0) & PRODUCER_BIT:
         _plan_service(builder, SYNC, SYNC_COB_ID, "SYNC is sent there")
@@ -571,12 +574,12 @@ def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -> None:
-    """Plan the COB-ID of a service that the node has."""
+    """Plan the COB-ID object `index` of a service, if the node has that; `why` completes the messages."""
     if (index, 0) not in builder.od:
         return
     listed = builder.listed_value(index)
     if listed is not None:
-        if listed & 0x7FF != identifier:  # bits 30 and 31 are the user's: a node that sends SYNC, or no EMCY
+        if listed & 0x7FF != identifier:  # bits 30 and 31 may differ: a node that sends SYNC, or no EMCY
             builder.warn("sdo", f"0x{index:04X} = 0x{listed:X}, and {why} (0x{identifier:03X})")
         return
     default = builder.default(index, 0)
@@ -595,7 +598,7 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -
 
 
 def _plan_downloads(builder: PlanBuilder) -> None:
-    """Plan the downloads of a DCF or concise DCF, except error control and PDOs configured by bus.yml."""
+    """Plan the downloads of a DCF or concise DCF, except SYNC, EMCY, error control and PDOs that bus.yml configures."""
     supervision = _SUPERVISION | {SYNC, EMCY} | {ABORT_CONNECTION + offset for offset in _axes(builder.od)}
     for index, subindex, data in builder.downloads:
         if not is_pdo_record(index) and index not in supervision:
@@ -607,7 +610,7 @@ def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]
     written: dict[tuple[int, int], object] = {}
     for number, entry in entries:
         if is_pdo_record(entry.index) and (entry.index, entry.sub_index) in builder.od:
-            continue  # planned with its PDO
+            continue  # planned together with the PDO
         address = entry.index, entry.sub_index
         if written.get(address) == entry.value:
             builder.warn(
@@ -619,5 +622,5 @@ def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]
 
 
 def _signature(value: object) -> object:
-    """Return the signature for `save` or `load` (0x1010, 0x1011)."""
+    """Replace `save` or `load` by the signature for 0x1010 or 0x1011; return any other value unchanged."""
     return {"save": 0x65766173, "load": 0x64616F6C}.get(value, value) if isinstance(value, str) else value

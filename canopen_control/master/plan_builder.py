@@ -1,9 +1,9 @@
-"""Builder of a node's plan: encodes and marks its SDO writes, and reports errors.
+"""Builder of a node's plan, which encodes the SDO writes and reports errors.
 
-A write is encoded once, in the type that the EDS gives its object; all steps of the boot use the same bytes.
-What can be read back is compared before it is written and verified after; what cannot (objects without read access, the
-signatures of 0x1010 and 0x1011, an address that is written several times with different values: such a sequence is a
-procedure) is always written.
+A write is encoded once, in the data type of the object in the EDS; all steps of the boot use the same bytes. An object
+that can be read back is compared before it is written and verified afterwards. Objects without read access, the
+signatures of 0x1010 and 0x1011, and objects that are written several times with different values (such a sequence is a
+procedure) are always written.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ RpdoKeys = dict[int, PdoConfig]
 
 
 def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
-    """Map the requested offsets into the node's RPDOs, for each axis."""
+    """Map the offsets requested by `feed_forward` into the node's RPDOs, for each axis."""
     offsets = [(name, _OFFSETS[name] + offset, offset) for name in builder.node.motion.feed_forward for offset in axes]
     for name, index, offset in offsets:
         rpdos = builder.node.boot.rpdo
@@ -63,7 +63,7 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
 
 
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
-    """Map an object into the first RPDO with enough free space; return the problem if there is none."""
+    """Map an object into the first suitable RPDO with enough free space; return the problem, "" on success."""
     rpdos = builder.node.boot.rpdo
     mine = [number for number, pdo in rpdos.items() if pdo.is_on and pdo.mapping is not None]
     mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
@@ -94,7 +94,7 @@ def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys
 
 
 def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
-    """Return the indices mapped by an RPDO of bus.yml."""
+    """Return the indexes of the objects that an RPDO of bus.yml maps."""
     if pdo.mapping is not None:
         return [mapped.index for mapped in pdo.mapping]
     slots = range(1, (builder.default(_MAPPING + number - 1, 0) or 0) + 1)
@@ -117,7 +117,7 @@ _IP = 7
 
 
 def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us: int) -> None:
-    """Plan the interpolation period of each axis, given by the offset of its objects."""
+    """Plan the interpolation time period (0x60C2) of each axis; `axes` are the index offsets of the axes."""
     if not sync_period_us:
         return
     if axes:
@@ -135,7 +135,7 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
 def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
     """Report a communication cycle period (0x1006) that differs from the SYNC period.
 
-    Delta's ASDA-A2 reports an alarm of SYNC where it is not 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
+    Delta's ASDA-A2 reports a SYNC alarm if 0x1006 differs from 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
     """
     period, line = builder.asked_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
     if builder.asked_for(_CYCLE_PERIOD):
@@ -154,7 +154,7 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Warn of a period that differs from the SYNC period; unwritten objects keep the value of the EDS."""
+    """Warn of a requested interpolation period that differs from the SYNC period."""
     value, exponent = builder.asked_value(index, 1), builder.asked_value(index, 2)
     value = builder.default(index, 1) if value is None else value
     exponent = builder.signed_default(index, 2) if exponent is None else exponent
@@ -170,7 +170,7 @@ def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
 
 
 def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Write the SYNC period to 0x60C2; if its exponent is read-only (one EDS in six), in the unit of the drive."""
+    """Plan to write the SYNC period to 0x60C2, in the drive's unit if the exponent is read-only (one EDS in six)."""
     value, exponent = _interpolation(sync_period_us)
     reason = "interpolation over the SYNC period"
     if not builder.can_write(index, 2):
@@ -197,7 +197,7 @@ def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) ->
 
 
 def _in_unit(period_us: int, exponent: int) -> int | None:
-    """Return a period as a whole number of 10^exponent seconds, None if it does not fit one byte."""
+    """Return a period as a whole number of 10^exponent seconds, None if that does not fit into one byte."""
     if exponent not in _EXPONENTS:
         return None
     value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
@@ -205,7 +205,7 @@ def _in_unit(period_us: int, exponent: int) -> int | None:
 
 
 def _interpolation(period_us: int) -> tuple[int, int]:
-    """Return value and power of ten of a period in seconds, the value in one byte."""
+    """Return a period as value and power of ten in s, rounded so that the value fits into one byte."""
     value, exponent = period_us, -6
     while value % 10 == 0 or value > _MOST:
         value, exponent = (value // 10 if value % 10 == 0 else round(value / 10)), exponent + 1
@@ -215,17 +215,18 @@ def _interpolation(period_us: int) -> tuple[int, int]:
 
 
 STORED = "as in the EDS, but the device may have stored something else"
-"""The reason of a write that changes nothing where the device is as its file says."""
-_PROCEDURES = frozenset((0x1010, 0x1011))  # reading them does not return the written value
+"""Reason of a write that has no effect if the device has the values of its EDS."""
+_PROCEDURES = frozenset((0x1010, 0x1011))  # objects that do not return the written value
 _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedWrite:
-    """One SDO download; `reason` is empty for those of bus.yml; the node may refuse an `optional` one.
+    """SDO download of a plan; `reason` is "" if bus.yml requests the write; the node may refuse an `optional` write.
 
-    `pdo` names the PDO whose records the write belongs to; `compare`: it can be read back. `fixed`: a COB-ID that the
-    EDS does not let be written and that has this value: it is written only where the node holds another one.
+    `pdo` is kind and number of the PDO to whose records the object belongs. `compare` is set if the object can be read
+    back. `fixed` is set for a COB-ID that is read-only in the EDS and has this value there: such a COB-ID is written
+    only if the node has another one.
     """
 
     index: int
@@ -241,13 +242,13 @@ class PlannedWrite:
 
     @property
     def address(self) -> tuple[int, int]:
-        """The pair (index, subindex)."""
+        """Address of the object, as (index, subindex)."""
         return self.index, self.subindex
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedPdo:
-    """Enabled PDO: COB-ID and mapping in order; `event_ms` is its event timer, 0 for none."""
+    """Enabled PDO with COB-ID and mapped objects in order; `event_ms` is the event timer in ms, 0 for none."""
 
     number: int
     cob_id: int
@@ -258,9 +259,9 @@ class PlannedPdo:
 
 @dataclass(slots=True)
 class PlanBuilder:
-    """Builder of a plan; `complain(key, text)` reports an error and continues, `warn` a warning.
+    """Builder of a node's plan; `complain(key, text)` receives errors and `warn(key, text)` warnings.
 
-    `note` gets keys without effect, `remark` choices of this package.
+    `note` receives keys without effect, `remark` further information. Building continues after an error.
     """
 
     node: NodeConfig
@@ -292,21 +293,21 @@ class PlanBuilder:
             self._downloaded[write.index, write.sub_index] = data
 
     def listed_pdos(self, kind: str) -> set[int]:
-        """Return the numbers of the PDOs that the `sdo:` list of bus.yml writes to."""
+        """Return the numbers of the PDOs of a kind whose records the `sdo:` list of bus.yml writes."""
         return {number for which, number in self._records if which == kind}
 
     def listed_records(self, kind: str, number: int) -> dict[tuple[int, int], tuple[int, bytes]]:
-        """Return the `sdo:` writes to the records of a PDO: data and position in the list by address."""
+        """Return the writes of the `sdo:` list to the records of a PDO, as (position in the list, data) by address."""
         return self._records.get((kind, number), {})
 
     @property
     def file(self) -> str:
-        """File that describes the device, for messages."""
+        """Name of the EDS or DCF in bus.yml, for messages."""
         return self.node.identity.dcf
 
     @property
     def download_reason(self) -> str:
-        """Origin of the downloads, for messages."""
+        """Text that names the file of the downloads, for messages."""
         name = self.node.boot.configuration_file or self.file
         return f"from {name}"
 
@@ -321,18 +322,18 @@ class PlanBuilder:
         optional: bool = False,
         pdo: tuple[str, int] | None = None,
     ) -> None:
-        """Add one write, encoded by the EDS's type of the object; `key` is its place in bus.yml.
+        """Add a write, encoded in the data type of the object in the EDS; `key` is the related key of bus.yml.
 
-        A write that is not possible is an error if bus.yml requests it; if this package adds it (`reason`), it is
-        omitted and the user is informed.
+        An impossible write is an error if bus.yml requests the write; with a `reason`, because this package adds the
+        write, it is left out with a warning.
         """
         entry = self.od.get(index, subindex)
         if entry is None:
             self._cannot(key, reason, f"0x{index:04X}:{subindex:02X} is not in {self.file}")
             return
         place = f"0x{index:04X}:{subindex:02X} {entry.name}"
-        if not entry.writable and not pdo:  # many EDS files declare writable PDO records as `ro` or `const`
-            if not reason or self.default(index, subindex) != value:  # else it has the value already
+        if not entry.writable and not pdo:  # many EDS declare writable PDO records `ro` or `const`
+            if not reason or self.default(index, subindex) != value:  # else the object has the value already
                 self._cannot(key, reason, f"{place} is {entry.access}, it cannot be written")
             return
         try:
@@ -345,12 +346,12 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, optional, pdo)
 
     def can_write(self, index: int, subindex: int) -> bool:
-        """Whether the object exists and is writable by the EDS."""
+        """Whether the EDS has an object and declares it writable."""
         entry = self.od.get(index, subindex)
         return entry is not None and entry.writable
 
     def is_fixed_cob_id(self, index: int, subindex: int, value: int) -> bool:
-        """Whether an object is the COB-ID of a PDO, has this value, and is read-only in the EDS."""
+        """Whether an object is the COB-ID of a PDO that is read-only in the EDS and has this value there."""
         pdo = pdo_of(index)
         is_cob_id = pdo is not None and index == COMMUNICATION[pdo[0]] + pdo[1] - 1 and subindex == 1
         return is_cob_id and not self.can_write(index, subindex) and self.default(index, subindex) == value
@@ -364,7 +365,7 @@ class PlanBuilder:
     def write_raw(
         self, index: int, subindex: int, data: bytes, reason: str, *, pdo: tuple[str, int] | None = None
     ) -> None:
-        """Add one write of bytes that come from a file."""
+        """Add a write of bytes from a file; report missing objects and wrong lengths."""
         entry = self.od.get(index, subindex)
         place = f"0x{index:04X}:{subindex:02X}"
         key = "configuration_file" if self.node.boot.configuration_file else "dcf"
@@ -376,29 +377,29 @@ class PlanBuilder:
         self._add(index, subindex, data, reason, False, pdo)
 
     def write_downloaded(self, index: int, subindex: int) -> None:
-        """Add a write of a DCF, unless the `sdo:` list of bus.yml writes the object."""
+        """Add the write of an object by a file, if any, unless the `sdo:` list of bus.yml writes the object."""
         data = self._downloaded.get((index, subindex))
         if data is not None and self.listed_value(index, subindex) is None:
             self.write_raw(index, subindex, data, self.download_reason)
 
     def listed_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the last number that the `sdo:` list of bus.yml writes to this object."""
+        """Return the last number that the `sdo:` list of bus.yml writes to an object, None if there is none."""
         for entry in reversed(self.node.boot.sdo):
             if (entry.index, entry.sub_index) == (index, subindex):
                 return int(entry.value) if isinstance(entry.value, int) else None
         return None
 
     def downloaded_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the number that a file writes to this object."""
+        """Return the number that a file, or the `sdo:` list for PDO records, writes to an object; None if none."""
         data = self._downloaded.get((index, subindex))
         entry = self.od.get(index, subindex)
         signed = entry is not None and entry.data_type.signed
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def final(self, index: int, subindex: int) -> int | None:
-        """Return the value of the object after all writes so far, else the default of the EDS.
+        """Return the number that an object has after the writes planned so far, else the value of the EDS.
 
-        A file's value counts where it is written, not before.
+        The value of a file counts only after its write was added.
         """
         entry = self.od.get(index, subindex)
         signed = entry is not None and entry.data_type.signed
@@ -408,13 +409,13 @@ class PlanBuilder:
         return self._held(index, subindex)
 
     def _held(self, index: int, subindex: int) -> int | None:
-        """Return the value of the EDS; the ParameterValue of a DCF counts once it is written."""
+        """Return the number of an object in the EDS: the default if writable, not the ParameterValue of a DCF."""
         entry = self.od.get(index, subindex)
         value = None if entry is None else entry.default if entry.writable else entry.value
         return value if isinstance(value, int) else None
 
     def note_overruled(self, index: int, subindex: int, key: str) -> None:
-        """Report a written value that a later write replaces: a note for a DCF, a warning for the `sdo:` list."""
+        """Report a value that a later write replaces: a warning for the `sdo:` list, a remark for a file."""
         final, place = self.final(index, subindex), f"0x{index:04X}:{subindex:02X}"
         listed, downloaded = self.listed_value(index, subindex), self.downloaded_value(index, subindex)
         if listed is not None and listed != final:
@@ -423,24 +424,24 @@ class PlanBuilder:
             self.remark("dcf", f"{place} = 0x{downloaded:X} {self.download_reason} is overruled by {key}: 0x{final:X}")
 
     def asked_for(self, index: int) -> bool:
-        """Whether the `sdo:` list of bus.yml or a file writes the object."""
+        """Whether the `sdo:` list of bus.yml or a file writes an object, at any subindex."""
         return any(entry.index == index for entry in self.node.boot.sdo) or any(
             download[0] == index for download in self.downloads
         )
 
     def asked_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the last number that the `sdo:` list or a file writes to this object."""
+        """Return the last number that the `sdo:` list, else a file, writes to an object; None if there is none."""
         if any((entry.index, entry.sub_index) == (index, subindex) for entry in self.node.boot.sdo):
             return self.listed_value(index, subindex)
         return self.downloaded_value(index, subindex)
 
     def default(self, index: int, subindex: int) -> int | None:
-        """Return the value of the object before bus.yml changes it: of a DCF, else of the EDS."""
+        """Return the number of an object without the keys of bus.yml: by a file, else by the EDS; None if unknown."""
         data = self._downloaded.get((index, subindex))
         return self._held(index, subindex) if data is None else int.from_bytes(data, "little")
 
     def signed_default(self, index: int, subindex: int) -> int | None:
-        """Return the value of a signed object before bus.yml changes it, also where the EDS has it unsigned."""
+        """Return `default` of an object as a signed number, even if the object is unsigned in the EDS."""
         entry, value = self.od.get(index, subindex), self.default(index, subindex)
         bits = None if entry is None else entry.data_type.bits
         if value is None or bits is None:
@@ -448,7 +449,7 @@ class PlanBuilder:
         return value - (1 << bits) if value >= 1 << bits - 1 else value
 
     def ordered_writes(self) -> tuple[PlannedWrite, ...]:
-        """Return the writes; those of an address with several values are always written."""
+        """Return the writes in order; objects with several different values are marked as not to be compared."""
         values: dict[tuple[int, int], set[bytes]] = {}
         for write in self.writes:
             if write.pdo is None:
@@ -470,7 +471,7 @@ class PlanBuilder:
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:
-    """Return the bytes of hexadecimal text if the object has a type of bytes."""
+    """Convert hexadecimal text to bytes for an OCTET_STRING or DOMAIN; return any other value unchanged. ValueError."""
     if isinstance(value, str) and data_type in _BYTES:
         try:
             return bytes.fromhex(value)

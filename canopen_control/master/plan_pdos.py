@@ -1,10 +1,10 @@
-"""PDOs of a plan: enabled PDOs, their mapping, and the writes for them (CiA 301, 7.5.2.35 to 38).
+"""Planning of the PDOs of a node: enabled PDOs, mappings, and the necessary writes (CiA 301, 7.5.2.35 to 38).
 
-A PDO is made invalid before anything of it is changed, and valid last; bit 30 of its COB-ID is the
-device's own. Settings that bus.yml lacks are written as in the EDS, because a device may have stored other values.
-If bus.yml lists PDOs, those that it does not list are disabled, even if a file or the device has them
-live: a second live RPDO with a controlword is a second steering wheel. Where bus.yml lists none, those of the file are
-used, and without any in a file the device's own. An entry of `sdo:` lists a PDO as well as `rpdo` and `tpdo` do.
+A PDO is made invalid before it is changed, and valid at the end; bit 30 of the COB-ID belongs to the device. Settings
+that bus.yml does not give are written as in the EDS, because a device may have stored other values. If bus.yml lists
+PDOs, all others are disabled, even if they are valid in a file or in the device, because a second valid RPDO with a
+controlword could also command the drive. If bus.yml lists no PDO, those of the file are used, and without PDOs in a
+file those of the device. An entry of `sdo:` lists a PDO just as `rpdo` and `tpdo` do.
 """
 
 from __future__ import annotations
@@ -43,21 +43,21 @@ if TYPE_CHECKING:
     from canopen_control.profiles.profile_tables import SafeOutput
 
 
-# Signals of a device other than a drive: its profile's and those of `signals` in bus.yml, and what its boot writes.
+# Signals of a device, by its profile and by `signals` in bus.yml, and the objects that the boot writes for them.
 #
-# Outputs are made safe without the master: their error modes (0x6206 and similar) are set so that they take their error
-# values (0x6207), which are written too. Analogue inputs are made to be sent: they cause events only if 0x6423 is
-# set. Values of the `sdo:` list or a file take precedence. The initial inputs and the scaling of the device
-# are read.
+# Outputs become safe when the master is lost: the error modes (0x6206 and similar) are set so that the outputs change
+# to their error values (0x6207), which are written too. Analogue inputs are enabled for transmission: they cause events
+# only if 0x6423 is set. Values of the `sdo:` list or a file take precedence. Initial input values and the scaling
+# objects of the device are read.
 
 
-_SMALLEST_CHANGE: Final = 64  # of 32767: default of the change that causes a message
+_SMALLEST_CHANGE: Final = 64  # default of the change that causes a message, of 32767
 _EVENT_TYPES: Final = (254, 255)
 _SAFE: Final = "outputs are safe when the master is lost"
 
 
 def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) -> dict[str, Signal]:
-    """Return the signals of a node by name, and plan the objects they need."""
+    """Return the signals of a node by name, and plan the writes and reads for them."""
     signals = profile_signals(builder.od, profile)
     moving = {index + offset for index in MOTION for offset in axes}
     named: set[str] = set()
@@ -79,7 +79,7 @@ def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) 
 def _configured(
     builder: PlanBuilder, key: str, keys: SignalKeys, known: Signal | None, names: tuple[str, ...]
 ) -> Signal | None:
-    """Return a signal as configured in bus.yml, None after a mistake was reported."""
+    """Return a signal as configured in bus.yml, None after an error was reported."""
     if keys.object is None:
         if known is None:
             text = f"no signal {keys.name!r} of the device's profile{nearest(keys.name, names)}; give its object"
@@ -115,7 +115,7 @@ def _object(builder: PlanBuilder, key: str, text: int | str) -> tuple[Entry, int
 
 
 def _is_output(builder: PlanBuilder, entry: Entry) -> bool:
-    """Whether an object is an output: an active RPDO contains it."""
+    """Whether an object is an output, because a planned RPDO maps the object."""
     return entry.address in _mapped_signals(builder, "rpdo")
 
 
@@ -150,7 +150,7 @@ def _fits_numbers(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Sign
 
 
 def _with(keys: SignalKeys, signal: Signal) -> Signal:
-    """Return a signal with the settings of bus.yml; a factor replaces all scales of the device."""
+    """Return a signal with the settings of bus.yml; a factor replaces the scaling objects of the device."""
     invalid = () if keys.invalid is None else keys.invalid
     return replace(
         signal,
@@ -169,7 +169,7 @@ def _with(keys: SignalKeys, signal: Signal) -> Signal:
 
 
 def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Plan safe values of outputs without the master, and report outputs that have none."""
+    """Plan the values of outputs after the loss of the master; warn of outputs that would keep their values."""
     live = _mapped_signals(builder, "rpdo")
     outputs = [safe_output for safe_output in safe_outputs(signals, builder.od) if safe_output.output in live]
     keeping = [output for output in outputs if not _plan_safe(builder, output)]
@@ -181,7 +181,7 @@ def _plan_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
 
 
 def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Warn of outputs of a node that does not detect the loss of its master."""
+    """Warn of outputs of a node that does not detect the loss of the master."""
     live = _mapped_signals(builder, "rpdo")
     if any(safe_output.output in live for safe_output in safe_outputs(signals, builder.od)):
         builder.warn(
@@ -191,9 +191,9 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
 
 
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
-    """Plan error mode and error value of one object; return False if an output is unsafe by accident."""
+    """Plan error mode and error value of outputs; return False if they would unintentionally keep their values."""
     if output.mode_at is None:
-        return not output.mode  # bus.yml lets each of them keep its value
+        return not output.mode  # bus.yml requests that all outputs keep their values
     mode = builder.asked_value(*output.mode_at)
     if mode is not None:
         return mode != 0
@@ -204,7 +204,7 @@ def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
 
 
 def _plan_analogue_inputs(builder: PlanBuilder) -> None:
-    """Plan the event transmission of analogue inputs: 0x6423, and a minimum change if none is set."""
+    """Plan the event-driven transmission of analogue inputs: set 0x6423, and a minimum change if there is none."""
     inputs = [
         mapped.subindex
         for layout in builder.layouts["tpdo"]
@@ -224,7 +224,7 @@ def _plan_analogue_inputs(builder: PlanBuilder) -> None:
 
 
 def _plan_reads(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Plan reads of initial input values, and of the objects with scales."""
+    """Plan to read the initial values of inputs, and the scaling and status objects of signals."""
     sent = _mapped_signals(builder, "tpdo")
     addresses: dict[Address, None] = {}
     for signal in signals:
@@ -243,7 +243,7 @@ _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
 _NONE = "none a PDO may have (CiA 301, table 40)"
-_SETTINGS = (2, 3, 5, 6)  # type, inhibit time, event timer, SYNC start
+_SETTINGS = (2, 3, 5, 6)  # subindexes: transmission type, inhibit time, event timer, SYNC start value
 _SIGNED = frozenset(
     (
         *(MOTION - {objects.CONTROLWORD}),
@@ -263,13 +263,13 @@ _SIGNED_TYPES = {
     DataType.UNSIGNED16: DataType.INTEGER16,
     DataType.UNSIGNED32: DataType.INTEGER32,
 }
-_RELIED_ON = (2, 5)  # of these: the master depends on them, and writes them without a request too
+_RELIED_ON = (2, 5)  # the master depends on these, and writes them also without a request
 _EVENT_TIMER = _SETTINGS.index(5)
 
 
 @dataclass(frozen=True, slots=True)
 class _Requested:
-    """Planned configuration of one PDO."""
+    """Requested configuration of a PDO; `settings` are (subindex, value or None) of the communication record."""
 
     kind: str
     number: int
@@ -288,12 +288,12 @@ class _Requested:
 
 
 def is_pdo_record(index: int) -> bool:
-    """Whether the object is part of a PDO's description."""
+    """Whether an index is the communication or mapping record of a PDO."""
     return pdo_of(index) is not None
 
 
 def plan_pdos(builder: PlanBuilder, kind: str) -> None:
-    """Configure the PDOs listed in bus.yml, in its order; use or switch off the others."""
+    """Plan the PDOs listed in bus.yml, in the order of the file; use or disable the others."""
     configured, listed = builder.node.boot.pdos(kind), builder.listed_pdos(kind)
     downloaded = _downloaded(builder, kind)
     for number, pdo in configured.items():
@@ -320,7 +320,7 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
 
 
 def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> str:
-    """Return why a live PDO of the EDS that bus.yml does not list cannot be used, "" if it can, with the remedy."""
+    """Return why a valid PDO of the EDS that bus.yml does not list cannot be used, with the remedy; "" if it can."""
     same = (
         f"{other.upper()} {layout.number}"
         for other, layouts in builder.layouts.items()
@@ -338,7 +338,7 @@ def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) ->
 
 
 def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:
-    """Switch off a PDO that is not listed, or has no valid COB-ID, even if the EDS has it off."""
+    """Plan to make a PDO invalid that is not listed or has no valid COB-ID, even if the PDO is invalid in the EDS."""
     reason = STORED
     if cob_id is None or not (cob_id & INVALID_BIT or _usable(cob_id)):
         builder.remark(kind, f"{kind.upper()} {number} has no COB-ID in {builder.file} that a PDO may have; it is off")
@@ -368,7 +368,7 @@ def _downloaded(builder: PlanBuilder, kind: str) -> set[int]:
 
 
 def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
-    """Report an entry of `sdo:` that contradicts `rpdo` or `tpdo`."""
+    """Report entries of `sdo:` that contradict the same PDO under `rpdo` or `tpdo`."""
     for address, (place, data) in builder.listed_records(kind, number).items():
         final, listed = builder.final(*address), int.from_bytes(data, "little")
         same = final is not None and (final ^ listed) & (~NO_RTR_BIT if address[1] == 1 else -1) == 0
@@ -381,13 +381,14 @@ def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
 def plan_downloaded_pdos(builder: PlanBuilder) -> None:
     """Plan the PDO records of a file and of `sdo:`, in an order that devices accept.
 
-    Those of a file are used if bus.yml lists no PDO of this kind; those of `sdo:` if `rpdo` or `tpdo` lacks the PDO.
+    Records of a file are used if bus.yml lists no PDO of the same kind, records of `sdo:` if `rpdo` or `tpdo` does not
+    list the PDO.
     """
     records: dict[tuple[str, int], dict[tuple[int, int], bytes]] = {}
     for index, subindex, data in builder.downloads:
         pdo = pdo_of(index)
         if pdo is not None and not builder.node.boot.pdos(pdo[0]) and not builder.listed_pdos(pdo[0]):
-            records.setdefault(pdo, {})[index, subindex] = data  # the last word of a file that writes it several times
+            records.setdefault(pdo, {})[index, subindex] = data  # of several writes the last one
     for (kind, number), values in records.items():
         _plan_record(builder, kind, number, values, builder.download_reason)
     for kind in COMMUNICATION:
@@ -403,7 +404,7 @@ def plan_downloaded_pdos(builder: PlanBuilder) -> None:
 def _plan_record(
     builder: PlanBuilder, kind: str, number: int, values: dict[tuple[int, int], bytes], reason: str
 ) -> None:
-    """Order the records of one PDO in a file: invalid, settings, mapping, then valid if it is enabled."""
+    """Plan the records of a PDO in the right order: invalid, settings, mapping, then valid if enabled."""
     communication, mapping, pdo = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1, (kind, number)
     cob_id = builder.default(communication, 1) or 0
 
@@ -427,7 +428,7 @@ def _plan_record(
 
 
 def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
-    """Use a PDO as configured in the device or in a file."""
+    """Use a PDO as configured in the device, in a file or by `sdo:`, without further writes."""
     objects = _mapped(builder, kind, number, None)
     if objects:
         communication = COMMUNICATION[kind] + number - 1
@@ -436,10 +437,10 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
 
 
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reason: str = "") -> None:
-    """Plan one PDO; `reason` is for one that bus.yml does not list."""
+    """Plan a PDO; `reason` is the reason of the writes for a PDO that bus.yml does not list, else ""."""
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
     if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.is_on:
-        return  # what the device does not have is off
+        return  # a PDO that the device does not have is off
     if not 1 <= number <= COUNT or (index, 1) not in builder.od:
         count = sum((COMMUNICATION[kind] + index, 1) in builder.od for index in range(COUNT))
         builder.complain(key, f"{builder.file} has no {kind.upper()} {number} (0x{index:04X}); it has {count}")
@@ -466,9 +467,9 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
 
 
 def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> None:
-    """Warn of a COB-ID that differs and is read-only in the EDS.
+    """Warn of a COB-ID that is read-only in the EDS and has another value there.
 
-    It is tried anyway: EDS files declare `ro` or `const` for COB-IDs that can be written.
+    The write is planned anyway, because some EDS declare writable COB-IDs `ro` or `const`.
     """
     entry, default = builder.od.get(planned.communication, 1), builder.default(planned.communication, 1)
     if entry is None or entry.writable or default is None or (default & INVALID_BIT and not pdo.is_on):
@@ -485,7 +486,7 @@ def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> N
 
 
 def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tuple[MappedObject, ...]) -> None:
-    """Warn of a mapping or transmission type that differs and is read-only in the EDS."""
+    """Warn of a mapping or transmission type that is read-only in the EDS and has another value there."""
     mapping = {0: len(objects), **{slot: mapping_entry(entry) for slot, entry in enumerate(objects, 1)}}
     differs = any(builder.default(planned.mapping, subindex) != value for subindex, value in mapping.items())
     for subindex, value in mapping.items():
@@ -533,10 +534,11 @@ def _write(
 
 
 def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> tuple[tuple[int, int | None], ...]:
-    """Return (subindex, value or None): an RPDO's event timer is its deadline.
+    """Return the settings of a PDO in bus.yml as (subindex, value or None).
 
-    A missing object is no problem if it changes nothing: a time of 0, or a setting of TPDOs only (CiA 301, 7.5.2.35:
-    inhibit time and SYNC start value do not apply to RPDOs), which ros2_canopen's generator reads of TPDOs only.
+    The event timer of an RPDO is its deadline. A setting whose object is missing is ignored if it has no effect: a time
+    of 0, or in an RPDO a setting for TPDOs only (CiA 301, 7.5.2.35: inhibit time and SYNC start value do not apply to
+    RPDOs), which ros2_canopen's generator also ignores.
     """
     timer = pdo.event_timer if pdo.event_timer is not None else pdo.event_deadline
     values = dict(zip(_SETTINGS, (pdo.transmission, pdo.inhibit_time, timer, pdo.sync_start), strict=True))
@@ -555,7 +557,7 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
 
 
 def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int:
-    """Return the COB-ID with bit 30 as in the EDS; an enabled PDO without one gets the predefined COB-ID."""
+    """Return the valid COB-ID of a PDO: by bus.yml, else by the EDS, else predefined; bit 30 is as in the EDS."""
     default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
         if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
@@ -576,7 +578,7 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
 
 
 def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
-    """Return the next of the COB-IDs that ros2_canopen's generator assigns to PDOs above 4."""
+    """Return the next COB-ID for a PDO above 4 with `cob_id: auto`, as ros2_canopen's generator assigns; 0 if off."""
     if not pdo.is_on:
         return 0
     if pdo.cob_id is None:
@@ -588,7 +590,7 @@ def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
 
 
 def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None) -> tuple[MappedObject, ...]:
-    """Return the objects of a PDO, from bus.yml or as in the device, with the types of the EDS."""
+    """Return the mapped objects of a PDO, from bus.yml or as in the device, with the data types of the EDS."""
     key = f"{kind}.{number}.mapping"
     mapping = _default_mapping(builder, kind, number)
     if pdo is not None and pdo.mapping is not None:
@@ -606,7 +608,7 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
 
 
 def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
-    """Warn of a length in bus.yml that differs from that of the object; ros2_canopen's dcfgen ignores `bits`."""
+    """Warn if `bits` in bus.yml differs from the length of the object; ros2_canopen's dcfgen ignores `bits`."""
     entry = builder.od.get(mapped.index, mapped.sub_index)
     if entry is None or mapped.bits in (None, entry.data_type.bits):
         return
@@ -615,10 +617,10 @@ def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
 
 
 def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:
-    """Return a mapped object; `part` is its number of bits in a default mapping, 0 for all."""
+    """Return a mapped object, None after an error; `part` is the number of bits in a default mapping, 0 for all."""
     if wrong := _unmappable(builder, kind, index, subindex):
         builder.complain(key, wrong)
-    if index in DUMMY_TYPES and not subindex:  # the data type that fills a gap of an RPDO
+    if index in DUMMY_TYPES and not subindex:  # a dummy entry of an RPDO
         return MappedObject(index, 0, DUMMY_TYPES[index].bits or 0, DUMMY_TYPES[index])
     entry = builder.od.get(index, subindex)
     bits = None if entry is None else entry.data_type.bits
@@ -628,7 +630,7 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
 
 
 def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> str:
-    """Return why a PDO cannot carry an object, "" if it can; a dummy only in an RPDO that allows it ([DummyUsage])."""
+    """Return the reason why an object cannot be mapped, "" if it can; a dummy needs an RPDO and [DummyUsage]."""
     if index in DUMMY_TYPES and not subindex:
         allowed = kind == "rpdo" and index in builder.od.dummy_usage
         return "" if allowed else f"the dummy 0x{index:04X} is none that {builder.file} allows in {_A[kind]}"
@@ -641,7 +643,7 @@ def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> s
 
 
 def _signed(index: int, data_type: DataType) -> DataType:
-    """Return the signed type for an object that is signed in CiA 402, even if the EDS has it unsigned."""
+    """Return the data type of an object, signed if CiA 402 defines the object as signed and the EDS does not."""
     return _SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
 
 

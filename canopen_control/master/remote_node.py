@@ -1,8 +1,8 @@
-"""One node as seen by the master: presence, boot, supervision, events.
+"""Node as the NMT master sees it: presence, boot, supervision and events.
 
-A node is READY only between a completed boot and the first sign of an error (silence, an unexpected boot-up, an
-unexpected NMT state). The end of READY invalidates its process data and restarts the boot; the owner of its axes sees
-`ready` and reacts (`hardware.system`).
+A node is READY from the end of a successful boot until it is lost (no heartbeat, an unexpected boot-up or NMT state).
+The end of READY invalidates the process data and restarts the boot; the owner of the axes (`hardware.system`) reacts to
+`ready`.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     from canopen_control.od.model import ObjectDictionary
 
 
-# Events of a node beside its boot: emergencies, missing process data, a second node with its id.
+# Events of a node apart from its boot: EMCY messages, missing process data, a second node with the same node id.
 #
-# Every sentence names the node, and the consequence or the remedy. Emergencies are kept (the errors that persist) even
-# if they are not reported; a flood is reported as one summary.
+# Every text names the node, and the consequence or the remedy. The active errors of EMCY messages are recorded even if
+# a message is not reported; a flood of messages is reported as one summary.
 
 
 _CHAIN = "; if a fault reset has no effect: nmt reset-comm, then axis fault-reset, then axis enable"
@@ -50,13 +50,13 @@ _HINTS = {
     0x8130: _CHAIN,
     0x8240: "; the length of SYNC is not what it expects: compare sync_overflow of bus.yml with its 0x1019",
 }
-"""EMCY code to what helps."""
+"""Advice by EMCY error code."""
 
 
 class NodeLog:
-    """Events of one node, passed to `report`; `errors` are those it has reported and not reset.
+    """Events of a node, passed to `report`; `errors` has the errors that the node reported by EMCY and has not reset.
 
-    `period_ns` is that of its heartbeat, 0 for none.
+    `period_ns` is the period of the node's heartbeat, 0 without a heartbeat.
     """
 
     def __init__(self, config: NodeConfig, report: Callable[[Event], None], period_ns: int) -> None:
@@ -64,34 +64,34 @@ class NodeLog:
         self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
         self.astray: dict[ReceivedPdo, int] = {}
-        """TPDOs of which frames with their default identifier came instead, and that identifier."""
+        """TPDOs whose default identifier was received instead of the configured one, with that identifier."""
         self._gate = EmcyGate()
         self._duplicates = DuplicateWatch(period_ns)
 
     def report(
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: FaultEvent | None = None
     ) -> None:
-        """Report an event of the node; `text` follows its name and a colon."""
+        """Report an event of the node; the text is preceded by node id and name."""
         self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
 
     @property
     def deadline(self) -> int | None:
-        """Time at which `tick` has an event to report."""
+        """Time at which `tick` has an event to report, None for no event."""
         return self._gate.deadline
 
     def tick(self, now: int) -> None:
-        """Report the number of suppressed emergencies."""
+        """Report the number of suppressed EMCY messages, if due."""
         if count := self._gate.summary(now):
             self.report(now, "emcy_flood", f"{count} more EMCY within a second, not listed one by one", Level.WARNING)
 
     def heartbeat_changed(self, period_ns: int) -> None:
-        """Expect heartbeats of the node in another period."""
+        """Set the expected heartbeat period of the node in ns."""
         self._duplicates.set_period(period_ns)
 
     def emcy(self, fault: FaultEvent, now: int, hints: Mapping[int, str] | None = None) -> str | None:
-        """Report the fault of an EMCY recorded by `errors`; return the error as text, None for an error reset.
+        """Report the fault of an EMCY message; return the error as text, None for an error reset.
 
-        `hints` are advice by EMCY code, before the general one.
+        `hints` is advice by EMCY code, which takes precedence over the general advice.
         """
         is_passed = self._gate.passes(now)
         code, data = fault.error_code or 0, bytes.fromhex(fault.data or "")
@@ -111,7 +111,7 @@ class NodeLog:
         return text
 
     def pdo(self, pdo: ReceivedPdo, now: int) -> None:
-        """Report that a TPDO is missing, or received again."""
+        """Report that a TPDO is overdue, or received again."""
         title = f"TPDO with identifier 0x{pdo.cob_id:03X}"
         if not pdo.overdue:
             self.report(now, "pdo_back", f"its {title} is back")
@@ -125,7 +125,7 @@ class NodeLog:
             self.report(now, "pdo_stale", text, Level.ERROR)
 
     def _astray_words(self, pdo: ReceivedPdo) -> str:
-        """Return the text that frames with the TPDO's default identifier are received instead, "" otherwise."""
+        """Return a text about frames with the default identifier of a TPDO, "" if none were received."""
         default = self.astray.get(pdo)
         if default is None:
             return ""
@@ -135,7 +135,7 @@ class NodeLog:
         )
 
     def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
-        """Report a TPDO with a wrong length: each length once per boot and TPDO."""
+        """Report a TPDO frame with a wrong length, once per boot, TPDO and length."""
         if pdo.told_lengths & 1 << length:
             return
         pdo.told_lengths |= 1 << length
@@ -144,16 +144,16 @@ class NodeLog:
         self.report(now, f"pdo_{kind}", text, Level.WARNING)
 
     def heartbeat(self, now: int, since: int | None = None) -> None:
-        """Process a heartbeat; too many indicate two nodes with one node id."""
+        """Process a heartbeat; report if the rate indicates two nodes with the same node id."""
         if self._duplicates.heartbeat(now, since):
             self._report_duplicate("its heartbeats come twice as often as configured", now)
 
     def reset(self) -> None:
-        """Record that a reset is sent to the node."""
+        """Record that a reset was sent to the node, so that its boot-up is expected."""
         self._duplicates.reset()
 
     def boot_up(self, now: int, since: int | None = None) -> None:
-        """Process a boot-up: it clears earlier errors; two in quick succession indicate two nodes with one node id."""
+        """Process a boot-up: clear earlier errors, and report two nodes with one node id, or endless boot-ups."""
         self.errors.forget()
         self.astray.clear()
         was_stuck = self._duplicates.stuck
@@ -172,21 +172,21 @@ class NodeLog:
         self.report(now, "duplicate_node", text, Level.ERROR)
 
 
-FAREWELL_NS = 2_000_000_000  # time in which stop commands are sent to a node that went silent
+FAREWELL_NS = 2_000_000_000  # time in which stop commands are still sent to a silent node
 _QUICK_STOP = b"\x02\x00"
 RETRY_NS = 1_000_000_000  # CiA 302-2: a request without an answer is repeated after a second
 
 
 class NodeState(enum.Enum):
-    """State of the node in the master."""
+    """State of a node from the master's point of view."""
 
-    WAITING = "waiting"  # for the next try
+    WAITING = "waiting"  # for the next boot
     BOOTING = "booting"
     READY = "ready"
 
 
 class RemoteNode:
-    """Configured node: its SDO client, boot, supervision, and the PDOs of its process data."""
+    """Configured node, with its SDO client, boot, supervision and PDOs."""
 
     def __init__(
         self,
@@ -211,11 +211,11 @@ class RemoteNode:
         self.sdo = SdoClient(config.node_id, timeout_ns=timeout_ns, name=config.name, od=own)
         self.state = NodeState.WAITING
         self.ready = False
-        """Whether its process data are live."""
+        """Whether the node is booted and not lost, so that its process data are valid."""
         self.stale = False
-        """Whether one of its TPDOs stays away."""
+        """Whether a TPDO of the node is overdue."""
         self.nmt_state: NmtState | None = None
-        """What it says it is in, None before it said anything and while it is silent."""
+        """Last known NMT state, None before the first message and while the node is silent."""
         self.last_seen: int | None = None
         self.error: str | None = None
         self.identity: BootResult | None = None
@@ -224,11 +224,11 @@ class RemoteNode:
         self.received: list[ReceivedPdo] = []
         self.sent: list[SentPdo] = []
         self.fault: FaultEvent | None = None
-        """That of its newest EMCY, which may be an error reset."""
-        self.expected_state: NmtState | None = None  # what was commanded from outside a boot
+        """Fault in the last EMCY message of the node, which may be an error reset."""
+        self.expected_state: NmtState | None = None  # by the last NMT command of a user
         self.log = NodeLog(config, report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.who = self.log.who
-        """Its number and name, as every message has them."""
+        """Node id and name, as in every message."""
         self._send_nmt, self._watch, self._report = send_nmt, watch, report
         self._wake, self._guard, self._lay_out, self._written = wake, guard, lay_out, written
         self._guarding_boot = False
@@ -239,16 +239,16 @@ class RemoteNode:
 
     @property
     def boot_step(self) -> str:
-        """Current step of a boot, "" without one."""
+        """Current step of the boot, "" if no boot is in progress."""
         return self._task.step if self._task is not None else ""
 
     @property
     def is_taken_out(self) -> bool:
-        """Whether an NMT command has removed the node from the robot, until another one starts it."""
+        """Whether a user's NMT command has taken the node out of use, until it is started again."""
         return self.expected_state is not None
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
-        """Start the boot, from the beginning if one is in progress."""
+        """Start a boot of the node, aborting a boot in progress."""
         self._abandon()
         self._guard(False, now)
         self._watch(self.node_id, 0)
@@ -272,7 +272,7 @@ class RemoteNode:
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
-        """Upload an object of an axis; `done` is called with the request at its end, with or without success."""
+        """Upload an object of an axis by SDO; `done` is called with the ended request, whether successful or not."""
         place = self._places.get((index, subindex))
         if place is None:
             self.sdo.read(index, subindex).context = done
@@ -281,18 +281,18 @@ class RemoteNode:
         self._wake()
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
-        """Download an object of an axis; `done` is called with the request at its end, with or without success."""
+        """Download an object of an axis by SDO; `done` is called with the ended request, whether successful or not."""
         self.sdo.write(*self.plan.address(index, subindex), data).context = done
         self._wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
-        """Mark the node as lost with its bus; it boots when the bus is back."""
+        """Mark the node as lost because the bus has failed; the network boots the node when the bus has recovered."""
         self.nmt_state = None
         self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
     def command(self, command: NmtCommand, now: int, *, boot: bool = False) -> None:
-        """Send a user's NMT command: the node is not used until it is started; `boot`: after a reset."""
+        """Send a user's NMT command; unless NMT start, the node is then unused until started, or booted with `boot`."""
         self._send_command(command)
         if command is NmtCommand.START:
             self.begin_boot(now)
@@ -303,7 +303,7 @@ class RemoteNode:
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
         # CiA 301, 7.2.8.3.1: life guarding counts from the first remote frame on
-        if command not in RESETS:  # guarding polls it, and a silent master counts as lost
+        if command not in RESETS:  # without remote frames the node would consider the master lost
             self._guard(True, now)
 
     def _send_command(self, command: NmtCommand) -> None:
@@ -312,7 +312,7 @@ class RemoteNode:
         self._send_nmt(command, self.node_id)
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
-        """Process an event of the heartbeat consumer; its frame arrived between `since` and `now`."""
+        """Process an event of the heartbeat consumer; the frame was received between `since` and `now`."""
         kind = event.kind
         # CiA 301, 7.2.8.3: boot-up, heartbeat event and its resolution
         if kind is HeartbeatEventKind.BOOT_UP:
@@ -325,7 +325,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _on_silence(self, age_ns: int, now: int) -> None:
-        """Process a missing heartbeat; that of a removed node is only reported, and its SDO transfers continue."""
+        """Process a missing heartbeat; for a node taken out of use it is only reported."""
         self.nmt_state = None
         lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
         if self.is_taken_out:
@@ -334,7 +334,7 @@ class RemoteNode:
         self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
 
     def _on_return(self, now: int) -> None:
-        """Process returning heartbeats: a removed node stays removed, because a user may be writing to it."""
+        """Boot a node whose heartbeat is back, unless a user has taken it out of use."""
         if self.is_taken_out:
             self.log.report(now, "heartbeat_back", "its heartbeat is back; it was taken out, and nmt start boots it")
             return
@@ -342,7 +342,7 @@ class RemoteNode:
         self.begin_boot(now)
 
     def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
-        """Process the state in any heartbeat, whether it has an event or not."""
+        """Process the NMT state in a heartbeat or guarding answer; None is an unknown state."""
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
         # CiA 301, 7.3.2: PDOs exist only in OPERATIONAL
@@ -371,7 +371,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _guarded_outside(self, kind: GuardingEventKind, now: int) -> None:
-        """Report an event of guarding of a removed node, without further action."""
+        """Report a guarding event of a node taken out of use, without further action."""
         if kind is GuardingEventKind.MISSED:
             self.nmt_state = None
             self.log.report(now, "guarding_lost", "no answer to node guarding; it was taken out", Level.WARNING)
@@ -380,7 +380,7 @@ class RemoteNode:
             self.log.report(now, "guarding_back", text)
 
     def on_emcy(self, frame: CanFrame, now: int) -> None:
-        """Record the newest EMCY and the active errors, and report them."""
+        """Record and report an EMCY message, and update the active errors."""
         self.log.errors.receive(frame, now)
         for message in self.log.errors.events():
             self.fault, self.last_seen = FaultEvent.of_emcy(message), now
@@ -392,23 +392,23 @@ class RemoteNode:
 
     @property
     def active_fault(self) -> FaultEvent | None:
-        """Fault of its newest EMCY while an error of it is active."""
+        """Fault of the last EMCY message, None after an error reset or if no error is active."""
         return self.fault if self.fault is not None and not self.fault.is_over and self.log.errors.active else None
 
     @property
     def _hints(self) -> dict[int, str]:
-        """Advice on emergencies whose cause a boot in progress removes."""
+        """Advice, by EMCY code, on errors whose cause the boot in progress removes."""
         if self._task is None or not any(write.index == _SYNC_OVERFLOW for write in self.plan.writes):
             return {}
         return {_SYNC_LENGTH: "; the SYNC counter is not yet set, the boot under way writes its 0x1019"}
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
-        """Process a missing or returning TPDO."""
+        """Process a TPDO that became overdue or is received again."""
         self.stale = any(tpdo.overdue for tpdo in self.received)
         self.log.pdo(pdo, now)
 
     def pump(self, now: int) -> None:
-        """Pass completed SDO transfers to their callers."""
+        """Pass completed SDO transfers to the boot and to their callers, and process the end of the boot."""
         for request in self.sdo.events():
             if isinstance(request.error, SdoTimeout) and self.nmt_state is NmtState.STOPPED:
                 request.error = SdoStopped(request.error)
@@ -426,20 +426,20 @@ class RemoteNode:
         self._settle(now)
 
     def tick(self, now: int) -> None:
-        """Process timers of the SDO client, the boot and the retry."""
+        """Process the timeouts of the SDO client, the boot, the next boot and delayed events."""
         self.sdo.tick(now)
         if self._task is not None:
             self._task.tick(now)
         self.pump(now)
         if self._retry_at is not None and now >= self._retry_at:
-            # A node that may just be starting is not reset: that would make it start for ever.
+            # A node that may just be starting is not reset, since it would then restart forever.
             self.begin_boot(now, reset=self.last_seen is not None and now - self.last_seen < 2 * RETRY_NS)
         if self._farewell_until is not None and now >= self._farewell_until:
             self._stop_sending()
         self.log.tick(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`."""
+        """Return the time of the next `tick`, None if not needed."""
         task = self._task.next_deadline() if self._task is not None else None
         earliest = self.sdo.next_deadline()
         for deadline in (task, self._retry_at, self._farewell_until, self.log.deadline):
@@ -448,17 +448,17 @@ class RemoteNode:
         return earliest
 
     def age_ns(self, now: int) -> int | None:
-        """Return the time since the last sign of life, None if there was none."""
+        """Return the time in ns since the last message of the node, None if there was none."""
         newest = -1 if self.last_seen is None else self.last_seen
-        for pdo in self.received:  # no generator: called for each sample of the state
+        for pdo in self.received:  # no generator expression, for speed: called for each state sample
             if pdo.stamp > newest:
                 newest = pdo.stamp
         return now - newest if newest >= 0 else None
 
     def _on_boot_up(self, now: int, since: int | None) -> None:
-        self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # announced by the boot-up
+        self.nmt_state, self.last_seen = NmtState.PRE_OPERATIONAL, now  # entered after the boot-up
         # CiA 301, 7.3.2: the initialisation resets the SDO server
-        self.sdo.forget()  # a restarted node does not answer earlier requests
+        self.sdo.forget()  # a restarted node does not answer pending requests
         self.log.boot_up(now, since)
         if self._task is not None and self._task.awaits_boot_up:
             self._task.boot_up(now)
@@ -475,7 +475,7 @@ class RemoteNode:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:
-        """Process a guarding answer with a wrong toggle bit: the node restarted, or two nodes have its node id."""
+        """Process a wrong toggle bit in a guarding answer, which shows a restart or a second node with the node id."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
             self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
@@ -489,7 +489,7 @@ class RemoteNode:
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
-        """End READY or the boot; the process data become invalid."""
+        """End READY or the boot, invalidate the process data, and report the event if the node was in use."""
         was_used, was_ready = self.ready or self._task is not None, self.ready
         self._abandon()
         self.state, self.ready = NodeState.WAITING, False
@@ -507,19 +507,19 @@ class RemoteNode:
             self._report(Event(now, kind, self.name, text, level))
 
     def _bid_farewell(self, now: int) -> None:
-        """Keep sending for a while, because a silent drive, or one that is not OPERATIONAL, can still be stopped.
+        """Send a quick stop by SDO, and let RPDOs be sent for `FAREWELL_NS`, since a silent drive may still receive.
 
-        The owner of the axes provides the content; in NMT states without PDOs a quick stop is sent by SDO.
+        The owner of the axes provides the values; the SDO also reaches a drive in an NMT state without PDOs.
         """
         self._farewell_until = now + FAREWELL_NS
         for offset in self.plan.axes:
             self.write(CONTROLWORD + offset, 0, _QUICK_STOP)
 
     def _send_controlwords(self) -> None:
-        """Continue the stop during a boot, by RPDOs with a controlword.
+        """Enable only RPDOs with a controlword, to continue a stop during a boot.
 
-        A boot-up may be that of a second node, or a stray frame, while the drive keeps turning. A node that did restart
-        has its stored mapping, in which a target could be anything; a controlword is first in all of them.
+        A boot-up may be from a second node, or a stray frame, while the drive continues to turn. A node that has really
+        restarted has its stored mapping, in which other objects may have any position; a controlword is always first.
         """
         controlwords = [CONTROLWORD + offset for offset in self.plan.axes]
         for sent in self.sent:
@@ -537,7 +537,7 @@ class RemoteNode:
         self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted again", self.name))
 
     def _settle(self, now: int) -> None:
-        """Process the end of a boot."""
+        """Start supervision in the step that needs it, and process the end of the boot."""
         task = self._task
         if task is None:
             return
@@ -562,7 +562,7 @@ class RemoteNode:
             self._guard(True, now)
         self._farewell_until = None
         confirmed = self.nmt_state is NmtState.OPERATIONAL
-        self.nmt_state = NmtState.OPERATIONAL  # a TPDO has shown it where no heartbeat has
+        self.nmt_state = NmtState.OPERATIONAL  # shown by a TPDO if not by a heartbeat
         if not self.plan.supervision_ns and not confirmed:
             text = "it has neither heartbeat nor guarding: NMT OPERATIONAL is what was commanded, nothing confirms it"
             self.log.report(now, "nmt_unconfirmed", text)
@@ -580,10 +580,10 @@ class RemoteNode:
         )
 
     def _guard_at_once(self, request: SdoRequest, now: int) -> None:
-        """Start guarding once the node has its guard time or life time factor.
+        """Start guarding when the boot has written guard time or life time factor.
 
-        Some devices expect requests from this time on instead of after the first one (CiA 301, 7.2.8.3.1): they raise
-        EMCY 0x8130 if it arrives only after the life time.
+        Some devices expect guarding from then on, instead of after the first remote frame (CiA 301, 7.2.8.3.1), and
+        send EMCY 0x8130 if the first remote frame comes only after the life time.
         """
         begins = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
         if begins and self.plan.guard is not None and not self._guarding_boot:
@@ -591,7 +591,7 @@ class RemoteNode:
             self._guard(True, now)
 
     def _follow_heartbeat(self, request: SdoRequest, now: int) -> None:
-        """Expect heartbeats in the period that was just written to a node in use."""
+        """Adapt the supervision to a heartbeat period that a user has just written to 0x1017."""
         if request.index != _PRODUCER or self._task is not None or not self.plan.heartbeat_timeout_ns:
             return
         ms = int.from_bytes(request.data, "little")
@@ -607,7 +607,7 @@ class RemoteNode:
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
         text = str(error)
-        if text != self.error:  # a node that stays away is named once, not every second
+        if text != self.error:  # a missing node is reported once, not every second
             self._report(Event(now, "boot_failed", self.name, text, Level.ERROR))
         self.error, self.state = text, NodeState.WAITING
         self._watch(self.node_id, 0)
@@ -615,7 +615,7 @@ class RemoteNode:
 
 
 def _is_absence(request: SdoRequest) -> bool:
-    """Whether the abort means "object does not exist"."""
+    """Whether an upload was aborted because the object does not exist, which is no failure."""
     error = request.error
     return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
 
@@ -633,7 +633,7 @@ _COMMANDED = {
 
 
 def _taking(place: ObjectPlace, done: Callable[[SdoRequest], None]) -> Callable[[SdoRequest], None]:
-    """Return what calls `done` with the part of an answer that belongs to one motor."""
+    """Return a callback that reduces the data of an upload to the part of one motor, and calls `done`."""
 
     def take(request: SdoRequest) -> None:
         request.data = place.part_of(request.data)

@@ -1,7 +1,7 @@
-"""Requests that a boot (`boot.boot`) yields and its runner (`boot.BootTask`) answers.
+"""Requests that the generator of a boot (`boot.boot`) yields and that `boot.BootTask` answers.
 
-A request is data; its docstring gives the answer. `SdoAbort`, `SdoTimeout` or `SdoLengthError` may be thrown into the
-generator instead.
+A request is plain data; the docstring of its class says what the answer is. Instead of an answer, `SdoAbort`,
+`SdoTimeout` or `SdoLengthError` may be thrown into the generator.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Value
 
 
-#: the error status of CiA 302-2, table 14; T is ours
+#: error status of CiA 302-2, table 14; T is an addition of this package
 LETTERS = {
     "A": "not in the list of nodes",
     "B": "no answer",
@@ -44,14 +44,14 @@ LETTERS = {
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """Start of the step `name`; answered with None."""
+    """Beginning of the boot step `name`, for timing; answered with None."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """Upload of an object; answered with its bytes."""
+    """SDO upload of an object; answered with the bytes."""
 
     index: int
     subindex: int = 0
@@ -59,7 +59,7 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class WriteObject:
-    """Download of an object; answered with None. `timeout_ns` is for slow objects."""
+    """SDO download of an object; answered with None. `timeout_ns` is for slow objects, None for the default."""
 
     index: int
     subindex: int
@@ -69,23 +69,23 @@ class WriteObject:
 
 @dataclass(frozen=True, slots=True)
 class SendNmt:
-    """NMT command to the node; answered with None."""
+    """NMT command for the node; answered with None."""
 
     command: NmtCommand
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitBootUp:
-    """Wait for the boot-up; answered with whether it was received."""
+    """Wait for the boot-up message; answered with whether the message was received in time."""
 
     timeout_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitState:
-    """Wait for a heartbeat, of a certain state if given; answered with whether it was received.
+    """Wait for a heartbeat, with `state` if given; answered with whether such a heartbeat was received in time.
 
-    A TPDO proves OPERATIONAL too, because no other state sends any.
+    A TPDO proves OPERATIONAL too, because TPDOs are sent in no other state.
     """
 
     timeout_ns: int
@@ -94,7 +94,7 @@ class AwaitState:
 
 @dataclass(frozen=True, slots=True)
 class AwaitHeartbeat:
-    """Wait for a heartbeat; answered with its state, or None."""
+    """Wait for a heartbeat; answered with the NMT state in the heartbeat, None after the timeout."""
 
     timeout_ns: int
 
@@ -104,10 +104,10 @@ Answer = bytes | bool | int | None
 
 
 class BootTransfers:
-    """SDO requests of one boot, counted, and its results.
+    """SDO transfers of one boot, with counters and collected results.
 
-    `adopted` are the PDOs used with the node's own configuration, `presets` the initial values of process data. Objects
-    of the axes of a device with several motors in one object set are found by `motors`.
+    `adopted` are the PDOs that keep the node's own configuration, `presets` the initial values of process data.
+    `motors` maps the objects of the axes of a device with several motors in one object set.
     """
 
     def __init__(self, motors: MotorMap | None = None) -> None:
@@ -121,15 +121,15 @@ class BootTransfers:
 
     @property
     def changed(self) -> bool:
-        """Whether this boot has changed the configuration of the node."""
+        """Whether an object was written since `begin_configuration`."""
         return self.writes > self._before
 
     def begin_configuration(self) -> None:
-        """Count writes from here on as changes of the configuration."""
+        """Count later writes as changes of the configuration."""
         self._before = self.writes
 
     def read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes]:
-        """Upload; raises SdoAbort, SdoTimeout, SdoLengthError."""
+        """Upload an object; SdoAbort, SdoTimeout or SdoLengthError if that fails."""
         self.reads += 1
         place = self._places.get((index, subindex))
         data = yield Read(index, subindex) if place is None else Read(place.index, place.subindex)
@@ -137,20 +137,14 @@ class BootTransfers:
         return content if place is None else place.part_of(content)
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an optional object: None if the node refuses.
-
-        SdoTimeout, SdoLengthError.
-        """
+        """Upload an optional object, None if the node refuses; SdoTimeout or SdoLengthError."""
         try:
             return (yield from self.read(index, subindex))
         except SdoAbort:
             return None
 
     def held(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload a value for comparison: None, with a warning, if its length differs from the EDS.
-
-        SdoTimeout.
-        """
+        """Upload an object for comparison, None if refused or, with a warning, of another length; SdoTimeout."""
         try:
             return (yield from self.try_read(index, subindex))
         except SdoLengthError as error:
@@ -158,14 +152,14 @@ class BootTransfers:
             return None
 
     def number(self, index: int, subindex: int = 0, *, signed: bool = False) -> Generator[Request, Answer, int | None]:
-        """Upload an optional number."""
+        """Upload an optional object as a number, None if the node refuses; SdoTimeout or SdoLengthError."""
         data = yield from self.try_read(index, subindex)
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def write(
         self, index: int, subindex: int, data: bytes, timeout_ns: int | None = None
     ) -> Generator[Request, Answer, None]:
-        """Download; SdoAbort, SdoTimeout. Only accepted writes are counted."""
+        """Download an object; SdoAbort or SdoTimeout. Only accepted writes are counted."""
         place = self._places.get((index, subindex))
         address = (index, subindex) if place is None else place.address
         yield WriteObject(*address, data, timeout_ns)
@@ -173,12 +167,12 @@ class BootTransfers:
 
 
 def boot_error(plan: NodePlan, letter: str, detail: str) -> BootError:
-    """Return the error of a boot, with the text of the standard and the object or reason."""
+    """Return a BootError with the text for the letter and with `detail`, the object or reason."""
     return BootError(plan.node_id, letter, f"{LETTERS[letter]}: {detail}", plan.name)
 
 
 def reason_of(error: SdoAbort | SdoTimeout | SdoLengthError) -> str:
-    """Return the reason of a failed SDO request, without node and object."""
+    """Return the reason for the failure of an SDO request as text, without node and object."""
     if isinstance(error, SdoAbort):
         return f"abort 0x{error.code:08X} ({error.text})"
     if isinstance(error, SdoLengthError):

@@ -1,8 +1,9 @@
-"""Process data of objects that the motors of one device share, as if each axis had its own (`cia402.motors`).
+"""Process data of objects that the motors of one device share, presented as separate objects per axis.
 
-The controlword of the device is made of those of its axes: a bit that enables is set when every axis sets it, halt and
-fault reset when one does. So all axes are enabled together, and the first one that is to stop stops all. An axis in a
-fault obeys nothing but a fault reset, and is not counted: the others can still be led to a controlled stop.
+See `cia402.motors` for such devices. The controlword of the device is combined from those of its axes: an enabling bit
+is set if all axes set it, halt and fault reset are set if any axis sets them. So all axes are enabled together, and a
+stop of one axis stops all. An axis in a fault reacts only to a fault reset, and its enabling bits are ignored, so that
+the other axes can still be stopped in a controlled way.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ if TYPE_CHECKING:
     from canopen_control.master.cycle import Input, ProcessImage
 
 
-_ANY: Final = HALT_BIT | 0x80  # bits that one axis is enough for: halt, fault reset
+_ANY: Final = HALT_BIT | 0x80  # bits that are set if any axis sets them: halt, fault reset
 _FAULT_MASK: Final = 0x4F
-_FAULTS: Final = (0x08, 0x0F)  # of a statusword: FAULT, FAULT REACTION ACTIVE (CiA 402-2, table 30)
+_FAULTS: Final = (0x08, 0x0F)  # masked statuswords: FAULT, FAULT REACTION ACTIVE (CiA 402-2, table 30)
 
 
 class AxisControlword(Output):
-    """Controlword of one axis; `axes` are those of all axes behind the object `whole`."""
+    """Controlword of one axis of a device; `whole` is the device's controlword, `axes` has those of all axes."""
 
     __slots__ = ("axes", "statusword", "whole")
 
@@ -37,26 +38,26 @@ class AxisControlword(Output):
 
     @property
     def counts(self) -> bool:
-        """Whether the axis obeys more than a fault reset."""
+        """Whether the enabling bits of the axis count, because the axis is not in a fault."""
         status = self.statusword
         return status is None or not status.fresh or status.value & _FAULT_MASK not in _FAULTS
 
     def drive(self) -> None:
-        """Mark the object as moving an axis."""
+        """Mark the controlword as moving an axis, so that the RPDOs of the device's controlword are sent."""
         self.driven = True
         self.whole.drive()
 
     def set(self, value: int) -> None:
-        """Set the controlword of this axis, and that of the device."""
+        """Set the controlword of this axis, and the combined controlword of the device."""
         self.value = value
         self.whole.set(combined(self.axes))
 
 
 def combined(axes: Sequence[AxisControlword]) -> int:
-    """Return the controlword of the device."""
+    """Return the controlword of a device, combined from those of the axes that joints use."""
     every, some = 0xFFFF, 0
     for axis in axes:
-        if axis.driven:  # by a joint
+        if axis.driven:  # used by a joint
             some |= axis.value
             if axis.counts:
                 every &= axis.value
@@ -64,7 +65,7 @@ def combined(axes: Sequence[AxisControlword]) -> int:
 
 
 def share_objects(image: ProcessImage, node_id: int, motors: MotorMap) -> None:
-    """Give each axis of a node the objects that it shares with the others; call it when its PDOs are in `image`."""
+    """Add to `image` the objects that the axes of a node share, per axis; the node's PDOs must be in `image`."""
     for address, copies in motors.shared.items():
         for copy in copies:
             image.share(node_id, address, copy)

@@ -1,6 +1,7 @@
-"""Supervision of a node in addition to its heartbeat: stale PDOs, duplicate node ids, floods of EMCY.
+"""Supervision of a node in addition to its heartbeat: overdue PDOs, duplicate node ids and floods of EMCY.
 
-Nothing here acts. Each monitor allocates nothing in normal operation, and returns what to report once per occasion.
+The monitors only report: they return what is to be reported, once per occasion, and allocate no memory in normal
+operation.
 """
 
 from __future__ import annotations
@@ -16,30 +17,30 @@ if TYPE_CHECKING:
 _SECOND: Final = 1_000_000_000
 _EMCY_PER_SECOND: Final = 10
 _WINDOW_PERIODS: Final = 10
-_DOUBLE: Final = 16  # heartbeats in ten periods: more than jitter explains
+_DOUBLE: Final = 16  # heartbeats in ten periods, more than jitter can explain
 _FORGET_NS: Final = 10 * _SECOND
-_BOOT_UPS_APART_NS: Final = 100_000_000  # less than any device needs from one boot-up to the next
-_LONGEST_BEAT_NS: Final = 2 * _SECOND  # of boot-ups that are sent like heartbeats
+_BOOT_UPS_APART_NS: Final = 100_000_000  # less than the time between two boot-ups of any device
+_LONGEST_BEAT_NS: Final = 2 * _SECOND  # maximum interval of boot-ups that are sent like heartbeats
 _MOST_RESETS: Final = 8
-_RESET_ANSWERED_NS: Final = 3 * _SECOND  # a gateway or an adapter may hold a boot-up up for that long
-_STUCK: Final = 3  # distances as long as the one before
+_RESET_ANSWERED_NS: Final = 3 * _SECOND  # a gateway or an adapter may delay a boot-up by that time
+_STUCK: Final = 3  # number of intervals that equal the previous one
 
 
 class BusReader(Protocol):
-    """Reader of a network's channel."""
+    """Owner of the port of a bus, which reads frames and sets the receive filter."""
 
     def catch_up(self) -> None:
-        """Read all waiting frames."""
+        """Process all frames that wait at the port."""
 
     def follow_identifiers(self) -> None:
-        """Update the filter after the network's `identifiers` have changed."""
+        """Update the receive filter after the network's `identifiers` have changed."""
 
 
 class PdoWatch:
-    """Counter of SYNCs without the synchronous TPDOs of a bus; sets `overdue` of missing TPDOs.
+    """Monitor of the synchronous TPDOs of a bus, which counts SYNCs without an answer and sets `overdue`.
 
-    SYNCs that a late process sends in quick succession count as one: their answers get the time that `period_ns` would
-    give, and `least_ns` at least. `reader` reads waiting frames before a TPDO becomes overdue.
+    For SYNCs that a late process sends in quick succession, the answers still have the time that follows from
+    `period_ns`, and at least `least_ns`. `reader` processes waiting frames before a TPDO becomes overdue.
     """
 
     def __init__(self, period_ns: int = 0) -> None:
@@ -50,12 +51,12 @@ class PdoWatch:
         self._changes: list[ReceivedPdo] = []
 
     def add(self, pdo: ReceivedPdo) -> None:
-        """Monitor a TPDO; event-driven ones (`every` 0) are ignored."""
+        """Monitor a TPDO; an event-driven TPDO (`every` 0) is ignored."""
         if pdo.every:
             self._pdos.append(pdo)
 
     def sync(self, now: int = 0) -> Sequence[ReceivedPdo]:
-        """Count a SYNC before its answers; return the TPDOs that became overdue, or were received again."""
+        """Count a SYNC, before its answers come; return the TPDOs that became overdue or were received again."""
         changes = self._changes
         if changes:
             changes.clear()
@@ -80,7 +81,7 @@ class PdoWatch:
             self._changes.append(pdo)
 
     def _is_late(self, pdo: ReceivedPdo, now: int) -> bool:
-        """Whether an answer had enough time and is not waiting to be read; half a period for the jitter of SYNC."""
+        """Whether a missing TPDO had enough time, allowing half a period of jitter, and is not waiting at the port."""
         time = max((2 * pdo.allowed_silence - 3) * self._period // 2, self.least_ns - self._period)
         if now - pdo.since < time:
             return False
@@ -93,12 +94,12 @@ class PdoWatch:
 
 
 def _is_like(gap: int, code: int) -> bool:
-    """Whether two intervals are equal except for jitter."""
+    """Whether two intervals are equal within 25 %."""
     return 4 * abs(gap - code) < code
 
 
 class EmcyGate:
-    """Limiter of a node's reported emergencies, ten per second; `held` counts suppressed ones."""
+    """Limiter of reported EMCY messages of a node to ten per second; `held` counts the suppressed messages."""
 
     def __init__(self) -> None:
         self.held = 0
@@ -106,7 +107,7 @@ class EmcyGate:
         self._window = 0
 
     def passes(self, now: int) -> bool:
-        """Whether the next message may be reported; suppressed ones are reported first."""
+        """Return whether an EMCY message may be reported; not before `summary` has reported suppressed messages."""
         if now - self._window >= _SECOND and not self.held:
             self._window, self._passed = now, 0
         self._passed += 1
@@ -116,7 +117,7 @@ class EmcyGate:
         return True
 
     def summary(self, now: int) -> int:
-        """Return the number of suppressed messages once the second is over; 0 for none."""
+        """Return the number of suppressed messages after the end of the second, and reset it; 0 for none."""
         if not self.held or now - self._window < _SECOND:
             return 0
         count, self.held = self.held, 0
@@ -124,17 +125,17 @@ class EmcyGate:
 
     @property
     def deadline(self) -> int | None:
-        """Time at which `summary` has a result."""
+        """Time at which `summary` has a result, None without suppressed messages."""
         return self._window + _SECOND if self.held else None
 
 
 class DuplicateWatch:
-    """Detector of two devices with one node id: heartbeats at twice the rate, or two boot-ups in quick succession.
+    """Detector of two devices with the same node id, by heartbeats at twice the rate or two boot-ups at once.
 
     Boot-ups at equal intervals, like a heartbeat, are neither restarts nor a second device: they set `stuck`. A frame
-    arrived between `since`, when the receive queue was last empty, and `now`: frames that a late process reads together
-    give no rate, nor do frames after a silence, because a hub, a gateway or an adapter may have delayed them. A report
-    is repeated after ten seconds without a sign.
+    was received between `since`, when the receive queue was last empty, and `now`: frames that a late process reads
+    together show no rate, nor do frames after a silence, because a hub, a gateway or an adapter may have delayed them.
+    A report is repeated only after ten seconds without evidence.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -144,21 +145,21 @@ class DuplicateWatch:
         self._boot_up = -_SECOND
         self._sign = -_FORGET_NS
         self.stuck = False
-        """Whether the node sends its boot-up as others send heartbeats (a LocalNode of canopen 2.4 after a reset)."""
-        self._beat = 0  # the last heartbeat
-        self._held = 0  # heartbeats that a silence may have kept back
-        self._resets = 0  # that were sent and are not answered by a boot-up yet
-        self._reset_at: int | None = None  # when the first frame came after the last of them
-        self._gap = self._alike = 0  # between the last two boot-ups, and how many gaps in a row were as long
+        """Whether the node repeats its boot-up like a heartbeat (as a LocalNode of canopen 2.4 does after a reset)."""
+        self._beat = 0  # time of the last heartbeat
+        self._held = 0  # heartbeats that may have been delayed during a silence
+        self._resets = 0  # resets that are not answered by a boot-up yet
+        self._reset_at: int | None = None  # time of the first frame after the last reset
+        self._gap = self._alike = 0  # interval of the last two boot-ups, number of equal intervals
 
     def set_period(self, period_ns: int) -> None:
-        """Expect heartbeats in another period; resets still wait for their boot-ups."""
+        """Set the expected heartbeat period in ns, and restart the detection; unanswered resets remain recorded."""
         self._period = period_ns
         self._window = self._count = self._beat = self._held = self._alike = 0
         self.stuck = False
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
-        """Count a heartbeat; True if it shows that two devices share the node id."""
+        """Process a heartbeat; return True if the rate newly shows two devices with the node id."""
         self.stuck, self._alike = False, 0
         self._age_resets(now)
         if not self._period:
@@ -171,7 +172,7 @@ class DuplicateWatch:
         return self._count >= _DOUBLE and self._is_new(now)
 
     def _was_held(self, now: int) -> bool:
-        """Whether a heartbeat may have been delayed on its way."""
+        """Return whether a heartbeat may have been delayed in transmission."""
         gap, self._beat = now - self._beat, now
         if 2 * gap >= 3 * self._period:
             self._held += gap // self._period
@@ -183,19 +184,19 @@ class DuplicateWatch:
         return False
 
     def reset(self) -> None:
-        """Record that a reset is sent to the node, which answers with a boot-up."""
+        """Record that a reset was sent to the node, which is to be answered by a boot-up."""
         self._resets = min(self._resets + 1, _MOST_RESETS)
         self._reset_at = None
 
     def _age_resets(self, now: int) -> None:
-        """Remove resets that were not answered in time; a heartbeat after one may have been sent before it."""
+        """Discard resets that were not answered in time, counted from the first frame after the last reset."""
         if self._reset_at is None:
             self._reset_at = now
         elif now - self._reset_at > _RESET_ANSWERED_NS:
             self._resets = 0
 
     def boot_up(self, now: int, since: int | None = None) -> bool:
-        """Process a boot-up; True if another one was too recent, and fewer resets were sent."""
+        """Process a boot-up; return True if it newly shows two devices with the node id."""
         self._age_resets(now)
         expected = self._resets > 0
         self._resets -= expected
@@ -210,6 +211,6 @@ class DuplicateWatch:
         return close and self._is_new(now)
 
     def _is_new(self, now: int) -> bool:
-        """Record a sign of two devices; return whether the last one is long past."""
+        """Record evidence of two devices; return whether the last evidence is at least ten seconds old."""
         before, self._sign = self._sign, now
         return now - before >= _FORGET_NS

@@ -128,7 +128,7 @@ class ProcessDataFeed:
         ]
 
     def everything(self) -> dict[str, list[MappedValue]]:
-        """Return the newest value of every object that a TPDO has brought, by the name of the node."""
+        """Return the newest value of every object received in a TPDO since the node's boot, by the name of the node."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if watched.pdo.stamp >= 0:
