@@ -184,7 +184,7 @@ def _is_about(
     axis: NDArray[np.float64],
     radius: float,
 ) -> bool:
-    """Whether a horizontal axis through the centre turns a shape, for a cylinder about its `own` axis."""
+    """Whether a joint axis is horizontal and passes through a shape's centre, along the `own` axis of a cylinder."""
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL

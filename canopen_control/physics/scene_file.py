@@ -209,7 +209,7 @@ def _check_robots(file: WorldDescription) -> None:
         file.robots[0].here.error("each robot has its own at and heading; omit `start`")
     names: set[str] = set()
     for robot in file.robots:
-        if _NAME.fullmatch(robot.name) is None:  # it is also the name of a bus and of a ROS namespace
+        if _NAME.fullmatch(robot.name) is None:  # the name is also that of a bus and of a ROS namespace
             robot.here.error(f"name: {robot.name!r} is none: a letter, then letters, digits and _, 30 at most")
         if robot.name in names:
             robot.here.error(f"a robot named {robot.name} is there already; name this one otherwise")

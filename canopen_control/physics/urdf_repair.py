@@ -93,7 +93,7 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes)
     seen_only = link.find("collision") is None
     for visual in visuals:
         if seen_only:
-            for material in visual.findall("material"):  # it would colour the simulated shape
+            for material in visual.findall("material"):  # the material would colour the simulated shape
                 visual.remove(material)
             visual.tag = "collision"
         else:

@@ -112,7 +112,7 @@ class AxisObjects:
         return value if isinstance(value, int) else default
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Return whether the axis has an object, as an index of axis 0."""
+        """Return whether the axis has an entry."""
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
@@ -222,11 +222,11 @@ class Switches:
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
 
 
-# The loops of a virtual servo with gains of its own: position P and feed-forward over velocity PI, on any plant.
+# The loops of a virtual servo with gains set by objects: position P and feed-forward over velocity PI, on any plant.
 #
-# The torque is computed at each point of a fixed grid and held until the next one, so that the result does not depend
-# on when it is read. In velocity modes the position loop is off, as in servo drives. Units: counts, counts/s, per mille
-# of the rated torque.
+# The torque is computed at each point of a fixed grid and kept until the next point, so that the result does not depend
+# on when it is read. In velocity modes the position loop is off, as in servo drives. Units are counts, counts/s and per
+# mille of the rated torque.
 
 
 PERIOD_NS: Final = 500_000
@@ -277,18 +277,18 @@ class VelocityLoop:
 
 
 _MS = 1_000_000
-SAMPLE_NS = 5 * _MS  # how often event-driven PDOs see a moving motor
+SAMPLE_NS = 5 * _MS  # period in which event-driven TPDOs are checked during a motion
 FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
 
 
 class Reactions(Protocol):
-    """Interface of the owner of an axis, who reacts to events of the motion."""
+    """Interface of the owner of an axis, which is called for events of the motion."""
 
     def arrived(self, now: int) -> None:
         """React to the end of the demand."""
 
     def limit_switch_hit(self, side: int, now: int) -> None:
-        """React to a wired limit switch; `side` is -1 for the negative and 1 for the positive one."""
+        """React to a wired limit switch; `side` is -1 (negative) or 1 (positive)."""
 
     def judge_following_error(self, error: float, now: int) -> None:
         """Check a following error in counts; called while the plant lags."""
@@ -322,7 +322,7 @@ class AxisMotion:
         self.torque_limit = math.inf  # per mille; used by a coupled plant and by `loop`
         self.loop: VelocityLoop | None = None  # control loops with gains; None: the plant follows the demand by itself
         self.gains: ServoGains | None = None
-        self.velocity_mode = False  # a velocity is commanded, and loops with gains or in a world hold no position
+        self.velocity_mode = False  # loops with gains or in a world follow the velocity only, not the position
         self._fed = (0.0, 0.0)
         self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
         self._coupled = plant if isinstance(plant, CoupledPlant) else None
@@ -436,7 +436,7 @@ class AxisMotion:
         self.demand = hold(now, self.plant.position)
 
     def displace(self, way: float, now: int) -> None:
-        """Displace the plant by `way` counts, and its position demand with it."""
+        """Displace the plant and its position demand by `way` counts."""
         self._move(now)
         self.plant.position += way
         if not self.powered or self.torque is None:

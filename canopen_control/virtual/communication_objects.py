@@ -48,11 +48,11 @@ if TYPE_CHECKING:
 #   aborted with 0x08000022.
 # - A download requires a fresh clear, otherwise its first frame is refused. A program ends with the CRC-32 of the
 #   preceding bytes (little-endian); an incomplete program, or one with a wrong sum, never runs.
-# - While no program runs, the boot-loader does: another 0x1000 and product code, only its own objects, no PDO. Every
+# - While no program runs, the boot-loader runs: with another 0x1000 and product code, few objects, and no PDO. Every
 #   change between program and boot-loader is a reset after the answer was sent; at power-on a complete program starts
 #   by itself.
 # - 0x1F57 bit 0 is set while the flash is busy; then bits 1 to 7 are the result. 0x1F56 is that CRC-32, 0 for none.
-# - 0x1F52 is the date of the program, where it has one: before the CRC "1F52", days since 1984, ms after midnight.
+# - 0x1F52 is the date of a program that has "1F52", days since 1984 and ms after midnight before its CRC.
 
 
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 # Cyclic synchronous modes and torque modes (CiA 402-2, clauses 9 and 12 to 15).
 #
 # Set-points are user units, demands are the plant's counts. A set-point causes a new demand if it, or a relevant limit,
-# has changed, or if it arrives while the drive extrapolates. A drive whose clock is not the master's
-# reads the set-point in its own period instead of at its arrival, unless it follows the SYNC.
+# has changed, or if it arrives while the drive extrapolates. A drive whose clock drifts relative to the master's reads
+# the set-point once in every period of its own clock, not at its arrival, unless it follows the SYNC.
 #
 # The demand moves to a position with constant velocity within the interpolation time 0x60C2; 0 sets it
 # at once. An interpolated demand ends when the next set-point is due, or continues for as long as the device model
@@ -460,7 +460,7 @@ class InterpolatedPosition(CyclicPosition):
             self.update(now)
 
     def _next(self, now: int) -> None:
-        """Move to the next position of the buffer, and repeat that after one interpolation period."""
+        """Move to the next position of the buffer, and schedule the following one interpolation period later."""
         if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
             return
         place = self.buffer.get()

@@ -126,7 +126,7 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Raise an undervoltage fault without supply of the power stage, or restore the supply."""
+    """Switch off the supply of the power stage with an undervoltage fault, or restore the supply."""
     drive.power.voltage.switch(on, False)
     _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
 

@@ -324,7 +324,7 @@ class FaultSwitches:
         return leaving
 
     def tick(self, now: int) -> None:
-        """Switch on scheduled faults, and release delayed frames, that are due at `now`."""
+        """Switch on the scheduled faults and release the delayed frames that are due at `now`."""
         if not self._started:
             self._started = True
             self._planned = [(now + delay, name) for delay, name in self._planned]

@@ -66,7 +66,7 @@ class FaultFilter(Protocol):
         """Return the frames that leave the node now; delayed frames are stored."""
 
     def tick(self, now: int) -> None:
-        """Switch on scheduled faults, and release delayed frames, that are due at `now`."""
+        """Switch on the scheduled faults and release the delayed frames that are due at `now`."""
 
     def next_deadline(self) -> int | None:
         """Return the time in ns at which `tick` is due next, None without one."""

@@ -521,11 +521,11 @@ class Charger(SensorDevice):
 
 # Virtual encoders (CiA 406) and inclinometers (CiA 410): a position or two angles from outside, shown as set up.
 #
-# An encoder counts `position` (rad, of a linear one m) in its steps (0x6001 with scaling on, else 0x6501), inverted by
-# the code sequence, shifted by the preset (0x6003) and wrapped at the total range (0x6002); `velocity` moves the
-# position by itself, or the shaft of a virtual drive does (see `shaft`). 0x6200 is the event timer of its
-# first TPDO, and while one is set changes are not events. An inclinometer shows its angles with the resolution 0x6000,
-# which re-scales at once, inverted and shifted according to 0x6x11 to 0x6x14.
+# An encoder counts `position` (rad, m if linear) in its steps (0x6001 with scaling on, else 0x6501), inverted by the
+# code sequence, shifted by the preset (0x6003) and wrapped at the total range (0x6002); the position is moved by
+# `velocity`, or by the shaft of a virtual drive (see `shaft`). 0x6200 is the event timer of the first TPDO, and while a
+# timer is set changes are not events. An inclinometer shows its angles with the resolution 0x6000, which re-scales at
+# once, inverted and shifted according to 0x6x11 to 0x6x14.
 
 
 _OPERATION, _STEPS, _RANGE, _PRESET, _POSITION = 0x6000, 0x6001, 0x6002, 0x6003, 0x6004

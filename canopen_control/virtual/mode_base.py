@@ -164,7 +164,7 @@ class SetpointStatistics:
             self._sample(demand.at(grid)[0])
             end = demand.steady_until(grid)
             points = ((now if end is None else min(end, now)) - grid) // GRID_NS
-            if points > 1:  # the way to the next point is that of all others
+            if points > 1:  # the distance to the next point is the same for all further points
                 self._sample(demand.at(grid + GRID_NS)[0])
                 self._go_on_evenly(demand.at(grid + points * GRID_NS)[0], points - 1)
                 grid += points * GRID_NS
@@ -202,12 +202,12 @@ class SetpointStatistics:
         """Record a step of the motion; a short standstill before it counts as the effect of a late set-point."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
-            if self._resting > 1:  # the first point of it had an acceleration, and was counted
+            if self._resting > 1:  # the first point of the standstill had an acceleration, and was counted
                 self._accelerations.add(0.0, self._resting - 1)
         self._resting = 0
         self._velocities.add(way)
 
-    # -- for people
+    # -- results
 
     def quality(self, velocity_unit: float) -> SetPointQuality | None:
         """Return the statistics, None if no cyclic mode was used; `velocity_unit` is one velocity unit in counts/s."""
@@ -305,7 +305,7 @@ class Mode:
         """Process the mode-specific bits of the controlword while the motor has no power."""
 
     def arrived(self, now: int) -> None:
-        """Continue after the end of a demand, which was reached."""
+        """Continue the mode after the end of a demand."""
 
     def bits(self) -> int:
         """Return bits 10, 12 and 13 of the statusword; without a mode, bit 10 at standstill."""
@@ -333,7 +333,7 @@ class Mode:
 
 
 class ModeGate:
-    """Gate before the modes of one axis; set-points are ignored while `closed_by` is not empty.
+    """Gate in front of the modes of one axis; set-points are ignored while `closed_by` is not empty.
 
     `brake_ns` is the time after an enable for which the brake keeps the gate closed.
     A controlword is passed to the mode only if every filter in `takes` (word, previous word, time) returns True.

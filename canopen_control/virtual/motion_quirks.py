@@ -42,7 +42,7 @@ def _word(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
 
 
 def _flickers(period_ns: int, duty: int, bits: int) -> Callable[[VirtualDrive, int], int]:
-    """Return a change of the statusword that inverts `bits` during one of every `duty` periods."""
+    """Return a function that inverts `bits` of the statusword during one of every `duty` periods."""
     return lambda drive, word: word ^ bits if drive.mover.time // period_ns % duty == 0 else word
 
 

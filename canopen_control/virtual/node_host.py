@@ -124,7 +124,7 @@ class NodeHost:
         self._deliver(frame, now, self._touched)
 
     def _take_run(self, records: bytes, start: int, now: int) -> int:
-        """Pass SDO records from `start` on to the only receiver of their identifier; return how many it processed."""
+        """Pass SDO records from `start` on to the only receiver of their identifier; return the number processed."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:

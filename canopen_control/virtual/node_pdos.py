@@ -228,7 +228,7 @@ class PdoRecords:
         return judge
 
     def _users(self) -> dict[int, int]:
-        """Return the index of the record that uses an 11-bit identifier; 0x1005 and 0x1014 come before the PDOs."""
+        """Return the record that uses an 11-bit identifier, by identifier; SYNC and EMCY come before PDOs."""
         store = self._store
         users: dict[int, int] = {}
         for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
@@ -624,7 +624,7 @@ class PdoExchange:
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
     def _report_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
-        """Report an error while values of RPDOs are refused, if the device model has one for that."""
+        """Report the device model's error for refused RPDO values, if it has one, while values are refused."""
         error = self._model.rpdo_error
         if refused:
             self._refusing.add(rpdo.number)

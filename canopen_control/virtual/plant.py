@@ -263,7 +263,7 @@ class LoadedPlant:
             return
         friction = math.copysign(self.friction, before or driving)
         after = before + (driving - friction) / self._mass() * seconds
-        # Friction stops, it never pushes back.
+        # Friction can stop a motion but never reverse it.
         self.velocity = 0.0 if before * after < 0.0 and abs(driving) <= self.friction else after
         self.position += 0.5 * (before + self.velocity) * seconds
         half = 0.5 * self.backlash

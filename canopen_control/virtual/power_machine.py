@@ -277,7 +277,7 @@ class PowerMachine:
         self._motor.released()
 
     def halt(self, on: bool, now: int) -> None:
-        """Stop as 0x605D says at a halt (controlword bit 8), and continue the mode at its end."""
+        """Stop as 0x605D says when the halt (bit 8) begins, and continue the mode when the halt ends."""
         if on == self.halted or (on and not self._motor.can_halt()):
             return
         self.halted = on
@@ -435,7 +435,7 @@ class DriveLimits:
             mover.run(ramp_to(now, position, velocity, 0.0, up, down), now)
 
     def arrived(self, now: int) -> None:
-        """Set bit 11 and report the position limit, if the demand has ended at one."""
+        """Set bit 11 and report the position limit, if the demand has ended at this limit."""
         demand = self._mover.demand
         if self._bound is not None and demand.end_ns <= now and demand.final_position == self._bound:
             self.active = True

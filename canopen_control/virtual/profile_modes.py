@@ -113,7 +113,7 @@ class HomingMode(Mode):
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def bits(self) -> int:
-        """Return bit 13 (error), bit 12 (attained) and bit 10 (standstill while no homing runs)."""
+        """Return bit 13 (error), bit 12 (attained) and bit 10 (at standstill, and no homing in progress)."""
         still = 0 if self._running and not self._attained else (REACHED if self.mover.at_standstill else 0)
         return still | (BIT_12 if self._attained else 0) | (BIT_13 if self._error else 0)
 
@@ -285,7 +285,7 @@ class VelocityMode(FollowingMode):
     def update(self, now: int) -> None:
         """Apply the target 0x6042 and the ramps, unless bit 5 of the controlword locks the ramp."""
         word = self.power.controlword
-        if not word & 0x20:  # locked: the ramp's output stands
+        if not word & 0x20:  # locked: the output of the ramp is constant
             return
         rpm = self.objects.number(o.VL_TARGET_VELOCITY) * self.units.turn if word & 0x50 == 0x50 else 0.0
         amount, most = abs(rpm), self.objects.number(o.VL_MIN_MAX_AMOUNT, 2)

@@ -1,4 +1,4 @@
-"""Table of all quirks, which are differences of real, healthy drives from the standards, and the quirks of a node.
+"""Table of the quirks, ways in which real, healthy drives differ from the standards, and the quirks of a node.
 
 A quirk is written as ``NAME``, ``NAME=VALUE`` or, for one axis of several, ``NAME=VALUE@AXIS``.
 """

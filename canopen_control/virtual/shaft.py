@@ -58,7 +58,7 @@ class _Record(TypedDict):
 
 
 class DiffBase:
-    """Differential-drive base that integrates its pose; `separation` is the distance of the wheels in metres."""
+    """Differential-drive base that integrates its pose; `separation` is the distance between the wheels in m."""
 
     def __init__(self, separation: float) -> None:
         self.separation = separation
@@ -259,7 +259,7 @@ class WheelOdometry(Protocol):
 
 
 class WheelPlant:
-    """Plant of a wheel, which moves like the plant `inner` and reports the distance to `floor` as wheel `side`.
+    """Plant of a wheel, which moves like the plant `inner` and reports its travel to `floor` as wheel `side`.
 
     `metres` is the distance of one count, negative if the wheel is reversed.
     """

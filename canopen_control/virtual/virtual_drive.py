@@ -175,7 +175,7 @@ SOURCES: dict[int, Callable[[AxisReadings], int]] = {
 """Functions that compute the values of objects when they are read, by the index of axis 0."""
 
 
-# Overload protection (I2t) of a motor: how much more than its rated current it had, and for how long.
+# Overload protection (I2t) of a motor, from the current above the rated current and its duration.
 #
 # The heat above that of the rated torque grows with the square of the torque and is dissipated below the rated torque.
 # A motor can bear twice its rated torque for 2 s, or three times for 0.75 s; then its drive reports continuous
@@ -411,7 +411,7 @@ class VirtualDrive:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
 
-    # -- what is written, and what happens
+    # -- written objects and events
 
     def power_on(self, now: int) -> None:
         """Reset the axis at power-on (transitions 0 and 1); the present motor position becomes 0."""

@@ -365,7 +365,7 @@ class VirtualNode:
         self._deadlines = tuple(part.next_deadline for part in (*self._cores, *movers, *parts))
         first = (self.nmt.outgoing, self.emcy.outgoing, self.heartbeat.outgoing, self.guarding.outgoing)
         last = (outbox.outgoing,) if self.lss is None else (self.lss.slave.outgoing, outbox.outgoing)
-        # what is sent before process data and answers, and after
+        # queues that are sent before process data and answers, and queues that are sent after
         self._first, self._last = tuple(box.waiting for box in first), tuple(box.waiting for box in last)
         self._before_answers, self._process_data = self._first, self.pdos.outgoing
         self._happened = (self.nmt.happened.waiting, self.consumer.happened.waiting, self.guarding.happened.waiting)
@@ -500,7 +500,7 @@ class VirtualNode:
     def _stored(self) -> bool:
         return self.keeper is None or self.keeper.keep(self)
 
-    # -- what is done to the node from outside
+    # -- actions from outside
 
     def advance_drives(self, now: int) -> None:
         """Advance all axes to `now`."""
@@ -550,7 +550,7 @@ class VirtualNode:
         self.clock.drift_ppm.inject(ppm)
         self.communication.apply()
 
-    # -- life
+    # -- life cycle
 
     def _advance(self, now: int) -> None:
         clock = self.clock
