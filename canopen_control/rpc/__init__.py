@@ -1,1 +1,1 @@
-"""Sockets of this package: typed messages (`messages`), servers and clients."""
+"""Sockets of this package: typed messages (`messages`), servers and clients that exchange lines of JSON."""

@@ -1,10 +1,11 @@
 """Clients of a socket, blocking or on a reactor: requests with typed answers, and pushed messages.
 
-One connection carries both. Any number of threads may use it: one waiting thread reads the socket for all of them, and
-hands over when it has its answer. No thread is started.
+One connection carries requests and pushed messages. Any number of threads may use a `Client`: one waiting thread reads
+the socket for all threads, and another one continues when it has its answer. No thread is started.
 
-Errors are RemoteError: `kind` is the class name of the server's error; "BusClosed" means that the server is gone,
-"Timeout" that it did not answer in time, "RemoteProtocolError" that it uses another protocol.
+Errors are RemoteError: `kind` is the class name of the server's error; "BusClosed" means that the connection is closed,
+"Timeout" that the server has not answered in time, "RemoteProtocolError" that it uses another protocol or sent invalid
+data.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ A = TypeVar("A")
 H = TypeVar("H")
 P = TypeVar("P")
 Line = dict[str, wire.Raw]
-_MAX_PUSHED: Final = 10_000  # of what came unasked and was not fetched
+_MAX_PUSHED: Final = 10_000  # pushed messages that are kept until they are fetched
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
-    """Return the error of a refusal; an unreadable one is returned as text."""
+    """Return the error in a refusal; if the refusal cannot be decoded, the error contains its text."""
     try:
         refusal: Refusal = wire.decode(raw, Refusal)
     except ValueError:
@@ -46,7 +47,7 @@ def read_error(raw: wire.Raw) -> RemoteError:
 
 
 def read_hello(api: Api[H, P], line: Line, label: str) -> H:
-    """Return the greeting in a line; RemoteError if it is an error or of another protocol."""
+    """Return the greeting in a line; RemoteError if the line is an error, or a greeting of another protocol."""
     if "error" in line:
         raise read_error(line["error"])
     hello = wire.decode(line.get("hello", wire.Raw(b"null")), Any)
@@ -61,10 +62,10 @@ def read_hello(api: Api[H, P], line: Line, label: str) -> H:
 
 
 class Client(Generic[H, P]):
-    """Connection to the server of an `Api`; closes `stream` even if the greeting is invalid.
+    """Blocking connection to the server of an `Api`; `stream` is closed if the greeting is invalid.
 
-    `hello` is the greeting of the server, `timeout` the time of a request in s, `dropped` the number of pushed messages
-    that were not fetched in time.
+    `hello` is the server's greeting, `timeout` the default timeout of a request in s, `dropped` the number of pushed
+    messages that were dropped because they were not fetched in time.
     """
 
     def __init__(self, api: Api[H, P], stream: LineClient, timeout: float = 10.0) -> None:
@@ -73,7 +74,7 @@ class Client(Generic[H, P]):
         self.api, self._stream = api, stream
         self._changed = threading.Condition()
         self._sending = threading.Lock()
-        self._reading = False  # one of the threads is in `receive`
+        self._reading = False  # a thread is in `receive`
         self._failure: RemoteError | None = None
         self._last_number = 0
         self._awaited: dict[int, Line | None] = {}
@@ -91,11 +92,11 @@ class Client(Generic[H, P]):
         self.close()
 
     def fileno(self) -> int:
-        """Return the descriptor; when it is readable, `messages(0)` returns received messages."""
+        """Return the file descriptor of the socket, which becomes readable when a message arrives."""
         return self._stream.fileno()
 
     def ask(self, request: Request[A], timeout: float | None = None) -> A:
-        """Send a request and return the answer; waits up to `timeout` s. RemoteError if it is refused."""
+        """Send a request and wait up to `timeout` s for its answer, which is returned; RemoteError if it is refused."""
         method = self.api.of(type(request))
         answer = self._exchange(method.name, request, self.timeout if timeout is None else timeout)
         if "error" in answer:
@@ -103,26 +104,26 @@ class Client(Generic[H, P]):
         return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
 
     def notify(self, request: Request[Any]) -> None:
-        """Send a request that is never answered, not even with a refusal."""
+        """Send a request that the server does not answer, even if it refuses the request."""
         self._send(wire.request_line(None, self.api.of(type(request)).name, request))
 
     def messages(self, timeout: float | None = None) -> Iterator[P]:
-        """Yield pushed messages until there was none for `timeout` s (None: forever).
+        """Yield pushed messages until none arrives for `timeout` s (None: wait without a timeout).
 
-        `messages(0)` yields those already received. RemoteError when the server is gone; UnreadableMessage for an
-        unreadable one, after which the iteration can be restarted.
+        `messages(0)` yields the messages that have been received already. RemoteError if the server is gone;
+        UnreadableMessage for a message that cannot be decoded, after which the iteration can be restarted.
         """
         while self._wait(lambda: bool(self._pushed), timeout):
             try:
                 line = self._pushed.popleft()
-            except IndexError:  # another thread has fetched it
+            except IndexError:  # another thread has fetched the message
                 continue
             for key, kind in self.api.pushes.items():
                 if key in line:
                     yield self._pushed_message(line[key], kind)
 
     def close(self) -> None:
-        """Close the connection, even while a thread waits; a second call is a no-op."""
+        """Close the connection, even while a thread waits for an answer; a second call does nothing."""
         with self._changed:
             self._failure = self._failure or RemoteError(
                 "BusClosed", f"the connection to {self._stream.label} is closed"
@@ -144,7 +145,7 @@ class Client(Generic[H, P]):
         finally:
             del self._awaited[number]  # a later answer has no receiver
 
-    def _pushed_message(self, raw: wire.Raw, kind: Any) -> P:  # noqa: ANN401 - one of the types that P is made of
+    def _pushed_message(self, raw: wire.Raw, kind: Any) -> P:  # noqa: ANN401 - one of the types in P
         try:
             return cast("P", wire.decode(raw, kind))
         except ValueError as error:
@@ -174,13 +175,16 @@ class Client(Generic[H, P]):
         return read_hello(self.api, first, self._stream.label)
 
     def _wait(self, ready: Callable[[], bool], timeout: float | None) -> bool:
-        """Read, or wait while another thread reads, until `ready`; False after the timeout. Checks at least once."""
+        """Read, or wait while another thread reads, until `ready()` is true; return False after the timeout.
+
+        The condition is checked at least once.
+        """
         deadline = None if timeout is None else time.monotonic() + timeout
         last_look = False
         with self._changed:
             while not ready():
                 if self._failure is not None:
-                    raise RemoteError(self._failure.kind, str(self._failure))  # one for each thread that learns it
+                    raise RemoteError(self._failure.kind, str(self._failure))  # a new exception for each thread
                 if last_look:
                     return False
                 remaining = None if deadline is None else max(deadline - time.monotonic(), 0)
@@ -192,7 +196,7 @@ class Client(Generic[H, P]):
         return True
 
     def _read(self, timeout: float | None) -> None:
-        """Read one message without holding the lock, then store it."""
+        """Read one message without holding the lock, then process it."""
         self._reading = True
         self._changed.release()
         line, failure = None, None
@@ -214,7 +218,7 @@ class Client(Generic[H, P]):
             if number in self._awaited:
                 self._awaited[number] = line
         elif "error" in line:
-            self._failure = read_error(line["error"])  # the other side ends the connection after this
+            self._failure = read_error(line["error"])  # the server closes the connection after this message
         else:
             self._pushed.append(line)
             if len(self._pushed) > _MAX_PUSHED:
@@ -222,16 +226,16 @@ class Client(Generic[H, P]):
                 self.dropped += 1
 
 
-# The client of a socket in a reactor: no call waits, the answer comes to a function on the reactor's thread.
+# Client of a socket on a reactor: no call waits for an answer, which is passed to a function on the reactor's thread.
 #
-# Any number of requests are on their way at once, so that a stop never waits behind something slow; each gets one
-# answer, be it an error: refused, too late, or the other side is gone.
+# Any number of requests may be pending, so that a stop never waits for a slow request; every request gets one answer,
+# or an error if it was refused, timed out, or the connection is lost.
 
 
 ENDLESS: Final = 0
-"""A time-out for what may be answered at any time."""
+"""Timeout of a request that may be answered at any time: none."""
 
-_TIMEOUT_NS: Final = 30_000_000_000  # longer than anything the robot may take by itself
+_TIMEOUT_NS: Final = 30_000_000_000  # longer than any request takes in the robot
 _SEND_S: Final = 1.0
 _GARBAGE: Final = "the answer cannot be read: "
 
@@ -239,7 +243,7 @@ _GARBAGE: Final = "the answer cannot be read: "
 class ReactorClient:
     """Connection to the server of an `Api` on a reactor; RemoteError if there is no server.
 
-    Use it on the reactor's thread.
+    All methods must be called on the reactor's thread.
     """
 
     def __init__(
@@ -259,7 +263,10 @@ class ReactorClient:
         answer: Callable[[A | None, str | None], object],
         timeout_ns: int | None = None,
     ) -> None:
-        """Send a request; `answer(result, None)` or `answer(None, reason)` is called once, within `timeout_ns`."""
+        """Send a request; `answer(result, None)` or `answer(None, reason)` is called once.
+
+        After `timeout_ns` (None: the default; `ENDLESS`: no timeout) the answer is an error.
+        """
         if self._closed_reason is not None:
             answer(None, self._closed_reason)
             return
@@ -274,7 +281,7 @@ class ReactorClient:
             self._settle(number, error=str(error))
 
     def keep_saying(self, request: Request[Any], every_ns: int) -> None:
-        """Repeat a request without an answer until the connection is closed."""
+        """Send a request every `every_ns` ns, without an answer, until the connection is closed."""
         if self._closed_reason is not None:
             return
         self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
@@ -291,7 +298,7 @@ class ReactorClient:
         return self._reactor.call_later(wait_ns, lambda: self._settle(number, error=too_late))
 
     def close(self) -> None:
-        """Close the connection; pending requests get an error. A second call does nothing."""
+        """Close the connection; pending requests are answered with an error. A second call does nothing."""
         self._leave(f"{self._stream.label} was left")
 
     def _on_readable(self) -> None:

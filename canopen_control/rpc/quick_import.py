@@ -1,4 +1,4 @@
-"""Faster imports for verbs that only query a running robot and end within a tenth of a second."""
+"""Faster import of msgspec, for CLI verbs that only query a running robot and end within a tenth of a second."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import types
 
 
 def import_msgspec() -> None:
-    """Import msgspec without typing_extensions and platform, which take most of the time of its import.
+    """Import msgspec without typing_extensions and platform, which take most of its import time.
 
-    msgspec searches typing_extensions for types that this package does not use, and works with `typing` without it.
-    It imports uuid, which before Python 3.12 needs only the name of the system from platform.
-    No other code may import these modules meanwhile, so this does nothing while other threads run. It is for
-    programs without foreign code, whose structures may need the modules that msgspec would not find.
+    msgspec searches typing_extensions for types that this package does not use, and works with `typing` alone. It
+    imports uuid, which before Python 3.12 needs only the name of the operating system from platform. No other code may
+    import these modules meanwhile, so this function does nothing while other threads run. It is for programs without
+    foreign code, whose structures may need types that msgspec would not find.
     """
     if {"msgspec", "typing_extensions"} & sys.modules.keys() or threading.active_count() > 1:
         return
@@ -23,7 +23,7 @@ def import_msgspec() -> None:
     quick_platform = "platform" not in sys.modules and hasattr(os, "uname")
     if quick_platform:
         sys.modules["platform"] = types.ModuleType("platform")
-        sys.modules["platform"].system = lambda: os.uname().sysname  # type: ignore[attr-defined] # all that uuid calls
+        sys.modules["platform"].system = lambda: os.uname().sysname  # type: ignore[attr-defined] # the only use in uuid
     try:
         with contextlib.suppress(ImportError):
             import msgspec  # noqa: F401 - for later imports

@@ -1,7 +1,7 @@
-"""Server of a socket: passes requests of an `Api` to handlers, and pushes messages to subscribers.
+"""Server of a socket: passes requests of an `Api` to handlers, and pushes messages to clients.
 
-Each invalid request gets a sentence as its answer, and the server continues: an unknown method, a missing field or a
-field of a wrong type is refused before a handler gets it.
+An invalid request is refused with a sentence before a handler gets it, and the server continues: unknown methods,
+missing fields and fields of a wrong type are refused.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ R_co = TypeVar("R_co", bound=Request[Any], covariant=True)
 
 
 class Call(Generic[R_co]):
-    """One request of a connection, answered by `reply`, `refuse` or `settle`; a notification gets no answer."""
+    """Request of a client, to be answered by `reply`, `refuse` or `settle`; a request without an id gets no answer."""
 
     __slots__ = ("_number", "connection", "request")
 
@@ -40,21 +40,21 @@ class Call(Generic[R_co]):
 
     @property
     def who(self) -> str:
-        """Name of the client in messages."""
+        """Name and process id of the client, for messages."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 
     def reply(self: Call[Request[A]], answer: A) -> None:
-        """Answer with the declared result."""
+        """Answer the request with a result of the declared type."""
         if self._number is not None:
             self.connection.answer(wire.answer_line(self._number, answer))
 
     def refuse(self, error: CanopenError) -> None:
-        """Answer with an error."""
+        """Answer the request with an error."""
         if self._number is not None:
             self.connection.answer(wire.error_line(self._number, type(error).__name__, str(error)))
 
     def settle(self: Call[Request[Done]], error: str | None) -> None:
-        """Answer a request whose execution took time."""
+        """Answer a request that was executed: with Done if `error` is None, else with a ControlError."""
         if error is None:
             self.reply(Done())
         else:
@@ -62,18 +62,18 @@ class Call(Generic[R_co]):
 
 
 class ServerObserver(Protocol):
-    """Observer of a server's requests."""
+    """Observer of the requests that a server accepts, except those that only read."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
-        """Process an accepted request."""
+        """Process an accepted request, by method name and undecoded parameters."""
 
 
 class Server(Generic[H, P]):
     """Server of an `Api` on a Unix socket in a reactor; `hello()` returns the greeting.
 
-    `keeps(connection)` returns whether a connection may be idle; SocketInUse if another process serves the path
-    already; `listener` is a socket that already listens. `check` returns whether every method has its handler.
-    `observer` gets method and parameters of each accepted request, except of those that only read.
+    `keeps(connection)` returns whether a connection may stay open while it is idle; `listener` is a socket that is
+    already listening. SocketInUse if another process serves the path. `observer` gets method and parameters of each
+    accepted request, except those that only read.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Server(Generic[H, P]):
         )
 
     def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
-        """Register the handler of a request; a CanopenError that it raises becomes the answer."""
+        """Register the handler of a request; a CanopenError that the handler raises becomes the answer."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
     def check(self) -> None:
@@ -113,15 +113,15 @@ class Server(Generic[H, P]):
 
     @property
     def connections(self) -> list[Connection]:
-        """Open connections, without those that are closing."""
+        """Open connections, without those that are being closed."""
         return self._server.connections
 
     def line_of(self, push: P) -> bytes:
-        """Return a pushed message as a line, for `Connection.send`."""
+        """Encode a pushed message as a line for `Connection.send`."""
         return wire.push_line(self._api.key_of(type(push)), push)
 
     def push(self, push: P, to: Iterable[Connection] | None = None) -> None:
-        """Push a message to all subscribers, or to some; it is encoded once."""
+        """Send a message to the connections in `to`, or to all; the message is encoded once."""
         line = self.line_of(push)
         for connection in self.connections if to is None else to:
             connection.send(line)

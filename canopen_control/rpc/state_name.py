@@ -1,8 +1,8 @@
-"""Name of a state for people, in a module that a verb imports in no time."""
+"""Display names of states, in a module without slow imports."""
 
 from __future__ import annotations
 
 
 def state_name(state: str | None) -> str:
-    """Return the name of a state (of CiA 402 or NMT) as the standard writes it, "-" for none."""
+    """Return the name of a CiA 402 or NMT state as in the standard, with spaces; "-" for None."""
     return "-" if state is None else state.replace("_", " ")

@@ -1,8 +1,8 @@
-"""Typed messages to and from lines of JSON.
+"""Conversion between typed messages and lines of JSON.
 
-A request is `{"id", "method", "params"}`, its answer `{"id", "result"}` or `{"id", "error": {"kind", "message"}}`; one
-without an id is not answered. Pushed messages have one key of its own. A number that is not finite becomes null,
-bytes are base64.
+A request is `{"id", "method", "params"}`, its answer `{"id", "result"}` or `{"id", "error": {"kind", "message"}}`; a
+request without an id is not answered. A pushed message is an object with one key, which identifies its type. A number
+that is not finite becomes null; bytes are base64.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NULL: Final = msgspec.Raw(b"null")
 
 
 class Incoming(msgspec.Struct, frozen=True):
-    """Received request with undecoded parameters; `method` is empty if it is missing."""
+    """Received request with undecoded parameters; `method` is "" if it is missing or not a text."""
 
     number: Id
     method: str
@@ -36,7 +36,7 @@ class Incoming(msgspec.Struct, frozen=True):
 
 
 def read_line(line: bytes) -> dict[str, Raw]:
-    """Return the undecoded members of the JSON object in a line; ValueError with a sentence for other content."""
+    """Return the undecoded members of the JSON object in a line; ValueError if the line is no JSON object."""
     try:
         return _fields.decode(line)
     except msgspec.ValidationError:
@@ -46,7 +46,7 @@ def read_line(line: bytes) -> dict[str, Raw]:
 
 
 def read_request(line: bytes) -> Incoming:
-    """Return a request of an untrusted client; ValueError, before decoding, if decoding would take too long."""
+    """Return the request in a client's line; ValueError if it is invalid, or has too many values to decode in time."""
     if too_many_values(line):
         raise ValueError(f"more than {MAX_VALUES} values")
     fields = read_line(line)
@@ -62,7 +62,7 @@ def read_request(line: bytes) -> Incoming:
 
 
 def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names, perhaps a union
-    """Return decoded JSON of a type; ValueError with msgspec's sentence and the path."""
+    """Decode JSON as the type `kind`; ValueError with msgspec's message, including the path of the error."""
     try:
         return msgspec.json.decode(raw, type=kind)
     except RecursionError:
@@ -72,7 +72,7 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that 
 
 
 def mistake(error: Exception) -> str:
-    """Return msgspec's sentence; null for a required number is explained as a non-finite number."""
+    """Return msgspec's message of an error; null instead of a number is explained as a number that is not finite."""
     return _NO_NUMBER.sub(_NOT_FINITE, str(error))
 
 
@@ -81,7 +81,7 @@ _NOT_FINITE: Final = "NaN or an infinite number (null in JSON) where a finite on
 
 
 def request_line(number: int | None, method: str, request: object) -> bytes:
-    """Return the line of a request; a request without a number is not answered."""
+    """Encode a request as a line; a request with `number` None is not answered."""
     message = {"method": method, "params": request} if number is None else _request(number, method, request)
     return _encode(message) + b"\n"
 
@@ -91,37 +91,37 @@ def _request(number: int, method: str, request: object) -> dict[str, object]:
 
 
 def answer_line(number: Id, answer: object) -> bytes:
-    """Return the line of an answer."""
+    """Encode the answer to a request as a line."""
     return _encode({"id": number, "result": answer}) + b"\n"
 
 
 def error_line(number: Id, kind: str, message: str) -> bytes:
-    """Return the line of a refusal."""
+    """Encode the refusal of a request as a line."""
     return _encode({"id": number, "error": Refusal(kind, message)}) + b"\n"
 
 
 def push_line(key: str, message: object) -> bytes:
-    """Return the line of a pushed message."""
+    """Encode a pushed message as a line."""
     return _encode({key: message}) + b"\n"
 
 
 def text_of(message: object, *, indent: int = 0) -> bytes:
-    """Return a message as JSON, without a newline; with `indent` on several lines."""
+    """Encode a message as JSON without a newline at the end; with `indent` on several lines."""
     return msgspec.json.format(_encode(message), indent=indent) if indent else _encode(message)
 
 
 def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
-    """Return a message as dicts, lists, texts and numbers, as in `--json` and files; no number is nan."""
+    """Convert a message to dicts, lists, texts and numbers, as in `--json` and files; nan becomes None."""
     return msgspec.json.decode(_encode(message))
 
 
 def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
-    """Return a document with the attributes of an object, or of each in a list, that `kind` names."""
+    """Convert an object, or a list of objects, to the type `kind`, whose fields are read as attributes."""
     return msgspec.convert(source, kind, from_attributes=True)
 
 
 def convert(document: object, kind: type[T]) -> T:
-    """Return a message from dicts and lists (see `plain`); ValueError with the path."""
+    """Convert dicts and lists (see `plain`) to a message; ValueError with the path of the error."""
     try:
         return msgspec.convert(document, kind)
     except msgspec.ValidationError as error:

@@ -7,9 +7,9 @@
         '''What this method does.'''
         key: str
 
-Server, clients, completion and the page of the protocol follow from these declarations. A field that a request does not
-declare is refused, one that an answer does not declare is skipped, so that an older client can read a newer server's
-answers. A number outside the range of its type (`NodeId`, `Index`, ...) is refused where a message is decoded.
+Servers, clients, completion and the documentation of the protocol use these declarations. A request with an undeclared
+field is refused; an undeclared field in an answer is skipped, so that an older client can read the answers of a newer
+server. A number outside the range of its type (`NodeId`, `Index`, ...) is refused when a message is decoded.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 
 PROTOCOL: Final = 2
-"""The version of all sockets; it goes up when what one side says may be misunderstood by the other."""
+"""Protocol version of all sockets; it is increased when an older peer could misunderstand a message."""
 
-# numbers of messages, each with its range
+# number types in messages, with their ranges
 _LAST_COUNT: Final = (1 << 63) - 1
-_LAST_TIME: Final = 1e11  # the year 5138: a calendar has all before it
+_LAST_TIME: Final = 1e11  # the year 5138, which the datetime module still supports
 
 Index = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF)]
 Subindex = Annotated[int, msgspec.Meta(ge=0, le=0xFF)]
 NodeId = Annotated[int, msgspec.Meta(ge=1, le=127)]
-Identifier = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]  # of a frame, with the flags of its kind
+Identifier = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]  # of a CAN frame, with the flags of its format
 Bits = Annotated[int, msgspec.Meta(ge=0, le=64)]
 BitRate = Annotated[int, msgspec.Meta(gt=0, le=_LAST_COUNT)]  # bit/s
 Count = Annotated[int, msgspec.Meta(ge=0, le=_LAST_COUNT)]
@@ -46,11 +46,11 @@ R = TypeVar("R", bound="Request[Any]")
 
 
 class Request(msgspec.Struct, Generic[A], frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Request of a method; `A` is the type of its answer."""
+    """Base class of requests; `A` is the type of the answer."""
 
 
 class Document(msgspec.Struct, frozen=True):
-    """Content of a file, or output of `--json`: the fields are its keys."""
+    """Base class of the content of a file or of `--json` output; the fields are the keys."""
 
 
 class Done(msgspec.Struct, frozen=True):
@@ -58,14 +58,14 @@ class Done(msgspec.Struct, frozen=True):
 
 
 class Refusal(msgspec.Struct, frozen=True):
-    """Error of a request; `kind` is a class of errors.py."""
+    """Error that answers a request; `kind` is the name of a class in errors.py."""
 
     kind: str = "RemoteError"
     message: str = "refused without a reason"
 
 
 class Effect(enum.Enum):
-    """Effect of a method; methods that move are refused while a stop is latched."""
+    """Effect of a method; methods with MOVES are refused while a stop is latched."""
 
     READS = "reads"
     CHANGES = "changes settings or states, moves nothing"
@@ -74,7 +74,7 @@ class Effect(enum.Enum):
 
 
 class Method(NamedTuple):
-    """Method of a socket."""
+    """Method of a socket with the types of its request and answer."""
 
     name: str
     request: type[Request[Any]]
@@ -83,12 +83,12 @@ class Method(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Description: the first paragraph of its docstring on one line."""
+        """Description of the method: the first paragraph of the request's docstring, in one line."""
         return " ".join((self.request.__doc__ or "").strip().split("\n\n")[0].split())
 
 
 class Api(Generic[H, P]):
-    """Methods of one socket by name, its greeting `H` and its pushed messages `P`, by key."""
+    """Declared methods of one socket, the type `H` of its greeting, and the types `P` of its pushed messages by key."""
 
     def __init__(self, name: str, hello: type[H], pushes: Mapping[str, type[P]]) -> None:
         self.name, self.hello, self.pushes = name, hello, pushes
@@ -97,7 +97,7 @@ class Api(Generic[H, P]):
         self._keys = {kind: key for key, kind in pushes.items()}
 
     def method(self, name: str, effect: Effect) -> Callable[[type[R]], type[R]]:
-        """Declare the decorated request as that of a method."""
+        """Return a decorator that declares a request as the method `name`."""
 
         def declare(request: type[R]) -> type[R]:
             (base,) = vars(request)["__orig_bases__"]
@@ -108,14 +108,14 @@ class Api(Generic[H, P]):
         return declare
 
     def declare(self, methods: Iterable[tuple[str, Effect, type[Request[Any]]]]) -> None:
-        """Declare methods with requests of another module: name, effect, request."""
+        """Declare the requests of another module as methods: name, effect and request of each."""
         for name, effect, request in methods:
             self.method(name, effect)(request)
 
     def of(self, request: type[Request[Any]]) -> Method:
-        """Return the method of a request."""
+        """Return the method of a request type; KeyError if the type was not declared."""
         return self.methods[self._names[request]]
 
     def key_of(self, push: type[P]) -> str:
-        """Return the key of a pushed message."""
+        """Return the key of a type of pushed message."""
         return self._keys[push]

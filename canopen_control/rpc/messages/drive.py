@@ -1,7 +1,7 @@
 """Control socket of a virtual node: state, inputs and fault injection.
 
-Real drives have no such socket. Positions and velocities of a plant are the motor's own counts and counts/s, its torque
-and all forces on it per mille of the rated torque; those of an axis are the values on the bus.
+Real drives have no such socket. Positions and velocities of a plant are counts and counts/s of the motor; torques and
+forces are in per mille of the rated torque. Positions and velocities of an axis are the values of its objects.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import msgspec
 
 from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 
-# Bodies in the world of simulated robots; virtual drives and recordings report them.
+# Objects around simulated robots, which virtual drives and recordings report.
 
 
 class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Object in a world: `kind` is "box", "cylinder" (along z), "ellipsoid", or "patch" of the floor.
+    """Object around a simulated robot: `kind` is "box", "cylinder" (along z), "ellipsoid" or "patch" of the floor.
 
-    `size` are its lengths in m along its own axes; `position` of its middle in m and `rotation`, the quaternion w, x,
-    y, z, are those in the world; it `moves` where it can be pushed. It is part of another `robot` where that is named;
-    `grip` is the friction of a patch.
+    `size` has its lengths in m along its own axes; `position` of its centre in m and `rotation`, a quaternion w, x, y,
+    z, are in the world frame; `moves` tells that it can be pushed. `robot` is the name of another robot to which the
+    object belongs, or ""; `grip` is the friction of a patch.
     """
 
     name: str
@@ -37,7 +37,7 @@ Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
 
 class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
-    """Greeting of a virtual node; `channel` is its bus, such as "local:robby", `pid` its process."""
+    """Greeting of a virtual node; `channel` is its bus, such as "local:robby", `pid` its process id."""
 
     node_id: int
     name: str = ""
@@ -48,7 +48,7 @@ class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DriveEvent(msgspec.Struct, frozen=True):
-    """Event of the node, as a sentence."""
+    """Event of a virtual node, as a sentence."""
 
     text: str
 
@@ -60,11 +60,11 @@ DRIVE: Final[Api[DriveHello, DriveEvent]] = Api("drive", DriveHello, {"event": D
 
 
 class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
-    """Fault that can be injected, and whether it is active.
+    """Fault that can be injected into a virtual node, and whether it is active (`on`).
 
-    `row` is its number in the catalogue of real drives' behaviour (0: not in it), `acts` where it acts, "wire", "node",
-    "axis", "input" or "output", `does` what the drive does, `reaction` how a correct master reacts; `once`: it goes off
-    by itself.
+    `row` is its number in the catalogue of the behaviour of real drives (0: not in the catalogue), `acts` the affected
+    part: "wire", "node", "axis", "input" or "output"; `does` is the behaviour of the drive, `reaction` that of a
+    correct master; `once` tells that the fault ends by itself.
     """
 
     name: str
@@ -78,18 +78,18 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
 
 @DRIVE.method("faults", Effect.READS)
 class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
-    """Faults available in the node; those of inputs and axes depend on its kind."""
+    """List the faults that can be injected into the node; those of inputs and axes depend on the kind of node."""
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
-    """Names of the active faults."""
+    """Names of the active faults of a node."""
 
     active: list[str]
 
 
 @DRIVE.method("fault", Effect.CHANGES)
 class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
-    """Inject or clear a fault."""
+    """Inject a fault into the node, or clear it with `on` false."""
 
     name: str
     on: bool = True
@@ -99,11 +99,11 @@ class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
 
 
 class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Quirk of a drive: behaviour of a healthy drive of a manufacturer that deviates from the standards.
+    """Quirk of a drive: behaviour of a manufacturer's healthy drives that deviates from the standards.
 
-    `does` is what the drive does, `clause` what it departs from, `source` where that is documented, `acts` where it
-    acts, "axis" or "node". One with a strength has a `unit`, a `default` and the bounds `low` and `high`. `on` is how
-    it is active, such as "brake_delay=0.5@1".
+    `does` is the behaviour of the drive, `clause` the clause from which it deviates, `source` where the behaviour is
+    documented, `acts` the affected part, "axis" or "node". A quirk with a strength has a `unit`, a `default` and the
+    bounds `low` and `high`. `on` are its active instances, such as "brake_delay=0.5@1".
     """
 
     name: str
@@ -120,11 +120,11 @@ class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 @DRIVE.method("quirks", Effect.READS)
 class ListQuirks(Request[tuple[QuirkListing, ...]], frozen=True):
-    """Quirks available in the node."""
+    """List the quirks that can be switched on in the node."""
 
 
 class ActiveQuirks(msgspec.Struct, frozen=True):
-    """Active quirks, as text."""
+    """Active quirks of a node, such as "brake_delay=0.5@1"."""
 
     active: list[str]
 
@@ -137,7 +137,7 @@ class SwitchQuirk(Request[ActiveQuirks], frozen=True, kw_only=True):
     on: bool = True
 
 
-# -- what the node is doing
+# -- state of the node
 
 
 class PlantState(msgspec.Struct, frozen=True):
@@ -149,7 +149,7 @@ class PlantState(msgspec.Struct, frozen=True):
 
 
 class Spread(msgspec.Struct, frozen=True):
-    """Minimum, mean and maximum of many values."""
+    """Minimum, mean and maximum of a series of values."""
 
     min: float
     mean: float
@@ -157,15 +157,15 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Timing and evenness of set-points in a cyclic mode since the axis was enabled or `restart_quality`.
+    """Timing and smoothness of the set-points in a cyclic mode, since the axis was enabled or `restart_quality`.
 
-    `taken` set-points of RPDOs that counted; `missed`: periods in which none counted; `doubled`: set-points that
-    repeated the one before in the middle of a motion; `overwritten`: those that the next one replaced before they
-    counted. `velocity` is the demanded velocity while the axis moved and `acceleration` the standard deviation of its
-    change, by second differences of the demanded position every 0.5 ms, in the units of the drive and seconds.
-    `velocity_ripple` and `acceleration_ripple` are the standard deviations of the first and the second differences
-    relative to the mean magnitude of the first: 0 for even motion at constant velocity. `phase_us` is the time from a
-    SYNC to the arrival of the RPDO with the set-point. What never was is absent.
+    `taken` counts the set-points that the drive used, `missed` the periods without a new set-point, `doubled` the
+    set-points that repeated the previous one during a motion, `overwritten` the set-points that were replaced before
+    the drive used them. `velocity` is the demanded velocity while the axis moved, and `acceleration` the standard
+    deviation of the demanded acceleration, by second differences of the demanded position every 0.5 ms, in units of the
+    drive and seconds. `velocity_ripple` and `acceleration_ripple` are the standard deviations of the first and the
+    second differences relative to the mean magnitude of the first: 0 for smooth motion at constant velocity. `phase_us`
+    is the time from a SYNC to the arrival of the RPDO with the set-point. Values that were never measured are omitted.
     """
 
     taken: int = 0
@@ -180,7 +180,7 @@ class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class AxisState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
+    """State of a virtual axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
 
     `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive;
     `set_points` exists after the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).
@@ -198,10 +198,10 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Pose of a base in its world at a monotonic time in ns: m and rad, the heading not wrapped.
+    """True pose of a simulated base in the world frame at a monotonic time in ns, in m and rad.
 
-    `z` is above the floor of its start, `roll` and `pitch` are those of REP 103, positive to the right side and to the
-    front down.
+    `heading` is not wrapped, `z` is the height above the floor at the start, `roll` and `pitch` are as in REP 103:
+    positive to the right side and to the front down.
     """
 
     x: float
@@ -214,12 +214,12 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """State of the axes' common world: the `base` they move, and its `sensors` by name.
+    """State of the physics simulation that the axes share: the pose of the `base`, and `sensors` by name.
 
-    An IMU has its quaternion (w, x, y, z), the angular velocities in rad/s and the accelerations in m/s2, ten numbers;
-    a range finder one in m, negative for nothing in reach; a force-torque sensor forces in N and torques in Nm, six.
-    `others` are further values of an external engine, by name. In a `changeable` world payloads, pushes, blocked joints
-    and another friction can be requested.
+    An IMU has ten numbers: quaternion (w, x, y, z), angular velocities in rad/s and accelerations in m/s2; a range
+    finder has a distance in m, negative if nothing is in range; a force-torque sensor has three forces in N and three
+    torques in Nm. `others` are further values of an external engine, by name. If `changeable`, payloads, pushes,
+    blocked joints and another friction can be requested.
     """
 
     base: BasePose | None = None
@@ -229,7 +229,7 @@ class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Signal of a device other than a drive, such as "di3": an input as applied, an `output` at its terminal."""
+    """Signal of a device other than a drive, such as "di3"; `output` distinguishes outputs from inputs."""
 
     name: str
     value: float
@@ -238,10 +238,11 @@ class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """State of a node: NMT state such as "OPERATIONAL" and errors; `world` if its axes belong to one.
+    """State of a virtual node: NMT state such as "OPERATIONAL", errors, axes and signals.
 
-    `error_register` is 0x1001, `errors` are the EMCY codes that are active, `faults` those that are switched on,
-    `quirks` too, as they are written. `signals` are those of a device that is not a drive.
+    `error_register` is 0x1001, `errors` are the active EMCY codes, `faults` the names of active faults, `quirks` the
+    active quirks with their strengths. `world` exists if the axes belong to a physics simulation, `signals` are those
+    of a device other than a drive.
     """
 
     node_id: int
@@ -258,15 +259,15 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @DRIVE.method("state", Effect.READS)
 class GetDriveState(Request[DriveState], frozen=True):
-    """State of the node, its motors and their mechanics."""
+    """Return the state of the node, its axes and their mechanics."""
 
 
-# -- what acts on it from outside
+# -- inputs and mechanics
 
 
 @DRIVE.method("inputs", Effect.CHANGES)
 class SetInputs(Request[Done], frozen=True, kw_only=True):
-    """Set bits of an axis's digital inputs 0x60FD; they stay until they are set again."""
+    """Set the digital inputs (0x60FD) of an axis; they keep the value until it is set again."""
 
     value: Inputs
     axis: int = 0
@@ -274,9 +275,9 @@ class SetInputs(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("signals", Effect.CHANGES)
 class SetSignals(Request[Done], frozen=True, kw_only=True):
-    """Set inputs of a device other than a drive by name, in units, all or none; they stay until they are set again.
+    """Set inputs of a device other than a drive, by name and in units: all or none; they keep their values.
 
-    `values` such as {"di0": 1, "position": 3.14}.
+    `values` is for example {"di0": 1, "position": 3.14}.
     """
 
     values: dict[str, float]
@@ -284,10 +285,10 @@ class SetSignals(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("plant", Effect.CHANGES)
 class SetPlant(Request[Done], frozen=True, kw_only=True):
-    """Set numbers of an axis's plant by their names in a plant file, all or none.
+    """Set parameters of an axis' mechanics by their names in a plant file: all or none.
 
-    Of one under load these are above all `external` and `friction`, torques in per mille of the rated one, `inertia` as
-    a multiple of the motor's own, `backlash` in counts, and whether it is `stalled`.
+    For a motor with a load these are mainly `external` and `friction`, torques in per mille of the rated torque,
+    `inertia` as a multiple of the motor's own inertia, `backlash` in counts, and whether the motor is `stalled`.
     """
 
     numbers: dict[str, float | bool]
@@ -296,19 +297,19 @@ class SetPlant(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("restart_quality", Effect.CHANGES)
 class RestartQuality(Request[Done], frozen=True, kw_only=True):
-    """Restart the set-point statistics of an axis."""
+    """Restart the statistics of an axis' set-points."""
 
     axis: int = 0
 
 
-# -- what happens in a world that has physics
+# -- disturbances of a physics simulation
 
 
 @DRIVE.method("payload", Effect.CHANGES)
 class AddPayload(Request[Done], frozen=True, kw_only=True):
-    """Add `mass` kg to a link at once; a negative mass removes it.
+    """Add `mass` kg to a link at once; a negative mass removes a payload.
 
-    `on` is the link, "" the heaviest one; `position` in m in its frame.
+    `on` is the link, "" for the heaviest link; `position` is in m in the frame of the link.
     """
 
     mass: float
@@ -318,7 +319,7 @@ class AddPayload(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("push", Effect.CHANGES)
 class PushRobot(Request[Done], frozen=True, kw_only=True):
-    """Push a link (""; the heaviest one) at its centre of mass with a `force` in N along the axes of the world."""
+    """Push a link at its centre of mass with `force` in N in the world frame; `on` "" is the heaviest link."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -327,7 +328,7 @@ class PushRobot(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("block", Effect.CHANGES)
 class BlockJoint(Request[Done], frozen=True, kw_only=True):
-    """Block a joint moved by a drive, or unblock it."""
+    """Block a joint that a drive moves, or unblock it with `on` false."""
 
     joint: str
     on: bool = True
@@ -335,23 +336,23 @@ class BlockJoint(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("grip", Effect.CHANGES)
 class SetGrip(Request[Done], frozen=True, kw_only=True):
-    """Change the sliding friction of wheels on the floor, except on patches."""
+    """Change the sliding friction of the wheels on the floor, except on patches."""
 
     friction: Annotated[float, msgspec.Meta(ge=0)]
 
 
 WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
-"""What may happen in a world, at a time or on request."""
+"""Disturbances of a physics simulation, at a planned time or on request."""
 
 
-# -- what the axes do together
+# -- common state of the axes
 
 
 @DRIVE.method("world", Effect.READS)
 class GetWorld(Request[WorldState], frozen=True):
-    """True pose of the base moved by the node's axes; the same for every node of that world."""
+    """Return the true pose of the base and the sensors; all nodes of a physics simulation return the same."""
 
 
 @DRIVE.method("shapes", Effect.READS)
 class GetWorldShapes(Request[tuple[WorldShape, ...]], frozen=True):
-    """Present objects of the world other than the robot: patches, boxes, ramps, walls, other robots."""
+    """Return the present objects around the robot: patches, boxes, ramps, walls and other robots."""

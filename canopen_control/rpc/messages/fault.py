@@ -1,7 +1,7 @@
-"""Fault of a device, an axis or a bus: one record for EMCY, statusword, 0x603F, logs, status, page, report and ROS.
+"""Fault of a device, an axis or a bus: one record for EMCY, statusword, 0x603F, logs, status, report and ROS.
 
-Whoever sees a fault on the wire makes a `FaultEvent` of it; whoever shows one reads its fields or its texts. Each field
-has a value where that source shows it, so that a record says by its fields where it comes from.
+Code that detects a fault on the bus creates a `FaultEvent`; code that displays a fault uses the fields or texts. A
+field has a value only if the source contains it, so that the fields show the source of the record.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from canopen_control.cia301.emcy import EmcyMessage, code_text, is_reset_code, r
 
 
 class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Fault as it was seen on the bus.
+    """Fault as observed on the bus.
 
-    `error_code` is that of an EMCY, or of 0x603F; `error_register` (0x1001) and `data`, the manufacturer's bytes in
-    hexadecimal, are those of an EMCY; `statusword` is the one that shows the fault of an axis; `identifiers` are those
-    of frames that belong to no node of the bus.
+    `error_code` is from an EMCY message or 0x603F; `error_register` (0x1001) and `data`, the manufacturer-specific
+    bytes in hexadecimal, are from an EMCY message; `statusword` is the one that shows the fault of an axis;
+    `identifiers` are those of frames that belong to no node of the bus.
     """
 
     error_code: int | None = None
@@ -27,7 +27,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of_emcy(cls, message: EmcyMessage) -> FaultEvent:
-        """Return the fault of an emergency message, or its end."""
+        """Return the fault that an EMCY message reports, or its end."""
         return cls(message.error_code, message.error_register, message.data.hex())
 
     @property
@@ -37,12 +37,12 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def code_text(self) -> str:
-        """Error code and its meaning, "" without a code."""
+        """Error code with its meaning, "" without a code."""
         return "" if self.error_code is None else code_text(self.error_code)
 
     @property
     def text(self) -> str:
-        """Code, register and manufacturer's bytes with their meanings, without what is absent or zero."""
+        """Error code, error register, data and statusword with their meanings; missing and zero data is omitted."""
         parts = [self.code_text]
         if self.error_register is not None:
             bits = register_text(self.error_register)
@@ -55,7 +55,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def values(self) -> dict[str, str]:
-        """Fields that are known, as text by name, for ROS messages."""
+        """Known fields as text, by name, for ROS messages."""
         known = {
             "error_code": None if self.error_code is None else f"0x{self.error_code:04X}",
             "error_register": None if self.error_register is None else f"0x{self.error_register:02X}",

@@ -1,6 +1,7 @@
 """Requests to a gripper action controller of a running robot.
 
-The end of a goal is reported; a connection has one goal at a time, the last one sent. SI units: rad or m, Nm or N.
+The end of a goal is reported to the connection that sent it; a connection has one goal at a time, the last one that it
+sent. SI units: rad or m, Nm or N.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ A = TypeVar("A")
 
 
 class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Acceptance of a goal, or the reason of its refusal; `feedback_rate` in Hz is the rate of feedback.
+    """Acceptance or refusal of a gripper goal, with the reason; `feedback_rate` is in Hz.
 
-    `outlives_client` is false: a gripper stops when the client of its goal disconnects.
+    `outlives_client` is always false: a gripper stops when the client of its goal disconnects.
     """
 
     accepted: bool
@@ -27,7 +28,7 @@ class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GripperResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of a goal: "succeeded", "canceled" or "aborted", with position and reason."""
+    """Result of a gripper goal: `state` is "succeeded", "canceled" or "aborted", `text` the reason."""
 
     state: str
     text: str
@@ -48,26 +49,26 @@ class _Goal(Request[A], Generic[A], frozen=True, kw_only=True):
 
 
 class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
-    """Execute a gripper goal (a position); answered at its end.
+    """Execute a gripper goal (a position); the answer is sent when the goal ends.
 
-    `max_effort` and `max_velocity` null or 0 are the controller's. With `dead_man` the joint is held where it is as
-    soon as this connection is gone, unless the goal has succeeded; with `heartbeat` besides when it has sent no
-    `trajectory_heartbeat` for so many seconds.
+    Without `max_effort` and `max_velocity` (null or 0) the controller's values apply. With `dead_man` the joint is held
+    as soon as this connection is lost, unless the goal has succeeded; with `heartbeat` also if the connection has sent
+    no `trajectory_heartbeat` for this time in s.
     """
 
 
 class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
-    """Send a gripper goal; answered at once, also with a refusal; `gripper_end` waits for its end."""
+    """Send a gripper goal; accepted or refused at once, while `gripper_end` waits for the end of the goal."""
 
 
 class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
-    """Wait for the end of this connection's last goal."""
+    """Wait for the end of the last gripper goal of this connection."""
 
 
 class CancelGripper(Request[Done], frozen=True, kw_only=True):
-    """Cancel a gripper controller's goal, of any client; the joint is held.
+    """Cancel the goal of a gripper controller, sent by any client; the joint is held.
 
-    `own` true: only if it is this connection's. `why` is put into its result.
+    With `own` true only a goal of this connection is cancelled. `why` becomes part of the result.
     """
 
     controller: str

@@ -1,7 +1,7 @@
-"""Names, tones and advice of states, and the health of a drive, for verbs, page, monitor, report, ROS and bags.
+"""Meanings of the states of axes and robot, with advice, and the health of a drive, for all displays and ROS.
 
-The first matching rule counts (REP 107): no data is STALE; a fault, and an error of a drive that does not run, is an
-ERROR; a drive that is being booted or not enabled, which may be intended, and an error of a running one, is a WARN;
+The first matching rule applies (REP 107): no data is STALE; a fault, or an error of a drive that is not enabled, is an
+ERROR; a drive that is booting or not enabled, which may be intended, or an error of an enabled drive, is a WARN;
 otherwise OK.
 """
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
-"""Tones of a state: works, rests, needs attention, does not work."""
+"""Display levels of a state: works, idle, needs attention, does not work."""
 
 
 class StateWords(NamedTuple):
-    """Meaning of a state: its text and tone, and the next action with its text on the page and its name in the API."""
+    """Meaning of a state: text and display level, advice, and the suggested action by its name in the API."""
 
     text: str
     tone: str
@@ -42,7 +42,7 @@ AXIS_STATES: Final = {
     State.FAULT_REACTION_ACTIVE.name: StateWords("fault, stopping", BAD),
     State.FAULT.name: StateWords("fault", BAD),
 }
-"""States of an axis by their names in CiA 402."""
+"""Meanings of the states of an axis, by their names in CiA 402."""
 _NEEDS_ENABLE: Final = StateWords(
     "needs enable", WARN, "Nothing moves before the drives are enabled: press Enable.", "enable"
 )
@@ -54,7 +54,7 @@ ROBOT_STATES: Final = {
     "stopping": StateWords("stopping", WARN, "The joints ramp to zero."),
     "stopped": StateWords("stopped", IDLE, "The robot has ended its run."),
 }
-"""States of a robot as a whole; a client shows a state of a later version by its name."""
+"""Meanings of the states of a robot as a whole; an unknown state of a newer version is shown by its name."""
 LATCHED: Final = StateWords("STOP is latched", BAD, "Press Release STOP, then Enable.", "release")
 
 
@@ -78,9 +78,9 @@ class Verdict(NamedTuple):
 
 
 def stale(age: float | None, after: float, *, is_known: bool) -> Verdict | None:
-    """Return the verdict for a drive by the age of its data in s and whether anything is `known`.
+    """Return STALE if no message was received, or if the data is older than `after` s; else None.
 
-    None if it is fresh.
+    `age` is the age of the newest data in s; `is_known` tells whether any message was received.
     """
     if not is_known:
         return Verdict(Health.STALE, "no message was received from it")
@@ -90,7 +90,7 @@ def stale(age: float | None, after: float, *, is_known: bool) -> Verdict | None:
 
 
 def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> Verdict:
-    """Return the verdict for a drive by the CiA 402 states of its axes, its boot, its NMT state, and its error."""
+    """Return the health of a drive by the CiA 402 states of its axes, its boot and NMT state, and its error."""
     if any(state in _FAULTS for state in states):
         return Verdict(Health.ERROR, error or "the drive is in fault")
     if not ready:
@@ -107,14 +107,14 @@ def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: 
 
 
 def diagnose_node(node: NodeReading) -> Verdict:
-    """Return the verdict for a node with all its axes."""
+    """Return the health of a node with all its axes."""
     states = [axis.state for axis in node.axes]
     error = node.error or next((axis.error for axis in node.axes if axis.error), None)
     return judge(states, ready=node.ready, nmt=_nmt_of(node), error=error)
 
 
 def diagnose_axis(node: NodeReading, axis: AxisReading | None) -> Verdict:
-    """Return the verdict for one axis of a node, or for a node without axes."""
+    """Return the health of one axis of a node, or of a node without axes."""
     states = [] if axis is None else [axis.state]
     error = (axis.error if axis is not None else None) or node.error
     return judge(states, ready=node.ready, nmt=_nmt_of(node), error=error)

@@ -1,7 +1,7 @@
-"""Control socket of a ``local:`` bus: its members and the faults of its wires.
+"""Control socket of a ``local:`` bus: the members of the bus, and the injection of bus faults.
 
-A label is the name of a member of the bus, such as ``drive 3``; where it is optional, "" is all members. An
-error's kind is a class of errors.py: ConfigError for an unknown label.
+A label is the name of a member of the bus, such as ``drive 3``; if it is optional, "" means all members. The kind of an
+error is a class in errors.py: ConfigError for an unknown label.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
 
 
 class HubHello(msgspec.Struct, frozen=True):
-    """Greeting of a hub; `pid` is its process."""
+    """Greeting of the hub of a local bus; `pid` is its process id."""
 
     bus: str
     protocol: int = 0
     pid: int = 0
 
 
-HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # it sends nothing unasked
+HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # the hub pushes no messages
 
 
 # -- members
 
 
 class Member(msgspec.Struct, frozen=True):
-    """Open end of the bus; frames received, sent, lost, and waiting to be read."""
+    """Member of the bus, with the numbers of frames received, sent, lost, and waiting to be read."""
 
     label: str
     pid: int
@@ -46,7 +46,7 @@ class Member(msgspec.Struct, frozen=True):
 
 
 class DropState(msgspec.Struct, frozen=True):
-    """Rule of `drop`, with the numbers of frames `seen` and `lost`."""
+    """Active rule of `drop`, with the numbers of frames that matched (`seen`) and were `lost`."""
 
     label: str = ""
     can_id: int | None = None
@@ -57,7 +57,7 @@ class DropState(msgspec.Struct, frozen=True):
 
 
 class HubStatus(msgspec.Struct, frozen=True):
-    """Status of a bus: its members, the faults by label, and its load in the last second, 0 to 1, with a bit rate."""
+    """Status of a local bus: members, faults by label, and, if a bit rate is simulated, the load from 0 to 1."""
 
     bus: str
     pid: int
@@ -75,7 +75,7 @@ class HubStatus(msgspec.Struct, frozen=True):
 
 @HUB.method("status", Effect.READS)
 class GetHubStatus(Request[HubStatus], frozen=True):
-    """Members, faults and traffic of the bus."""
+    """Return members, faults and traffic of the bus."""
 
 
 # -- faults
@@ -83,35 +83,35 @@ class GetHubStatus(Request[HubStatus], frozen=True):
 
 @HUB.method("cut", Effect.CHANGES)
 class Cut(Request[Done], frozen=True):
-    """Cut the cable of a label: frames are lost in both directions without an error."""
+    """Cut the cable of a member: frames are lost in both directions without an error."""
 
     label: str
 
 
 @HUB.method("uncut", Effect.CHANGES)
 class Uncut(Request[Done], frozen=True):
-    """Repair the cable of a label."""
+    """Repair the cable of a member."""
 
     label: str
 
 
 @HUB.method("bus_off", Effect.CHANGES)
 class ForceBusOff(Request[Done], frozen=True):
-    """Set the controller of a label to bus off; an error frame reports it."""
+    """Set the CAN controller of a member to bus-off; an error frame reports this to the member."""
 
     label: str
 
 
 @HUB.method("restart", Effect.CHANGES)
 class Restart(Request[Done], frozen=True):
-    """Restart the controller of a label after bus-off."""
+    """Restart the CAN controller of a member after bus-off."""
 
     label: str
 
 
 @HUB.method("error_frame", Effect.CHANGES)
 class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
-    """Make the controller of a label, or all, report an error frame."""
+    """Make the CAN controller of a member, or of all members, report an error frame."""
 
     kind: ErrorKind = "bus-error"
     label: str = ""
@@ -119,7 +119,7 @@ class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("drop", Effect.CHANGES)
 class DropFrames(Request[Done], frozen=True, kw_only=True):
-    """Drop frames of a label, or of all labels: of one identifier or all, each `every`-th, `count` in total."""
+    """Drop frames of a member, or of all: with one identifier or any, each `every`-th, `count` in total."""
 
     label: str = ""
     can_id: Identifier | None = None
@@ -129,7 +129,7 @@ class DropFrames(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("delay", Effect.CHANGES)
 class DelayFrames(Request[Done], frozen=True, kw_only=True):
-    """Delay the frames of a label, or of all, by milliseconds; 0 ends it."""
+    """Delay the frames of a member, or of all members, by `ms` milliseconds; 0 ends the delay."""
 
     ms: Annotated[int, msgspec.Meta(ge=0, le=_MAX_DELAY)]
     label: str = ""
@@ -137,11 +137,11 @@ class DelayFrames(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("bitrate", Effect.CHANGES)
 class SetBitrate(Request[Done], frozen=True):
-    """Simulate a bit rate in bit/s with arbitration; null or 0 ends it."""
+    """Simulate a bit rate in bit/s with arbitration; null or 0 ends the simulation of a bit rate."""
 
     bitrate: Annotated[int, msgspec.Meta(ge=0, le=_MAX_BITRATE)] | None = None
 
 
 @HUB.method("clear", Effect.CHANGES)
 class ClearFaults(Request[Done], frozen=True):
-    """Clear all faults except the bit rate."""
+    """Clear all faults; a simulated bit rate remains."""

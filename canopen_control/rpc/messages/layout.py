@@ -1,4 +1,4 @@
-"""PDO layout of the buses as messages for trace, monitor and exports. Keys are never renamed."""
+"""Messages with the PDO mappings of the buses, for traces, the monitor and exports; their keys are never renamed."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ Direction = Literal["rpdo", "tpdo"]
 
 
 class MappedEntry(msgspec.Struct, frozen=True):
-    """Object in a PDO; `data_type` is a name of CiA 301, `name` that of the EDS.
+    """Object mapped in a PDO; `data_type` is a name in CiA 301, `name` the name in the EDS.
 
-    Its value times `factor` plus `offset` is in `unit`, if the robot's files contain it; otherwise the unit is empty.
+    The value times `factor` plus `offset` is in `unit`, if the files of the robot define a unit; otherwise `unit` is
+    "".
     """
 
     index: Index
@@ -28,7 +29,7 @@ class MappedEntry(msgspec.Struct, frozen=True):
 
 
 class PdoLayout(msgspec.Struct, frozen=True):
-    """Active PDO; `direction` as seen by the device, "rpdo" or "tpdo"; `cob_id` includes the 29-bit flag."""
+    """Active PDO; `direction` ("rpdo" or "tpdo") is as seen by the device, `cob_id` includes the flag of 29-bit ids."""
 
     cob_id: Identifier
     direction: Direction
@@ -38,7 +39,7 @@ class PdoLayout(msgspec.Struct, frozen=True):
 
 
 class NodeLayout(msgspec.Struct, frozen=True):
-    """PDOs of a node; `eds` is a path, empty without one."""
+    """Active PDOs of a node; `eds` is the path of its EDS, "" without one."""
 
     name: str
     node_id: NodeId
@@ -47,7 +48,7 @@ class NodeLayout(msgspec.Struct, frozen=True):
 
 
 class BusLayout(msgspec.Struct, frozen=True):
-    """Bus; `bitrate` in bit/s."""
+    """PDOs of all nodes on a bus, and its SYNC; `bitrate` is in bit/s."""
 
     channel: str
     bitrate: BitRate
@@ -58,6 +59,6 @@ class BusLayout(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """PDO layout of all buses by name."""
+    """PDO mappings of all buses, by the name of the bus."""
 
     buses: dict[str, BusLayout] = {}

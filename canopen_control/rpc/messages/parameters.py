@@ -1,6 +1,6 @@
-"""Parameters of controllers and their manager as in ROS 2: read, and set while the robot runs.
+"""Parameters of controllers and of the controller manager as in ROS 2, which can be read and set while the robot runs.
 
-A double that is not finite is the text that YAML has for it (`.nan`, `.inf`, `-.inf`), since JSON has no number for it.
+A double that is not finite is the text that YAML has for it (`.nan`, `.inf`, `-.inf`), since JSON has no such numbers.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import msgspec
 from canopen_control.rpc.messages.declare import Done, Effect, Request
 
 MANAGER: Final = "controller_manager"
-#: the types of a parameter, each with that of its elements where it is a list
+#: parameter types, with the type of the elements for lists
 KINDS: Final = {
     "not_set": None, "bool": None, "integer": None, "double": None, "string": None,
     "bool_array": "bool", "integer_array": "integer", "double_array": "double", "string_array": "string",
 }  # fmt: skip
 
-#: what they are in Python
+#: Python types of scalar parameters
 SCALARS: Final = {bool: "bool", int: "integer", float: "double", str: "string"}
 
 Scalar = bool | int | float | str
@@ -28,7 +28,7 @@ _SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
 
 
 def plain_value(value: object) -> PlainValue:
-    """Return a value in its form on the wire; None for a value that cannot be a parameter."""
+    """Convert a Python value to its form in messages; None for a value that cannot be a parameter."""
     if isinstance(value, list | tuple):
         elements = [plain_value(item) for item in value]
         return [element for element in elements if element is not None and not isinstance(element, list)]
@@ -38,14 +38,14 @@ def plain_value(value: object) -> PlainValue:
 
 
 def number_of(value: Scalar) -> float:
-    """Return a double in its form on the wire as a number; ValueError if it is invalid."""
+    """Convert a double in a message, which may be `.nan` or `.inf`, to a float; ValueError if it is no number."""
     if isinstance(value, bool):
         raise ValueError(f"{value} is not a number")
     return _SPECIAL[value] if isinstance(value, str) and value in _SPECIAL else float(value)
 
 
 class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
-    """Parameter by its dotted name; `kind` is one of `KINDS`."""
+    """Value of a parameter with the dotted name `name`; `kind` is one of `KINDS`."""
 
     name: str
     kind: str
@@ -53,7 +53,7 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def plain(self) -> PlainValue:
-        """Value in Python, including doubles that are not finite; ValueError if it does not match its kind."""
+        """Python value of the parameter, with nan and infinite doubles; ValueError for an invalid double."""
         element = KINDS.get(self.kind)
         if self.kind == "double" and not isinstance(self.value, list | None):
             return number_of(self.value)
@@ -63,9 +63,9 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ParameterReading(ParameterValue, frozen=True, kw_only=True, omit_defaults=True):
-    """Parameter and its valid values: `low` and `high` bound a number, `choices` are the valid texts.
+    """Parameter with its valid values: `low` and `high` are the bounds of a number, `choices` the valid texts.
 
-    A `read_only` one cannot change after its controller was configured. `text` is its description.
+    A `read_only` parameter cannot change after its controller was configured. `text` is the description.
     """
 
     read_only: bool = False
@@ -82,7 +82,7 @@ class GetParameters(Request[tuple[ParameterReading, ...]], frozen=True, kw_only=
 
 
 class SetParameters(Request[Done], frozen=True, kw_only=True):
-    """Set parameters of a controller or of the `controller_manager`: all, or none with an error."""
+    """Set parameters of a controller or of the `controller_manager`: all, or none if one is refused."""
 
     controller: str
     values: tuple[ParameterValue, ...]

@@ -1,10 +1,10 @@
 """Socket of a running robot for all other processes: methods and pushed messages.
 
-Answers may come in another order than the requests. An error's kind is a class of errors.py: UnknownName where there is
-nothing of a name that was given. SI units; times are Unix seconds.
+Answers may arrive in another order than the requests. The kind of an error is a class in errors.py: UnknownName if
+nothing has a name in the request. SI units; times are Unix time in s.
 
-A client that reads too slowly is disconnected; the end of a client only ends its commands. If the server has no free
-connection, an idle client without subscription and command is disconnected for a new one, with a message.
+A client that reads too slowly is disconnected; when a client ends, only its commands end. If the server has no free
+connection, an idle client without subscription and command is disconnected in favour of a new client, with a message.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from canopen_control.rpc.messages.trajectory import (
     TRAJECTORY_METHODS,
 )
 
-# Requests about the nodes of a running robot and their objects: states, NMT, SDO, PDO, touch probes.
+# Requests for the nodes of a running robot and their objects: NMT, SDO, PDO and touch probes.
 
 
-MAX_OBJECT: Final = 400_000  # bytes of an object that an answer can carry; as many are taken in pieces
+MAX_OBJECT: Final = 400_000  # maximum size in bytes of an object in an answer, and in `sdo_data`
 
-NodeName = str | int  # or its node id
+NodeName = str | int  # name or node id
 Seconds = Annotated[float, msgspec.Meta(gt=0, le=60)]
 
 
@@ -45,9 +45,9 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """Place of a node: its bus, the path of its EDS, and its section of bus.yml.
+    """Node in the files of a robot: its bus, the path of its EDS, and its section of bus.yml.
 
-    `axes` counts those of CiA 402 that its EDS has, `joints` are what it moves: none for a proxy.
+    `axes` is the number of CiA 402 axes in its EDS; `joints` are the joints that it moves, none for a proxy.
     """
 
     name: str
@@ -64,28 +64,28 @@ class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BusPlace(msgspec.Struct, frozen=True):
-    """A bus and the master's node id on it."""
+    """Channel of a bus, and the node id of the master on this bus."""
 
     channel: str
     node_id: int | None = None
 
 
 class NodeListing(msgspec.Struct, frozen=True):
-    """All buses by name, and all nodes."""
+    """All buses by name, and all nodes of a robot."""
 
     buses: dict[str, BusPlace] = {}
     nodes: list[NodePlace] = []
 
 
 class GetNodes(Request[NodeListing], frozen=True):
-    """Bus and EDS of each node."""
+    """Return all buses, and all nodes with their bus and EDS."""
 
 
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
-    """NMT `command`: start, stop, preop, reset-node, reset-comm; `node` may be "all".
+    """Send the NMT `command` start, stop, preop, reset-node or reset-comm; `node` may be "all".
 
-    `boot` true: after a reset the node is booted again; else it waits for `start`. `source` is the name of the sender
-    in the robot's events.
+    With `boot` true the node is booted again after a reset; otherwise it waits for `start`. `source` is the name of the
+    sender in the robot's events.
     """
 
     command: str
@@ -95,13 +95,13 @@ class NmtRequest(Request[Done], frozen=True, kw_only=True):
 
 
 class SdoData(msgspec.Struct, frozen=True):
-    """The bytes of an object."""
+    """Data of an uploaded object."""
 
     data: bytes
 
 
 class SdoRead(Request[SdoData], frozen=True, kw_only=True):
-    """Upload an object; `timeout` in s per answer (null: the node's), `block` requests block transfer."""
+    """Upload an object; `timeout` is in s per answer (null: the timeout of the node), `block` uses block transfer."""
 
     node: NodeName
     index: Index
@@ -111,9 +111,9 @@ class SdoRead(Request[SdoData], frozen=True, kw_only=True):
 
 
 class SdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Download an object; writes that move an axis are refused while a stop is latched. Events name the client.
+    """Download an object; downloads that move an axis are refused while a stop is latched. An event names the client.
 
-    `source` is by whose name, that of the client's program without one.
+    `source` is the name of the sender in this event, the name of the client's program if it is null.
     """
 
     node: NodeName
@@ -125,26 +125,26 @@ class SdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class SdoProgress(msgspec.Struct, frozen=True):
-    """Progress of a transfer in bytes, done and total; 0 and null if unknown."""
+    """Progress of an SDO transfer: transferred and total bytes; 0 and null if they are unknown."""
 
     done: Count = 0
     total: Count | None = None
 
 
 class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
-    """Progress of the present SDO transfer with a node, of any client."""
+    """Return the progress of the present SDO transfer with a node, of any client."""
 
     node: NodeName
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
-    """Part of the data for this connection's next `sdo_write`, because a request is limited to 64 KiB."""
+    """Send a part of the data of this connection's next `sdo_write`, because a request is limited to 64 KiB."""
 
     data: bytes
 
 
 class PdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Send an object once in the RPDOs that map it, with the next cycle and SYNC; not for motion objects."""
+    """Send an object once, in the RPDOs that map it, with the next cycle and SYNC; refused for objects of motion."""
 
     node: NodeName
     index: Index
@@ -153,7 +153,7 @@ class PdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Touch probe objects of an axis (0x60B8 to 0x60BD) in device units; missing objects are omitted."""
+    """Touch probe objects of an axis (0x60B8 to 0x60BD) in device units; objects that do not exist are omitted."""
 
     function: int | None = None
     status: int | None = None
@@ -164,7 +164,7 @@ class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class ReadTouchProbe(Request[TouchProbe], frozen=True, kw_only=True):
-    """Captured positions of a node's touch probes."""
+    """Return the touch probe objects of a node's axis: function, status and captured positions."""
 
     node: NodeName
 
@@ -181,14 +181,14 @@ NODE_METHODS: Final = (
 )
 
 
-MAX_RATE: Final = 1000.0  # Hz, of the state stream
+MAX_RATE: Final = 1000.0  # Hz, maximum rate of the state stream
 STREAM_RATE: Final = 100.0  # Hz, the maximum that ROS and bags request by default
 
 Rate = Annotated[float, msgspec.Meta(gt=0, le=MAX_RATE)]
 
 
 class RobotHello(msgspec.Struct, frozen=True):
-    """Greeting of a robot; `pid` is its process."""
+    """Greeting of a robot; `pid` is the process id of the robot."""
 
     robot: str
     version: str = ""
@@ -197,7 +197,7 @@ class RobotHello(msgspec.Struct, frozen=True):
 
 
 class MappedValue(msgspec.Struct, frozen=True, array_like=True):
-    """Object received in a TPDO."""
+    """Data of an object received in a TPDO."""
 
     index: int
     subindex: int
@@ -205,14 +205,14 @@ class MappedValue(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ProcessData(msgspec.Struct, frozen=True):
-    """Contents of TPDOs by node: first all objects, then the changes of each cycle."""
+    """Contents of received TPDOs by node name: at first all objects, then the changed objects of each cycle."""
 
     time: float
     nodes: dict[str, list[MappedValue]]
 
 
 class RequestSeen(msgspec.Struct, frozen=True):
-    """Accepted request of a client, with its parameters; read-only requests are omitted."""
+    """Accepted request of a client with its parameters; requests that only read are not reported."""
 
     time: float
     method: str
@@ -225,17 +225,17 @@ ROBOT: Final[Api[RobotHello, RobotPush]] = Api(
 )
 
 
-# -- what it does
+# -- status and events
 
 
 @ROBOT.method("status", Effect.READS)
 class GetStatus(Request[Status], frozen=True):
-    """Status, as `status --json` prints it."""
+    """Return the status of the robot, as printed by `status --json`."""
 
 
 @ROBOT.method("subscribe", Effect.READS)
 class Subscribe(Request[Done], frozen=True, kw_only=True):
-    """Subscribe to state samples at `state_rate` in Hz (null: none), events, TPDO contents and requests."""
+    """Subscribe to state samples at `state_rate` in Hz (null: none), events, TPDO contents and requests of clients."""
 
     state_rate: Rate | None = None
     events: bool = False
@@ -245,7 +245,7 @@ class Subscribe(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("tell", Effect.CHANGES)
 class PublishEvent(Request[Done], frozen=True, kw_only=True):
-    """Publish an event to all subscribers; `kind` is one word, `level` "info" or "warning"."""
+    """Publish an event to all subscribers; `kind` is one word, `level` is "info" or "warning"."""
 
     kind: str
     text: str
@@ -257,10 +257,11 @@ class PublishEvent(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("command", Effect.MOVES)
 class CommandController(Request[Done], frozen=True, kw_only=True):
-    """Command a controller; a `dead_man` command ends when this connection closes.
+    """Send command values to a controller; a `dead_man` command ends when this connection is closed.
 
-    Refused as NotEnabled while a drive of the controller is off, as NotYetEnabled while it comes up. `interface` is
-    what the sender takes the values for; refused where they are something else now, as a target in another mode.
+    Refused with NotEnabled while a drive of the controller is disabled, and with NotYetEnabled while it is being
+    enabled. `interface` is the quantity of the values; the command is refused if the controller's quantity differs,
+    such as for a target in another mode.
     """
 
     controller: str
@@ -274,7 +275,7 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 class CommandByName(Request[Done], frozen=True, kw_only=True):
     """Command some of a controller's interfaces by name, such as "io/lamp"; the others are unchanged.
 
-    A GPIO command controller takes them. They end with `dead_man` as a command does.
+    Only GPIO command controllers accept this request. A `dead_man` command ends when this connection is closed.
     """
 
     controller: str
@@ -285,9 +286,9 @@ class CommandByName(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
-    """Command a base: forward and, if holonomic, `lateral` to the left in m/s, `angular` in rad/s.
+    """Command a base: `linear` forward and, if the base can, `lateral` to the left in m/s, `angular` in rad/s.
 
-    `stamp` is when it was made.
+    `stamp` is the Unix time of the twist in s, null for now.
     """
 
     controller: str
@@ -305,9 +306,9 @@ ROBOT.declare(GRIPPER_METHODS)
 
 @ROBOT.method("stop", Effect.STOPS)
 class Stop(Request[Done], frozen=True, kw_only=True):
-    """Ramp to zero and disable; answered when no drive moves.
+    """Ramp all joints to zero and disable the drives; answered when no drive moves.
 
-    `latch` true: nothing moves before `release`, for any client.
+    With `latch` true the stop is latched: nothing moves before `release`, for any client.
     """
 
     latch: bool = False
@@ -323,12 +324,12 @@ class Release(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("shutdown", Effect.STOPS)
 class Shutdown(Request[Done], frozen=True):
-    """Stop, then end the robot."""
+    """Stop all joints, then end the robot."""
 
 
 @ROBOT.method("set_odometry", Effect.CHANGES)
 class SetOdometry(Request[Done], frozen=True, kw_only=True):
-    """Set the odometry of a base controller, in m and rad."""
+    """Set the pose of a base controller's odometry, in m and rad."""
 
     controller: str
     x: float
@@ -338,7 +339,7 @@ class SetOdometry(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("set_feed_forward", Effect.CHANGES)
 class SetFeedForward(Request[Done], frozen=True, kw_only=True):
-    """Whether the references of a PID controller lead (`~/set_feedforward_control`)."""
+    """Enable or disable the feed-forward of a PID controller's references (`~/set_feedforward_control`)."""
 
     controller: str
     enabled: bool
@@ -346,24 +347,24 @@ class SetFeedForward(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("set_measured_states", Effect.MOVES)
 class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
-    """Set the measured states of a PID controller's degrees of freedom, then derivatives (`~/measured_state`)."""
+    """Set the measured states, and then their derivatives, of a PID controller (`~/measured_state`)."""
 
     controller: str
     values: list[float]
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Result of an axis request: `text` if it affected further axes of a base controller."""
+    """Result of an axis request; `text` names further axes of a base controller that were affected, "" without any."""
 
     text: str = ""
 
 
 @ROBOT.method("axis", Effect.MOVES)
 class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
-    """`action`: enable, disable, halt, quick-stop, fault-reset, home (`method`), mode (`mode`: a name such as CSP).
+    """Execute `action`: enable, disable, halt, quick-stop, fault-reset, home (`method`) or mode (`mode`, such as CSP).
 
-    `node` may be "all"; `joint` selects one axis of a node with several. The events name `source`, or else the client,
-    as the sender.
+    `node` may be "all"; `joint` selects one axis of a multi-axis node. `source` is the name of the sender in events,
+    the name of the client's program if it is null.
     """
 
     action: str
@@ -379,19 +380,19 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
 
 @ROBOT.method("controllers", Effect.READS)
 class ListControllers(Request[tuple[ControllerReading, ...]], frozen=True, kw_only=True):
-    """List the controllers; with `all` also the unloaded ones of ros2_controllers.yaml."""
+    """List the loaded controllers; with `all` also those in ros2_controllers.yaml that are not loaded."""
 
     all: bool = False
 
 
 @ROBOT.method("controller_types", Effect.READS)
 class ListControllerTypes(Request[list[str]], frozen=True):
-    """List the valid `type` names of controllers."""
+    """List the valid controller types."""
 
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller of ros2_controllers.yaml and configure it; not configured with `configure` false, as in ROS."""
+    """Load a controller in ros2_controllers.yaml and configure it; only load it if `configure` is false, as in ROS."""
 
     controller: str
     configure: bool = True
@@ -406,7 +407,7 @@ class ConfigureController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("cleanup", Effect.CHANGES)
 class CleanupController(Request[Done], frozen=True, kw_only=True):
-    """Undo `configure`; a controller keeps no state between two loads."""
+    """Undo the configuration of a controller, which keeps no state."""
 
     controller: str
 
@@ -420,7 +421,7 @@ class UnloadController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("switch", Effect.CHANGES)
 class SwitchControllers(Request[Done], frozen=True, kw_only=True):
-    """Activate and deactivate controllers in one step; with `strict` false as far as possible."""
+    """Activate and deactivate controllers in one step; if `strict` is false, as many as possible."""
 
     activate: tuple[str, ...] = ()
     deactivate: tuple[str, ...] = ()
@@ -432,7 +433,7 @@ ROBOT.declare(SIMULATION_METHODS)
 
 
 class InterfaceReading(msgspec.Struct, frozen=True):
-    """Interface of a component, named "joint/interface"."""
+    """Interface of a hardware component, named "joint/interface"."""
 
     name: str
     available: bool
@@ -440,7 +441,7 @@ class InterfaceReading(msgspec.Struct, frozen=True):
 
 
 class HardwareReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Hardware component as in `list_hardware_components`; `rate` in Hz."""
+    """Hardware component as in `list_hardware_components` of ros2_control; `rate` is in Hz."""
 
     name: str
     type: str
@@ -453,18 +454,18 @@ class HardwareReading(msgspec.Struct, frozen=True, kw_only=True):
 
 @ROBOT.method("hardware", Effect.READS)
 class ListHardware(Request[list[HardwareReading]], frozen=True):
-    """The hardware components."""
+    """List the hardware components."""
 
 
 class ComponentState(msgspec.Struct, frozen=True):
-    """The state of a hardware component."""
+    """Lifecycle state of a hardware component."""
 
     state: str
 
 
 @ROBOT.method("set_hardware_state", Effect.CHANGES)
 class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
-    """Set a component to "unconfigured", "inactive" or "active" without any motion."""
+    """Set a hardware component to "unconfigured", "inactive" or "active"; this causes no motion."""
 
     component: str
     state: str
@@ -477,13 +478,14 @@ ROBOT.declare(NODE_METHODS)
 
 @ROBOT.method("layout", Effect.READS)
 class GetLayout(Request[Layout], frozen=True):
-    """PDO mappings of each bus."""
+    """Return the PDO mappings of all buses."""
 
 
 class Description(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Return the robot's description; `path` is its source file.
+    """Description of a robot as URDF text; `path` is the source file.
 
-    `world` is the world around a simulated robot in a recording; for a running robot it is read from its drives.
+    `world` has the objects around a simulated robot in a recording; for a running robot they are requested from its
+    drives.
     """
 
     urdf: str
@@ -493,4 +495,4 @@ class Description(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @ROBOT.method("description", Effect.READS)
 class GetDescription(Request[Description], frozen=True):
-    """The robot's description, after xacro."""
+    """Return the robot's description as URDF, after xacro."""

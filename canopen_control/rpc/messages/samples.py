@@ -1,7 +1,7 @@
-"""Samples of controllers: one structure per kind, distinguished by its `kind`.
+"""Samples of controllers: one structure per kind, identified by the key `kind`.
 
-A sample belongs to its controller's last publication: all readers see the same stamps with the same values. SI units,
-None if unknown. A new kind is a structure here and a member of `ControllerSample`.
+A sample is from the last publication of its controller: all readers get the same values with the same stamp. SI units;
+unknown values are None. A new kind needs a structure here, and has to be added to `ControllerSample`.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 
 class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="none"):
-    """Common fields of all samples: `time` of the publication in Unix s."""
+    """Base class of all samples; `time` is the Unix time of the publication in s."""
 
     time: float
 
 
 class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
-    """Pose of a base controller by odometry.
+    """Pose and twist of a base controller by odometry, in m, rad and s.
 
-    Metres, rad, seconds; `lateral` is to the left, of a holonomic base; each covariance by the six values of its
-    diagonal. `limited` is the twist after the limits if it is published; `ackermann` is the speed (rad/s) and the angle
-    (rad) of the wheel that drives and steers, likewise. With `only_twist` the message for ROS has no pose.
+    `lateral` is the velocity to the left, of a holonomic base; covariances are the six values of the diagonal.
+    `limited` is the twist after the limiters, `ackermann` the speed (rad/s) and the angle (rad) of the wheel that
+    drives and steers; both are None if they are not published. With `only_twist` the ROS message has no pose.
     """
 
     x: float
@@ -48,7 +48,8 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
 class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
     """Odometry of a steered base, and its wheels from right to left (control_msgs/SteeringControllerStatus).
 
-    rad and rad/s, null is unknown; of traction positions or velocities are measured.
+    The units are rad and rad/s; unknown values are null. Either positions or velocities of the traction wheels are
+    measured.
     """
 
     traction_positions: list[float | None] = []
@@ -59,10 +60,10 @@ class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
 
 
 class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
-    """Odometry of a base with mecanum wheels, and the wheels (control_msgs/MecanumDriveControllerState).
+    """Odometry and wheel speeds of a base with mecanum wheels (control_msgs/MecanumDriveControllerState).
 
-    `wheels` are the measured speeds in rad/s, counter-clockwise from the front left one, null is unknown; `reference`
-    is the commanded twist, forward, to the left (m/s) and turning (rad/s), null without one.
+    `wheels` are the measured speeds in rad/s, counter-clockwise from the front left wheel, null if unknown; `reference`
+    is the commanded twist: forward and to the left in m/s, and the rotation in rad/s, null without a command.
     """
 
     wheels: list[float | None] = []
@@ -70,9 +71,10 @@ class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
 
 
 class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
-    """Sample of a joint state broadcaster: values by joint and name; `names` is the order of a JointState.
+    """Values of a joint state broadcaster by joint and interface; `names` is the order of JointState messages.
 
-    "position", "velocity" and "effort" are what its parameters map to these, an extra joint's are 0.0.
+    "position", "velocity" and "effort" have the values of the interfaces that its parameters map to them; those of
+    extra joints are 0.0.
     """
 
     names: tuple[str, ...]
@@ -80,13 +82,13 @@ class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
 
 
 class GpioSample(Sample, frozen=True, kw_only=True, tag="gpio"):
-    """Inputs and outputs: values by part (a joint or a <gpio>) and name."""
+    """Inputs and outputs of a GPIO controller: values by part (a joint or a <gpio>) and interface."""
 
     parts: dict[str, Values]
 
 
 class JointDiagnosis(msgspec.Struct, frozen=True):
-    """Diagnosis of a joint: `level` as in diagnostic_msgs, and the `values` it is based on."""
+    """Diagnosis of a joint: `level` as in diagnostic_msgs, and the `values` on which it is based."""
 
     name: str
     level: int
@@ -95,15 +97,15 @@ class JointDiagnosis(msgspec.Struct, frozen=True):
 
 
 class DiagnosticsSample(Sample, frozen=True, kw_only=True, tag="diagnostics"):
-    """Diagnosis of the drives of the joints."""
+    """Diagnoses of a diagnostics broadcaster for the drives of its joints."""
 
     joints: list[JointDiagnosis]
 
 
 class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
-    """Trajectory point: one value per joint, or none; `time_from_start` in s.
+    """Point of a trajectory: each list has one value per joint, or no value; `time_from_start` is in s.
 
-    Positions in rad (m), velocities in rad/s, accelerations in rad/s^2, effort in Nm (N).
+    Positions are in rad (m), velocities in rad/s, accelerations in rad/s^2, effort in Nm (N).
     """
 
     positions: list[float] = []
@@ -114,9 +116,9 @@ class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
-    """Desired and actual state of a trajectory's joints, and the error.
+    """Desired and actual state of a trajectory's joints, the error, and the output to the hardware.
 
-    `executing` is true while a goal is executed, `holding` while the joints are held.
+    `executing` is true while a goal is executed, `holding` while the joints hold their position.
     """
 
     joints: tuple[str, ...]
@@ -130,7 +132,7 @@ class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
 
 
 class DofReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Degree of freedom of a PID (control_msgs/SingleDOFState): SI units, `time_step` in s, null for unknown."""
+    """Degree of freedom of a PID controller (control_msgs/SingleDOFState); `time_step` in s, null if unknown."""
 
     name: str
     reference: float | None
@@ -149,7 +151,7 @@ class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
 
 
 class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
-    """Position and target of a gripper: rad or m, rad/s or m/s, Nm or N; `target` None while it holds."""
+    """State and target of a gripper, in rad, rad/s and Nm or m, m/s and N; `target` is None while it holds."""
 
     joint: str
     position: float | None
@@ -162,7 +164,10 @@ class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
 
 
 class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
-    """IMU measurement: `orientation` as (x, y, z, w), rad/s and m/s^2; covariances row by row about x, y, z."""
+    """Measurement of an IMU: `orientation` as (x, y, z, w), angular velocity in rad/s, acceleration in m/s^2.
+
+    Covariances are matrices about x, y and z, row by row.
+    """
 
     frame_id: str
     orientation: tuple[float | None, ...]
@@ -174,7 +179,7 @@ class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
 
 
 class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
-    """Distance in m, and the sensor: `radiation_type` 0 ultrasound, 1 infrared, `field_of_view` in rad."""
+    """Distance in m, and data of the sensor; `radiation_type` is 0 for ultrasound and 1 for infrared."""
 
     frame_id: str
     range: float | None
@@ -186,7 +191,7 @@ class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
 
 
 class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
-    """Forces in N along x, y, z and torques in Nm about them."""
+    """Forces along x, y and z in N, and torques about them in Nm."""
 
     frame_id: str
     force: tuple[float | None, ...]
@@ -194,9 +199,9 @@ class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
 
 
 class PoseSample(Sample, frozen=True, kw_only=True, tag="pose"):
-    """Pose: `position` in m, `orientation` as (x, y, z, w).
+    """Pose of a pose broadcaster: `position` in m, `orientation` as (x, y, z, w).
 
-    `child_frame_id` is the frame whose transform that is, None where it is none.
+    `child_frame_id` is the frame whose transform this is, None if it is not published as a transform.
     """
 
     frame_id: str
@@ -206,9 +211,10 @@ class PoseSample(Sample, frozen=True, kw_only=True, tag="pose"):
 
 
 class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Battery state: V, degC, A (negative while discharging), Ah; `percentage` from 0 to 1.
+    """State of a battery: V, degC, A (negative while discharging), Ah; `percentage` from 0 to 1.
 
-    The enums are those of sensor_msgs/BatteryState, 0 is unknown. `name` is empty for all of them as one.
+    The enumerations are those of sensor_msgs/BatteryState, 0 is unknown. `name` is "" for the combination of all
+    batteries.
     """
 
     name: str
@@ -228,7 +234,7 @@ class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BatteriesSample(Sample, frozen=True, kw_only=True, tag="batteries"):
-    """Batteries of a robot, and all of them combined."""
+    """States of a robot's batteries, and of their combination."""
 
     batteries: list[BatteryReading]
     together: BatteryReading
@@ -250,19 +256,19 @@ ControllerSample: TypeAlias = (
     | PoseSample
     | BatteriesSample
 )
-"""What a controller may tell."""
+"""All kinds of samples."""
 
 
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
-    """Return a sample of a derived kind with the fields of another one and `more`."""
+    """Return a sample of the derived type `kind` with the fields of `sample` and further fields."""
     return kind(**(msgspec.structs.asdict(sample) | more))
 
 
 def stamped(message: M, time: float, **more: Any) -> M:  # noqa: ANN401 - fields of any type
-    """Return a copy of a message with another `time` and `more` fields."""
+    """Return a copy of a message with another `time`, and with other values of the fields in `more`."""
     return msgspec.structs.replace(message, time=time, **more)
 
 
 def kind_of(sample: type[Sample]) -> str:
-    """Return the `kind` of a type of sample on the wire."""
+    """Return the value of the key `kind` for a type of sample."""
     return str(sample.__struct_config__.tag)

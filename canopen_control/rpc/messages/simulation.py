@@ -1,8 +1,8 @@
-"""Requests about the simulation of a robot by a ros2_control plugin without drives.
+"""Requests for a robot that is simulated by a ros2_control plugin without drives.
 
-Its time advances with the robot's cycles; real and virtual drives have a time of their own, so that a robot on a bus
-refuses all of these; disturbances of its world are requests to its virtual drives (`drive`). A refusal has a reason
-and changes nothing.
+The simulated time advances with the cycles of the robot. Real and virtual drives have a time of their own, so that a
+robot on a bus refuses all these requests; disturbances are then requested from its virtual drives (`drive`). A refusal
+has a reason and changes nothing.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ MAX_STEPS: Final = 1_000_000
 
 
 class Simulation(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a simulation: `seconds` simulated, whether it is paused, the `period` of a cycle in s.
+    """State of a simulation: simulated `seconds`, whether it is paused, and the `period` of a cycle in s.
 
-    In a `changeable` one, with physics, payloads, pushes, blocked joints and another friction can be requested.
+    If `changeable`, the simulation has physics, and payloads, pushes, blocked joints and another friction can be
+    requested.
     """
 
     seconds: float
@@ -30,9 +31,9 @@ class Simulation(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LaserScanReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Scan of a lidar `seconds` into the simulation: rad and m as in sensor_msgs/LaserScan; -1 for no echo.
+    """Scan of a simulated lidar, in rad and m as in sensor_msgs/LaserScan; -1 means no echo.
 
-    `topic` is where ROS gets it, `scan_time` in s how often.
+    `seconds` is the simulated time, `topic` the ROS topic, `scan_time` the period in s.
     """
 
     name: str
@@ -49,18 +50,18 @@ class LaserScanReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class GetSimulation(Request[Simulation], frozen=True):
-    """State of the simulation."""
+    """Return the state of the simulation."""
 
 
 class GetLaserScans(Request[tuple[LaserScanReading, ...]], frozen=True):
-    """Return the present scans of the lidars of a robot in physics; empty without lidars."""
+    """Return the present scans of the lidars of a robot with physics; empty without lidars."""
 
 
 class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
     """Pause or resume the simulation.
 
-    While it is paused no command runs out. Commands that are in force when it goes on are forgotten: nothing moves
-    before a newer one.
+    No command times out while the simulation is paused. When it is resumed, previous commands are dropped: nothing
+    moves before a new command.
     """
 
     paused: bool
@@ -75,8 +76,8 @@ class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
 class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
     """Reset the simulated robot to its start, or to a key frame of its MJCF, at standstill.
 
-    Its odometry restarts and every command is forgotten; the active controllers are started again, no other one. The
-    simulated time continues, since a time that goes back breaks subscribers.
+    Odometry restarts and all commands are dropped; active controllers are restarted, and no other controller is
+    activated. The simulated time continues, because a time that jumps back breaks subscribers.
     """
 
     keyframe: str = ""

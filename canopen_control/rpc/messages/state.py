@@ -1,7 +1,7 @@
-"""State of a robot: `status --json`, the state stream, events, controllers.
+"""State of a robot: `status --json`, the state stream, events and controllers.
 
-SI units, None where nothing is known (JSON has no nan), times in Unix seconds, and the same names as in bus.yml and the
-description. On the wire keys may be added, never renamed.
+SI units; unknown values are None (JSON has no nan); times are Unix time in s; names are the same as in bus.yml and the
+description. Keys of messages may be added, but are never renamed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Planar: TypeAlias = tuple[float, float, float]
 
 
 class SdoCounts(msgspec.Struct, frozen=True):
-    """The SDO requests of a node since the robot started."""
+    """Numbers of SDO requests to a node since the robot started."""
 
     reads: Count = 0
     writes: Count = 0
@@ -32,7 +32,7 @@ class SdoCounts(msgspec.Struct, frozen=True):
 class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
     """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
 
-    `fault` is the one that its drive is in, as far as it is known, and `error` what is reported of it.
+    `fault` is the present fault of its drive, as far as it is known; `error` is the text that is reported.
     """
 
     joint: str
@@ -45,18 +45,18 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 
     @property
     def enabled(self) -> bool:
-        """Whether the drive is enabled and follows commands."""
+        """Whether the drive is in OPERATION_ENABLED."""
         return self.state == State.OPERATION_ENABLED.name
 
 
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
-    """State of a node: NMT state such as "OPERATIONAL", `age` of its last frame in s, errors.
+    """State of a node: NMT state such as "OPERATIONAL", `age` of the newest frame in s, and errors.
 
-    `taken_out`: an NMT command has taken it out of the robot, which leaves it alone until another one starts it.
-    `void_outputs` were commanded when it was lost, and not since: they are as the device has them.
-    `unsupervised` is why nothing stops it when the master is lost, as `allow_unsupervised` accepts; "" if it stops.
-    `name` is empty in a recording from before protocol 2, which has it as the key alone. `fault` is that of its last
-    EMCY, None after an error reset.
+    `taken_out` tells that an NMT command has stopped or reset the node, which the robot then ignores until another
+    command starts it. `void_outputs` are outputs whose command became void when the node was lost, and that have no new
+    command. `unsupervised` is the reason why nothing stops the node when the master is lost, as permitted by
+    `allow_unsupervised`; "" if the node stops. `name` is "" in recordings older than protocol 2, which have the name
+    only as a key. `fault` is that of the last EMCY message, None after an error reset.
     """
 
     name: str = ""
@@ -77,9 +77,9 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
 class TrackingReading(msgspec.Struct, frozen=True):
     """Tracking of a joint: errors in rad or rad/s (m, m/s), corrected for the dead time of the bus.
 
-    `interface` is what is compared, "position" or "velocity"; `error_max` and `error_rms` are of the last `window_s`,
-    5 to 10 s. `repeated` counts positions that were sent again while the joint moved, `skipped` set-points that were
-    never sent; both since it was enabled, as the other two.
+    `interface` is the compared quantity, "position" or "velocity"; `error_max` and `error_rms` are for the last
+    `window_s`, 5 to 10 s. `repeated` counts positions that were sent again while the joint moved, `skipped` set-points
+    that were not sent; both since the joint was enabled, as the two other errors.
     """
 
     interface: str = ""
@@ -95,9 +95,9 @@ class TrackingReading(msgspec.Struct, frozen=True):
 class JointReading(msgspec.Struct, frozen=True):
     """State of a joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (prismatic: m, m/s, N).
 
-    `command` is what its controller writes now, in the unit of the interface that it claims; `others` are the values of
-    its further state interfaces by their name. `name` is empty in a recording from before protocol 2. `tracking` is
-    None for a joint without a drive, or that has not moved since it was enabled.
+    `command` is the present value of the claimed interface, in its unit; `others` are the values of further state
+    interfaces by name. `name` is "" in recordings older than protocol 2. `tracking` is None for a joint without a
+    drive, or one without compared set-points since it was enabled.
     """
 
     name: str = ""
@@ -109,7 +109,7 @@ class JointReading(msgspec.Struct, frozen=True):
     tracking: TrackingReading | None = None
 
     def value(self, interface: str) -> float | None:
-        """Return the value of a state interface, None if it does not exist."""
+        """Return the value of a state interface, None if it does not exist or is unknown."""
         if interface == "position":
             return self.position
         if interface == "velocity":
@@ -118,12 +118,12 @@ class JointReading(msgspec.Struct, frozen=True):
 
     @property
     def values(self) -> Values:
-        """Values of all state interfaces by name."""
+        """Values of all state interfaces, by name."""
         return {"position": self.position, "velocity": self.velocity, "effort": self.effort, **self.others}
 
 
 class CycleTimes(msgspec.Struct, frozen=True):
-    """Timing of the cycle; `late_counts[i]` is the number of cycles at most `late_edges_s[i]` late."""
+    """Timing of the control cycle; `late_counts` is a histogram of start delays with the bounds `late_edges_s`."""
 
     period_s: float = 0.0
     count: Count = 0
@@ -135,11 +135,11 @@ class CycleTimes(msgspec.Struct, frozen=True):
 
 
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Event of the robot: `time` in Unix seconds, `level` "info", "warning" or "error".
+    """Event of the robot: `time` is Unix time in s, `level` is "info", "warning" or "error".
 
-    `node` is the name of the node concerned, None for the robot itself, `controller` that of the controller; `kind`
-    is one word for programs, `text` a sentence for people, which includes `count` and `since` if it summarises
-    several. `details` is the fault that it reports, for programs.
+    `node` is the name of the node concerned, None for the robot itself; `controller` is the name of the controller.
+    `kind` is one word for programs, `text` a sentence for users, which includes `count` and `since` if it summarises
+    several events. `details` is the reported fault, for programs.
     """
 
     time: UnixTime
@@ -154,16 +154,17 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def first(self) -> float:
-        """Time of its first occurrence."""
+        """Time of the first of the summarised events, or of the event itself."""
         return self.time if self.since is None else self.since
 
 
 class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """True pose of a simulated base at `time`: m and rad in the frame of its world.
+    """True pose of a simulated base at `time`, in m and rad in the world frame of the simulation.
 
-    `heading` is not wrapped, `z`, `roll` and `pitch` are as the drives' BasePose has them. `odom` is where the frame of
-    odometry is in the world: there the two agreed when both were known first, or odometry was set. `error` is the true
-    pose less odometry, seen in odometry's frame; None while no base controller is active.
+    `heading` is not wrapped; `z`, `roll` and `pitch` are as in BasePose of the drives. `odom` is the pose of the
+    odometry frame in the world frame, chosen so that both poses agreed when they were first known, or when odometry was
+    set. `error` is the true pose minus the odometry pose, in the odometry frame; None while no base controller is
+    active.
     """
 
     time: UnixTime
@@ -178,7 +179,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def in_odometry(self) -> Planar | None:
-        """True pose in the frame of odometry, None if unknown."""
+        """True pose in the odometry frame; None if that frame is unknown."""
         if self.odom is None:
             return None
         x, y, turn = self.odom
@@ -188,12 +189,12 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def rpy(self) -> Planar | None:
-        """Roll, pitch and yaw in the frame of odometry, in rad; None if unknown."""
+        """Roll, pitch and yaw in the odometry frame, in rad; None if that frame is unknown."""
         return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
 
     @property
     def words(self) -> str:
-        """True pose of the base and error of its odometry, as text."""
+        """True pose, and the error of odometry if it is known, as a text."""
         place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
         if self.error is None:
             return place
@@ -201,7 +202,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
 
     def with_odometry_error(self, odometry: Planar) -> TruePose:
-        """Return the true pose with the error of the odometry at that time."""
+        """Return this pose with the error of an odometry pose of the same time."""
         pose = self.in_odometry
         if pose is None:
             return self
@@ -210,10 +211,10 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """Common part of sample and status; `controllers` are their states by name.
+    """Common fields of state sample and status; `controllers` are the states of controllers by name.
 
-    `hint` is the reason why the robot cannot move and the action to call, while it runs; `latched_by` is the client
-    that latched a stop; `true_pose` exists if a simulation moves its base.
+    `hint` is the reason why the robot cannot move, and the remedy, while the robot runs; `latched_by` is the client
+    that latched a stop; `true_pose` exists if a simulation moves the base.
     """
 
     state: str = ""
@@ -228,21 +229,22 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def active(self) -> list[str]:
-        """The names of the active controllers."""
+        """Names of the active controllers."""
         return [name for name, state in self.controllers.items() if state == "active"]
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
-    """Snapshot at `time` with the fields in recordings of every version."""
+    """Snapshot at `time`, with the fields that recordings of every version have."""
 
     time: UnixTime
 
 
 class StateSample(TimedSnapshot, frozen=True, kw_only=True):
-    """Sample of the state stream; `load` of each bus from 0 to 1, `sim_time` in s in a simulation.
+    """Sample of the state stream; `load` of each bus is from 0 to 1, `sim_time` is the simulated time in s.
 
-    `sim_epoch` is when the simulation would have begun had its time never stood, by which times of `samples` are the
-    simulation's. `samples` are what the active controllers have published last, by their names.
+    `sim_epoch` is the Unix time at which the simulation would have begun if it had never been paused: times of
+    `samples` minus `sim_epoch` are simulated time. `samples` are the last publications of the active controllers, by
+    controller name.
     """
 
     time: UnixTime = 0.0
@@ -252,14 +254,14 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
     samples: dict[str, ControllerSample] = {}
 
     def samples_of(self, kind: type[S]) -> dict[str, S]:
-        """Return the samples of one kind by controller."""
+        """Return the samples of one kind, by controller name."""
         return {name: sample for name, sample in self.samples.items() if isinstance(sample, kind)}
 
 
 class BusTraffic(msgspec.Struct, frozen=True):
-    """Traffic of a bus: frames, `unknown` ones, and its load from 0 to 1.
+    """Traffic of a bus: numbers of frames, of `unknown` frames, and the load from 0 to 1.
 
-    `sync` describes the SYNC producer, its rate, and whether SYNC comes before or after the RPDOs.
+    `sync` describes the SYNC producer, its rate, and whether SYNC is sent before or after the RPDOs.
     """
 
     channel: str = ""
@@ -272,7 +274,7 @@ class BusTraffic(msgspec.Struct, frozen=True):
 
 
 class BootStep(msgspec.Struct, frozen=True):
-    """One step of a node's last boot."""
+    """Step of a node's last boot, with its duration in s and its error."""
 
     node: str
     step: str
@@ -281,7 +283,7 @@ class BootStep(msgspec.Struct, frozen=True):
 
 
 class Status(Snapshot, frozen=True, kw_only=True):
-    """Everything that `status --json` prints; `build` is "compiled" or "pure Python"."""
+    """Status of a robot as printed by `status --json`; `build` is "compiled" or "pure Python"."""
 
     robot: str = ""
     version: str = ""
@@ -306,12 +308,13 @@ WHEEL_CALIBRATION: Final = "wheel_calibration"
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
     """State of a controller: "unloaded", "unconfigured", "inactive" or "active"; `claims` are its interfaces.
 
-    `topic` is the topic of its commands, None if it takes none, `twist_axes` the axes of a twist that a base uses,
-    empty for other controllers, `update_rate` in Hz. `tells` is the kind of its samples, None if it has none,
+    `topic` is the topic of its commands, None if it accepts none; `twist_axes` are the twist components that a base
+    uses, () for other controllers; `update_rate` is in Hz. `tells` is the kind of its samples, None if it has none,
     `publish_rate` their rate in Hz. `publishes` are its topics of joint states, with `frame_id` in their headers.
-    `reference_interfaces` are the interfaces that another controller can command of it,
-    `exported_state_interfaces` what it may read. `offers` are the words above for what it takes beside commands.
-    `node_options` are arguments of its ROS node: `-r`, `FROM:=TO`.
+    `reference_interfaces` are the interfaces through which another controller can command it,
+    `exported_state_interfaces` the states that another controller can read. `offers` are the services and actions that
+    it has in addition to commands, by the constants above. `node_options` are arguments of its ROS node: `-r`,
+    `FROM:=TO`.
     """
 
     name: str
@@ -343,33 +346,33 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def takes_outputs(self) -> bool:
-        """Whether its commands are output values by name, without moving a joint."""
+        """Whether its commands are values of outputs by name, which move no joint."""
         return self.topic == "gpio_commands"
 
     @property
     def is_base(self) -> bool:
-        """Whether twists command the controller."""
+        """Whether the controller is commanded by twists."""
         return bool(self.twist_axes) or self.topic == "cmd_vel"
 
     @property
     def odometry_topic(self) -> str:
-        """Last part of the name of a base's odometry topic, which corresponds to its twist topic."""
+        """Last part of the name of a base's odometry topic, which depends on its twist topic."""
         return "odometry" if self.topic == "reference" else "odom"
 
     @property
     def drives_sideways(self) -> bool:
-        """Whether a twist to the left has an effect."""
+        """Whether the lateral component of a twist has an effect."""
         return "linear.y" in self.twist_axes
 
     @property
     def width(self) -> int:
-        """Number of values of a command, 0 if unknown."""
+        """Number of values in a command, 0 if unknown."""
         return len(self.required_command_interfaces or self.claims)
 
     def published(self, kind: str) -> str | None:
-        """Return the topic with the last name `kind`, None if it does not exist."""
+        """Return the topic of joint states whose last part is `kind`, None if it does not exist."""
         return next((publish for publish in self.publishes if publish.rsplit("/", 1)[-1] == kind), None)
 
     def became(self, state: str) -> ControllerReading:
-        """Return the same controller in another state."""
+        """Return a copy of this reading with another state."""
         return msgspec.structs.replace(self, state=state)

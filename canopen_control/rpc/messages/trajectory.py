@@ -1,7 +1,8 @@
-"""Requests about the trajectories of a joint trajectory controller.
+"""Requests for the trajectories of a joint trajectory controller.
 
-The end of a goal is reported; a connection has one goal at a time, the one that it sent last. A trajectory that was set
-has no end. SI units; times of points are seconds from the trajectory's start, stamps Unix seconds.
+The end of a goal is reported to the connection that sent it; a connection has one goal at a time, the last one that it
+sent. The end of a trajectory that was set without a goal is not reported. SI units; times of points are in s from the
+start of the trajectory, stamps are Unix time in s.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from canopen_control.rpc.messages.declare import Done, Effect, Request
 from canopen_control.rpc.messages.samples import TrajectoryPoint
 
 A = TypeVar("A")
-MAX_POINTS: Final = 20_000  # of a trajectory
+MAX_POINTS: Final = 20_000  # maximum of a trajectory
 
 
 class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
-    """Tolerances of a joint (control_msgs/JointTolerance): 0 uses the parameters, -1 disables it."""
+    """Tolerances of a joint (control_msgs/JointTolerance); 0 uses the parameters, -1 disables a check."""
 
     joint: str
     position: float = 0.0
@@ -27,10 +28,10 @@ class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Acceptance of a goal; for a refusal the code of FollowJointTrajectory and the reason.
+    """Acceptance of a goal, or its refusal with a code of FollowJointTrajectory and the reason.
 
-    `feedback_rate` in Hz and `outlives_client` come from the controller's parameters: how often the client gets the
-    positions of the joints, and whether the goal continues when the client has disconnected.
+    `feedback_rate` in Hz and `outlives_client` are from the controller's parameters: the rate of feedback to the
+    client, and whether the goal continues after the client has disconnected.
     """
 
     accepted: bool
@@ -41,7 +42,7 @@ class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of a goal: "succeeded", "canceled" or "aborted", the code of FollowJointTrajectory, the reason."""
+    """Result of a goal: "succeeded", "canceled" or "aborted", a code of FollowJointTrajectory and a reason."""
 
     state: str
     error_code: int
@@ -49,7 +50,7 @@ class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryAt(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a trajectory at a time; the present state and a reason if it has none."""
+    """State of a trajectory at a time; if not `known`, the present state and a reason in `text`."""
 
     known: bool
     text: str = ""
@@ -74,41 +75,42 @@ class _Goal(_Trajectory[A], Generic[A], frozen=True, kw_only=True):
 
 
 class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
-    """Execute a trajectory as a goal of a joint trajectory controller; answered at its end.
+    """Execute a trajectory as a goal of a joint trajectory controller; the answer is sent when the goal ends.
 
-    One value for each of `joints`, or none at all, in each list of a point; they come after those of `trajectory_data`.
-    `stamp` is when it begins, null at once.
-    With `dead_man` the joints brake as soon as this connection is gone, with `heartbeat` besides when it has sent no
-    `trajectory_heartbeat` for so many seconds: a sender that hangs, or was stopped, is gone as well.
+    Each list of a point has one value for each of `joints`, or no value; the points follow those of `trajectory_data`.
+    `stamp` is the time of the start, null for an immediate start. With `dead_man` the joints brake as soon as this
+    connection is lost; with `heartbeat` also if the connection has sent no `trajectory_heartbeat` for this time in s,
+    so that a sender that hangs is detected.
     """
 
 
 class SendTrajectory(_Goal[TrajectoryVerdict], frozen=True, kw_only=True):
-    """Send a trajectory; answered at once, also with a refusal; `trajectory_end` waits for its end."""
+    """Send a trajectory as a goal; accepted or refused at once, while `trajectory_end` waits for the end."""
 
 
 class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
-    """Set a trajectory without a goal, as from ROS's topic; an active goal is then evaluated by it."""
+    """Set a trajectory without a goal, as from the ROS topic; it replaces the trajectory of an active goal."""
 
 
 class TrajectoryData(Request[Done], frozen=True, kw_only=True):
-    """First points of this connection's next trajectory, if it exceeds one request."""
+    """Send the first points of this connection's next trajectory, if it does not fit into one request."""
 
     points: list[TrajectoryPoint]
 
 
 class TrajectoryEnd(Request[TrajectoryResult], frozen=True, kw_only=True):
-    """Wait for the end of this connection's last goal."""
+    """Wait for the end of the last goal of this connection."""
 
 
 class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
-    """Heartbeat for a trajectory of this connection that was sent with `heartbeat`."""
+    """Send a heartbeat for a trajectory or gripper goal of this connection that was sent with `heartbeat`."""
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Cancel a controller's trajectory, of any client; the joints brake and hold.
+    """Cancel the trajectory of a controller, sent by any client; the joints brake and hold.
 
-    Refused where it follows none. `own` true: only a goal of this connection's. `why` is put into its result.
+    Refused if the controller follows no trajectory. With `own` true only a goal of this connection is cancelled. `why`
+    becomes part of the result.
     """
 
     controller: str
@@ -117,14 +119,14 @@ class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
 
 
 class QueryTrajectory(Request[TrajectoryAt], frozen=True, kw_only=True):
-    """State of a controller's trajectory at a time in Unix seconds."""
+    """Return the state of a controller's trajectory at a Unix time in s."""
 
     controller: str
     time: float
 
 
 class ScaleTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Scale the speed of a controller's trajectories: 1 as planned, 0 standstill."""
+    """Scale the speed of a controller's trajectories; 1 is the planned speed, 0 is standstill."""
 
     controller: str
     factor: Annotated[float, msgspec.Meta(ge=0)]
