@@ -1,1 +1,1 @@
-"""Commissioning of one node: its session on a bare bus or through a running robot, and the tools that use it."""
+"""Commissioning tools for a single node, which is reached on a bare bus or through a running robot."""

@@ -1,7 +1,7 @@
-"""Motion of one axis of a running robot without its controllers, by a jog or a tuning run.
+"""Motion of one axis of a running robot for a jog or a tuning run, without a trajectory or base controller.
 
-A drive commanded by a controller is refused, because only one client may move it. The client selects the mode, enables,
-sends commands that end with its connection, and stops and disables at every end.
+A drive that a controller commands is refused, because only one client may move the drive. The client selects the mode,
+enables the drive, sends commands that expire with its connection, and finally always stops and disables the drive.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _MOST_ERRORS: Final = 32
 
 
 def fault_words(node: NodeSession) -> str:
-    """Return the fault of a drive as text, by 0x603F, 0x1003 and 0x1001; "" without a fault."""
+    """Return the fault of a drive as text, from 0x603F, 0x1003 and 0x1001; "" if no axis has a fault."""
     axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
     if not axes:
         return ""
@@ -47,7 +47,7 @@ def fault_words(node: NodeSession) -> str:
 
 
 def error_history(node: NodeSession) -> list[str]:
-    """Read the error history of a node (0x1003), newest first; ConfigError if the node has none."""
+    """Read the error history of a node (0x1003) as texts, newest first; ConfigError if the node has no history."""
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
         raise ConfigError(f"{node} keeps no error history (0x1003)")
@@ -56,12 +56,12 @@ def error_history(node: NodeSession) -> list[str]:
 
 
 def _own(code: int) -> str:
-    """Return the manufacturer-specific part of a history entry."""
+    """Return the manufacturer-specific upper half of an error history entry as text, "" if that half is 0."""
     return f", additional information 0x{code >> 16:04X}" if code >> 16 else ""
 
 
 def why_not_free(node: NodeSession) -> str:
-    """Return a sentence if another client has enabled the drive, "" otherwise."""
+    """Return the reason why the drive must not be moved if another client has enabled it, else ""."""
     powered = [state for state in node.drive_states().values() if state in _POWERED]
     if not powered or powered[0] is None:
         return ""
@@ -74,15 +74,15 @@ RENEWED_S: Final = 0.1
 CURRENT_S: Final = 0.2
 ENABLE_S: Final = 15.0
 CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
-"""What tells the current in per mille of the rated one: the current, else the torque."""
+"""Objects with the current in per mille of the rated current, or else the torque in per mille of the rated torque."""
 _TARGET: Final = "target"
 
 
 @dataclass(frozen=True, slots=True)
 class JogDrive:
-    """Drive by its names in a running robot; `mode` is the mode of operation to request, "" for no change.
+    """Names by which a running robot knows a drive, and the mode of operation to request ("" for no change).
 
-    `alone` means that the robot was started for this drive on a bare bus: its names are not the user's then.
+    `alone` means that the robot was started for this drive on a bare bus, so that its names mean nothing to the user.
     """
 
     robot: str
@@ -94,12 +94,12 @@ class JogDrive:
 
     @property
     def title(self) -> str:
-        """Joint of a running robot; "the drive" on a bare bus."""
+        """Name of the drive in messages: the joint of a running robot, "the drive" on a bare bus."""
         return "the drive" if self.alone else self.joint
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return a drive of a robot that has a target controller of its own; otherwise ConfigError with advice."""
+    """Return the drive of an axis that has a target controller for its joint alone; else ConfigError with advice."""
     places = client.ask(GetNodes()).nodes
     place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:
@@ -131,12 +131,12 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
 
 
 def takes_targets(controller: ControllerReading, joint: str) -> bool:
-    """Return whether an active controller accepts a target for this joint alone."""
+    """Whether a controller is active and accepts targets for this joint alone."""
     return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
 
 
 def choose_mode(client: RobotClient, request: AxisRequest) -> None:
-    """Request a mode of operation; repeat the request until the drive has booted."""
+    """Request a mode of operation; while the robot refuses with ControlError, retry for up to `ENABLE_S`."""
     deadline = time.monotonic() + ENABLE_S
     while True:
         try:
@@ -150,14 +150,14 @@ def choose_mode(client: RobotClient, request: AxisRequest) -> None:
 
 
 class AxisCommand:
-    """Command to `drive` from `source`: `interface` is velocity, position or effort; it ends with the connection."""
+    """Command of a velocity, position or effort (`interface`) to a drive; expires when the client disconnects."""
 
     def __init__(self, drive: JogDrive, interface: str, source: str) -> None:
         self._drive, self._interface, self._source = drive, interface, source
         self._sent, self._sent_ns = math.nan, 0
 
     def send(self, client: RobotClient, value: float) -> bool:
-        """Send a changed command, and repeat it periodically; return False if the drive is not enabled."""
+        """Send a new command, or renew a nonzero one after `RENEWED_S`; return False if the drive is not enabled."""
         now = time.monotonic_ns()
         if value == self._sent and (not value or now - self._sent_ns < RENEWED_S * 1e9):
             return True
@@ -180,7 +180,7 @@ class AxisCommand:
 
 
 class DriveCurrent:
-    """Current of a drive in per mille of its rated current, by SDO a few times a second; None without the object."""
+    """Current of a drive in per mille of the rated current, read by SDO; the torque (0x6077) if there is no 0x6078."""
 
     def __init__(self, drive: JogDrive) -> None:
         self.value: float | None = None
@@ -189,7 +189,7 @@ class DriveCurrent:
         self._asked_ns = 0
 
     def ask(self, client: RobotClient) -> None:
-        """Read the current if the interval has elapsed."""
+        """Read the current if `CURRENT_S` has elapsed; an object that the drive refuses is not read again."""
         now = time.monotonic_ns()
         if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
             return
@@ -205,20 +205,20 @@ class DriveCurrent:
 
 
 def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
-    """Return the axis of a sample; None if it lacks the axis."""
+    """Return the reading of the drive's axis in a sample; None if the sample does not contain the axis."""
     node = None if sample is None else sample.nodes.get(drive.node)
     axes = () if node is None else node.axes
     return next((axis for axis in axes if axis.joint == drive.joint), None)
 
 
 def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
-    """Ramp to zero and disable, on behalf of `source`; errors of a robot that has ended are ignored."""
+    """Stop and disable the drive on behalf of `source`; errors are ignored, since the robot may have ended."""
     with contextlib.suppress(RemoteError):
         client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
 
 
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
-    """Return the state of a drive that is no longer enabled as text."""
+    """Return a text with the state and the error of a drive that is no longer enabled."""
     axis = axis_reading(sample, drive)
     if axis is None:
         return "the drive shows no state any more"

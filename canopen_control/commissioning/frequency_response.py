@@ -1,10 +1,10 @@
-"""Frequency response by spectral estimation: gain, phase, coherence; as table, CSV and text plot.
+"""Frequency response by spectral estimation, with gain, phase and coherence, as a table with bars and as CSV.
 
-H is the cross spectrum of input and output divided by the spectrum of the input, each the mean over a band of
-neighbouring frequencies (Daniell's smoothing). The record is taken whole: an excitation that begins and ends at rest
-needs no windows, whose ends would show as a response. Where the coherence is below `TRUSTED` noise or friction makes
-the estimate, and it is left out. It is the response of the sampled system: the input held for a cycle, the output as
-it is at the cycle's edge.
+H is the cross spectrum of input and output divided by the power spectrum of the input, each averaged over a band of
+neighbouring frequencies (Daniell smoothing). The record is not windowed: an excitation that begins and ends at
+standstill needs no window, and the edges of a window would show as a response. Where the coherence is below `TRUSTED`,
+noise or friction dominates, and the band is left out. The result is the response of the sampled system: the input is
+constant during a cycle, and the output is sampled at the end of the cycle.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response 
 
 @dataclass(frozen=True, slots=True)
 class BodePoint:
-    """Point of a frequency response: Hz, gain in dB, phase in degrees (unwrapped), `coherence` from 0 to 1."""
+    """Point of a frequency response: frequency in Hz, gain in dB, unwrapped phase in degrees, coherence from 0 to 1."""
 
     frequency: float
     gain: float
@@ -47,14 +47,14 @@ class BodePoint:
 
 @dataclass(frozen=True, slots=True)
 class Bode:
-    """Reliable points of a frequency response, by rising frequency."""
+    """Reliable points of a frequency response, in ascending order of frequency."""
 
     points: tuple[BodePoint, ...]
 
     def bandwidth(self) -> float | None:
-        """Return the frequency in Hz at which the gain is 3 dB below that at the lowest frequency.
+        """Return the frequency in Hz at which the gain is 3 dB below the gain at the lowest frequency.
 
-        None: outside of the points.
+        None if the gain does not fall by 3 dB within the points.
         """
         level = self.points[0].gain - 3.0
         for before, after in pairwise(self.points):
@@ -65,7 +65,7 @@ class Bode:
 
 
 def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
-    """Return a value for each cycle from the first to the last; missing ones are interpolated."""
+    """Return a value for each cycle from the first to the last; values of missing cycles are interpolated linearly."""
     if not cycles:
         return []
     return [float(value) for value in np.interp(range(cycles[0], cycles[-1] + 1), cycles, values)]
@@ -74,7 +74,7 @@ def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
 def frequency_response(
     inputs: Sequence[float], outputs: Sequence[float], period: float, *, low: float = 0.0, high: float = math.inf
 ) -> Bode:
-    """Estimate the response between two frequencies in Hz; DriveError without a reliable point."""
+    """Estimate the response between `low` and `high` in Hz; DriveError without a reliable point."""
     u, y = np.asarray(inputs, float), np.asarray(outputs, float)
     if len(u) < _FEWEST:
         raise DriveError(f"{len(u)} samples are too few for a frequency response; excite it longer: --for S")
@@ -103,7 +103,7 @@ def frequency_response(
 
 
 def _bands(frequencies: NDArray[np.floating], low: float, high: float) -> Iterator[tuple[int, int]]:
-    """Yield consecutive bands of bins, wider at higher frequencies."""
+    """Yield consecutive bands of FFT bins as (begin, end); higher bands are wider."""
     begin = int(np.searchsorted(frequencies, low))
     last = int(np.searchsorted(frequencies, high, side="right"))
     while begin < last:
@@ -115,7 +115,7 @@ def _bands(frequencies: NDArray[np.floating], low: float, high: float) -> Iterat
 
 
 def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
-    """Yield the points with unwrapped phase."""
+    """Yield the points with the phase unwrapped."""
     last = points[0].phase
     for point in points:
         last += (point.phase - last + 180.0) % 360.0 - 180.0
@@ -123,7 +123,7 @@ def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
 
 
 def _thinned(bode: Bode, rows: int) -> list[BodePoint]:
-    """Return points at about equal ratios of frequency, at most `rows`."""
+    """Return at most `rows` points, at about equal ratios of frequency."""
     points = bode.points
     low, high = points[0].frequency, points[-1].frequency
     if len(points) <= rows:
@@ -137,7 +137,7 @@ def _thinned(bode: Bode, rows: int) -> list[BodePoint]:
 
 
 def bode_lines(bode: Bode, rows: int = _ROWS) -> list[str]:
-    """Return a table with a bar for each gain."""
+    """Return a table of at most `rows` points, with a bar for each gain."""
     points = _thinned(bode, rows)
     top, bottom = max(point.gain for point in points), min(point.gain for point in points)
     span = max(top - bottom, _LEAST_SPAN)

@@ -1,9 +1,10 @@
-"""Commissioning jobs: what each does at a node, the options that it takes, and one run of it.
+"""Commissioning jobs: declarations of their options, and the state of a running job.
 
-A job is declared once, as a row of `JOBS` with a dataclass of its options. Three faces read that declaration: the verb
-gets its arguments from it (`cli/support/job_verb.py`), the page its inputs (`view/drive/job_form.py`), and the monitor,
-which runs the verb, its line (`monitor/drive_objects.py`). The work is a function of a session, a `JobRun` and the
-options, in the modules of this subpackage; it returns the sentence at its end.
+A job is declared once, as an entry of `JOBS` with a dataclass of its options. Three user interfaces use this
+declaration: the command line for its arguments (`cli/support/job_verb.py`), the page for its inputs
+(`view/drive/job_form.py`), and the monitor, which runs the command, for its input line (`monitor/drive_objects.py`).
+The job itself is a function of a session, a `JobRun` and the options, in a module of this subpackage; it returns a
+sentence with the result.
 """
 
 from __future__ import annotations
@@ -27,14 +28,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-# -- options: of the verb, the page and the monitor alike
+# -- options: the same for the command line, the page and the monitor
 
 
 @dataclass(frozen=True, slots=True)
 class JobOption:
-    """Option of a job: its meaning, flag, former flag and metavar, as in the help of the verb; pages show its text.
+    """Option of a job: help text, flag, former flag and metavar of the command line; pages show the help text.
 
-    `read` returns the value of a text (ConfigError), None: the text itself. One that `repeats` has several values.
+    `read` parses a text (ConfigError if it is invalid); None keeps the text. An option that `repeats` has a list of
+    values.
     """
 
     text: str
@@ -48,11 +50,11 @@ class JobOption:
 
     @property
     def is_switch(self) -> bool:
-        """Whether it takes no value."""
+        """Whether the option is a flag without a value."""
         return isinstance(self.default, bool)
 
     def value_of(self, text: str) -> Any:  # noqa: ANN401 - of the option's own type
-        """Return the value of a text, the default of an empty one; ConfigError."""
+        """Parse the value of a text, for an empty text return the default; ConfigError if the text is invalid."""
         if self.repeats:
             return [part.strip() for part in text.split(",") if part.strip()]
         text = text.strip()
@@ -68,13 +70,13 @@ def option(
     metavar: str = "",
     read: Callable[[str], Any] | None = None,
 ) -> Any:  # noqa: ANN401 - as `dataclasses.field`, of any type
-    """Declare a field of the options of a job; its flag is its name unless `flag` is another."""
+    """Declare a dataclass field as an option of a job; without `flag` the flag is derived from the field's name."""
     declared = JobOption(text, flag=flag, former=former, metavar=metavar, read=read, repeats=default == ())
     return field(default=default, metadata={"option": declared})
 
 
 def options_of(kind: type[Any]) -> dict[str, JobOption]:
-    """Return the options that a dataclass declares, by name."""
+    """Return the options that a dataclass declares, by field name."""
     declared = ((entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata)
     return {
         entry.name: replace(
@@ -86,7 +88,7 @@ def options_of(kind: type[Any]) -> dict[str, JobOption]:
 
 @dataclass(frozen=True, slots=True)
 class NoOptions:
-    """Options of a job without any."""
+    """Empty set of options, for a job that has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +102,7 @@ class Reached:
 
 @dataclass(frozen=True, slots=True)
 class RestoreOptions:
-    """Options of a restore and of a clone; `reached` is for commands that are shown."""
+    """Options of a restore and of a clone; `reached` is used only in suggested commands."""
 
     protect: Sequence[str] = option((), "do not write these: an address as in '0x2*', or a name", metavar="GLOB")
     include_protected: bool = option(False, "also write the calibration of another drive")
@@ -112,7 +114,7 @@ class RestoreOptions:
 
 @dataclass(frozen=True, slots=True)
 class ProgramDate:
-    """Date of a program in 0x1F52: `day` and milliseconds after midnight (None: only the day)."""
+    """Date of a program (0x1F52): `day`, and `milliseconds` after midnight, None if only the day is known."""
 
     day: datetime.date
     milliseconds: int | None = None
@@ -124,14 +126,14 @@ class ProgramDate:
         return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
 
     def fits(self, other: ProgramDate | None) -> bool:
-        """Whether another date equals this one as far as this one is known."""
+        """Whether another date equals this date; only the day is compared if `milliseconds` is None."""
         if other is None or other.day != self.day:
             return False
         return self.milliseconds is None or self.milliseconds == other.milliseconds
 
 
 def parse_date(text: str) -> ProgramDate:
-    """Parse a day, or a day and a time, in the form of ISO 8601; ConfigError."""
+    """Parse a day, or a day and a time, in ISO 8601 format; ConfigError if the text is not a date."""
     day, _, at = text.partition("T")
     try:
         midnight = datetime.datetime.combine(datetime.date.fromisoformat(day), datetime.time())
@@ -145,7 +147,7 @@ def parse_date(text: str) -> ProgramDate:
 
 @dataclass(frozen=True, slots=True)
 class ProgramOptions:
-    """Options of a download; an `expected_date` may name the day alone."""
+    """Options of a program download; `expected_date` may be a day without a time."""
 
     number: int = option(
         1,
@@ -179,7 +181,7 @@ _SPEED, _TRAVEL = "X[rad/s|rpm|pps]", "X[rad|deg|turns|counts]"
 
 @dataclass(frozen=True, slots=True)
 class MotionOptions:
-    """Options of a job that moves an axis; `max_current` in 1/1000 of the rated current."""
+    """Options of a job that moves an axis; `max_current` is in per mille of the rated current."""
 
     seconds: float | None = option(None, "move at once, for S seconds", flag="--for", metavar="S", read=seconds_above_0)
     max_speed: Quantity | None = option(
@@ -206,7 +208,7 @@ class MotionOptions:
 
 @dataclass(frozen=True, slots=True)
 class TuneOptions(MotionOptions):
-    """Options of a tuning run: `crossover` in Hz, `phase_margin` in degrees, `loop_delay` in ms."""
+    """Options of a tuning run, with `crossover` in Hz, `phase_margin` in degrees and `loop_delay` in ms."""
 
     seconds: float | None = option(
         None, "duration in s (default: step 2, bode 8, identify 8)", flag="--for", metavar="S", read=seconds_above_0
@@ -224,7 +226,7 @@ class TuneOptions(MotionOptions):
 
 @dataclass(frozen=True, slots=True)
 class ScopeOptions:
-    """Options of a scope; `before` None: a fifth of the `length`, both in s."""
+    """Options of a scope; `length` and `before` in s, where None as `before` means a fifth of `length`."""
 
     rate: float = option(
         50.0,
@@ -250,9 +252,10 @@ class ScopeOptions:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One job: its verb, what it does and what its line begins with; `tab` is the page's.
+    """Declaration of a job: its command, its description, the example for its input line, and its tab on the page.
 
-    `options` is a dataclass; those in `without` do not apply. `can_end`: it may be cancelled.
+    `options` is a dataclass, of which the fields in `without` do not apply. `can_end` tells whether the job may be
+    cancelled.
     """
 
     name: str
@@ -265,12 +268,12 @@ class Job:
 
     @property
     def declared(self) -> Mapping[str, JobOption]:
-        """Its options by name."""
+        """Options of the job by name."""
         return {name: one for name, one in options_of(self.options).items() if name not in self.without}
 
     @property
     def asks(self) -> str:
-        """What its line takes, for the monitor."""
+        """Hint for the monitor's input line: the argument of the job and its flags."""
         flags = [
             f"{one.flag}={one.metavar}" if one.metavar else one.flag
             for one in self.declared.values()
@@ -299,7 +302,7 @@ TUNE: Final = Job(
 DUMP: Final = Job("dump", "all that it holds", "table or csv")
 NMT: Final = Job("nmt", "take it out, or start it", "preop, start, reset-node")
 JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE, CLONE, FIRMWARE, DUMP, NMT)}
-"""The jobs by their verbs."""
+"""Jobs by the names of their commands."""
 
 
 # -- one run
@@ -307,10 +310,10 @@ JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE
 
 @dataclass
 class JobRun:
-    """Run of a job with its progress and result; written by its thread, read by the pages.
+    """Progress and result of a running job, written by the job's thread and read by the pages.
 
-    `doing` is the part of it that goes on. `sentence` is its result, `good` whether it was done, None while it goes
-    on; `lines`, `table`, `file` (name and bytes) and the `document` for programs are what came of it beside that.
+    `doing` names the current part of the work. `sentence` is the result; `good` tells whether the job succeeded, None
+    while it runs. Further results are `lines`, `table`, `file` (name and bytes) and `document` (for programs).
     """
 
     job: Job
@@ -330,25 +333,25 @@ class JobRun:
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def part(self, doing: str, unit: str = "") -> None:
-        """Begin a part of the work, counted in `unit`."""
+        """Begin a part of the work; progress is then counted in `unit`."""
         self.doing, self.unit, self.done, self.total = doing, unit or self.unit, 0, None
 
     def at(self, done: int, total: int | None = None) -> None:
-        """Report progress; DriveError if the end was requested."""
+        """Report progress; DriveError if the job was asked to end."""
         self.show(done, total)
         if self._ending.is_set():
             raise DriveError("a page asked for its end")
 
     def show(self, done: int, total: int | None) -> None:
-        """Update the progress."""
+        """Update the progress without checking for a request to end."""
         self.done, self.total = done, total
 
     def note(self, text: str) -> None:
-        """Report what a user should know meanwhile."""
+        """Add a line for the user to the report of the job."""
         self.lines.append(text)
 
     def pace(self, now: float) -> tuple[float, float] | None:
-        """Return the amount per second and the remaining seconds; None if unknown."""
+        """Return the progress per second and the remaining seconds; None if they cannot be estimated yet."""
         part, since, before = self._rated
         if part != self.doing or self.done < before or not self.done:
             self._rated = self.doing, now, self.done
@@ -359,7 +362,7 @@ class JobRun:
         return gained / elapsed, max(0.0, (self.total - self.done) * elapsed / gained)
 
     def end(self) -> None:
-        """Request the end of the job at its next step."""
+        """Request that the job end at its next progress report."""
         self._ending.set()
 
     @property

@@ -1,8 +1,8 @@
-"""Parameters of one node with its identity, from the node or a DCF file (CiA 306-1).
+"""Parameters of one node with the device's identity, read from the node or from a DCF file (CiA 306-1).
 
-The file is a complete DCF: the EDS of the node with a ParameterValue for each parameter, so that a bus.yml can name it
-as `dcf` or `configuration_file`, and other tools read it. The section [Backup] names the device and its firmware,
-and the time; a DCF without that section is read as well, its identity is then that of its objects.
+The file is a complete DCF: the EDS of the node with a ParameterValue for each parameter. A bus.yml can therefore name
+the file as `dcf` or `configuration_file`, and other tools can read the file. The section [Backup] names the device, its
+firmware and the time. A DCF without that section is accepted too; then the objects of the file give the identity.
 """
 
 from __future__ import annotations
@@ -46,15 +46,16 @@ if TYPE_CHECKING:
     ProgressCallback = Callable[[int, int], None]
 
 
-# The objects in a backup: which are parameters, which of them belong to one device only, and which follow its node id.
+# Selection of the objects in a backup: which objects are parameters, which belong to one device only, and which depend
+# on the node id.
 #
-# An EDS does not define what is volatile. A parameter can be read and written (rw, rww, rwr) and is none of these:
+# An EDS does not define which objects are volatile. A parameter is readable and writable (rw, rww, rwr) and none of:
 #
 # - objects that ObjFlags exclude from writing or reading by tools (CiA 306-1, bits 0 and 1);
-# - commands and live values, by CiA 301, CiA 302 and CiA 402, or by the manufacturer; outputs of the device's profile;
-# - counts of records and arrays, but for those of PDO mappings; DOMAINs.
+# - commands and process values, by CiA 301, CiA 302 and CiA 402, or by the manufacturer; outputs of the device profile;
+# - counts of records and arrays, except those of PDO mappings; DOMAINs.
 #
-# Protected parameters are those of one device: node id and bit rate, and calibration to its own encoder.
+# Protected parameters belong to one device: node id and bit rate, and the calibration to the device's own encoder.
 
 
 _MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
@@ -76,7 +77,7 @@ _IDENTIFIER: Final = 0x1FFF_FFFF
 
 
 def parameters_of(od: ObjectDictionary) -> list[Entry]:
-    """Return the parameters in a backup of a node with this dictionary, by address."""
+    """Return the parameters that a backup of a node with this object dictionary contains, by address."""
     signals = profile_signals(od, profile_of(od)).values()
     outputs = frozenset(signal.index for signal in signals if signal.output)
     commands = outputs | _VENDOR_COMMANDS.get(_vendor(od), frozenset())
@@ -85,7 +86,10 @@ def parameters_of(od: ObjectDictionary) -> list[Entry]:
 
 
 def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
-    """Return the reason why a parameter is not written, "" if it is; calibration data belong to one device."""
+    """Return the reason why a parameter must not be written to another device, "" if it may be written.
+
+    With `same_device` calibration data may be written; node id, bit rate and serial number never.
+    """
     index = axis_of(entry.index)[0]
     own = _VENDOR_OWN.get(_vendor(od), {}).get(index, "")
     if not own and not same_device:
@@ -98,7 +102,7 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
 
 
 def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
-    """Return the values without mapping entries above the count of their PDO, which have no meaning."""
+    """Return the values without mapping entries beyond the PDO's count in subindex 0, because those have no meaning."""
     used = {}
     for (index, subindex), value in values.items():
         count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
@@ -108,9 +112,9 @@ def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value
 
 
 def follows_node_id(entry: Entry, value: Value, node_id: int) -> bool:
-    """Whether a value depends on the node id, so that another node has its own.
+    """Whether a value depends on the node id, so that a node with another id needs another value.
 
-    True for what the file writes with $NODEID, and for identifiers of the predefined connection set that end in it.
+    True for values that the EDS writes with $NODEID, and for COB-IDs of the predefined connection set of this node.
     """
     if not isinstance(value, int) or entry.data_type is not DataType.UNSIGNED32:
         return False
@@ -157,10 +161,10 @@ _DEFAULT_BITRATE: Final = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class ParameterSet:
-    """Values of parameters of `node_id` by address, typed by `od`; `where` is the node or file, for messages.
+    """Parameter values of `node_id` by address, with types from `od`; `where` is the node or file in messages.
 
-    `date` is when a file was made (ISO 8601), "" where that is not known. `foreign` are objects that a file gives a
-    value of its own and that are not parameters: read-only ones, commands, live values.
+    `date` is the time at which the file was written (ISO 8601), "" if unknown. `foreign` are objects to which a file
+    gives a value other than the default although they are not parameters: read-only objects, commands, process values.
     """
 
     od: ObjectDictionary
@@ -179,7 +183,7 @@ class ParameterSet:
         )
 
     def for_node(self, node_id: int) -> dict[Address, Value]:
-        """Return the values for a node with another id."""
+        """Return the values converted for a node with another id."""
         shift, relative = node_id - self.node_id, self.relative
         return {
             address: value + shift if address in relative and isinstance(value, int) else value
@@ -188,7 +192,7 @@ class ParameterSet:
 
 
 def same_value(entry: Entry, a: Value, b: Value) -> bool:
-    """Whether two values of an object are equal for the node: equal bytes, except bit 30 of a PDO's COB-ID."""
+    """Whether two values of an object are equivalent: equal bytes, except bit 30 of the COB-ID of a PDO."""
     if isinstance(a, int) and isinstance(b, int) and is_cob_id(*entry.address):
         return a & ~NO_RTR_BIT == b & ~NO_RTR_BIT
     try:
@@ -200,9 +204,9 @@ def same_value(entry: Entry, a: Value, b: Value) -> bool:
 def backup_text(
     parameters: ParameterSet, *, eds_name: str = "", bitrate: int | None = None, node_name: str = ""
 ) -> str:
-    """Return the DCF of a backup, stamped with the present time.
+    """Return the text of a backup as a DCF, stamped with the current time.
 
-    `bitrate` is in bit/s; the default is that of the dictionary, else 1 Mbit/s.
+    `bitrate` is in bit/s; the default is the bit rate of the object dictionary, else 1 Mbit/s.
     """
     now = datetime.now(UTC)
     od = parameters.od
@@ -232,9 +236,9 @@ def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
 
 
 def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
-    """Read a DCF for `node_id`, or for the node id of the file; EdsError if it is not valid.
+    """Read a DCF, converted to `node_id` unless None; EdsError if the file is not a valid DCF.
 
-    Values that a backup would not hold are left out, so that a DCF of another tool moves nothing either.
+    Values that a backup would not contain are ignored, so that a DCF of another tool moves no drive either.
     """
     return _backup_of(read_eds(path), str(path), node_id)
 
@@ -265,7 +269,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
 
 
 def _refuse_unsound(file: EdsFile) -> None:
-    """Raise EdsError for an invalid value or a truncated backup, which would be restored in part."""
+    """Raise EdsError for an invalid value or a truncated backup, because only a part would be restored."""
     is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
     for issue in file.issues:
         if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
@@ -275,13 +279,13 @@ def _refuse_unsound(file: EdsFile) -> None:
 
 
 def _is_set(entry: Entry) -> bool:
-    """Whether a file sets another value than the default; identity objects are handled separately."""
+    """Whether a file gives an object a value other than the default; identity objects do not count."""
     value = entry.parameter_value
     return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 
 
 def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
-    """Return the DCF of a backup, and the parameters that it cannot contain, with the reason."""
+    """Return the DCF of a backup, and texts that name the parameters that a DCF cannot represent."""
     info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
     eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
     text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
@@ -294,7 +298,7 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
-    """Return the parameters that a file cannot contain: text with line ends, or blanks at its ends."""
+    """Return the addresses whose values change when the DCF is parsed: texts with line breaks or outer blanks."""
     od = parse_eds(text.encode(), parameters.node_id).od
     return [
         address
@@ -321,7 +325,7 @@ def _get(lines: Mapping[str, str], name: str) -> str:
 
 
 def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity in a [Backup] section; an invalid number is that of the objects."""
+    """Return the identity in the [Backup] section; a number that is missing or invalid is taken from the objects."""
     held = _identity_of(od)
 
     def number(key: str, name: str) -> int | None:
@@ -335,7 +339,7 @@ def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceId
 
 
 def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity in the objects of a file; 0 as product or vendor is None."""
+    """Return the identity in the objects of a file; None for a number that is missing or 0."""
     entries = (od.get(*OBJECTS[name]) for name in _NUMBERS.values())
     values = (None if entry is None else entry.value for entry in entries)
     found = DeviceIdentity.of(value if isinstance(value, int) and value else None for value in values)
@@ -346,11 +350,10 @@ def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
     )
 
 
-# Compares the parameters of two nodes, two files, or one of each.
+# Comparison of the parameters of two nodes, two files, or a node and a file.
 #
-# Values that follow the node id are compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the
-# same parameter. A parameter of only one side is a difference too, unless the node answered with a reason why it has
-# none.
+# Values that depend on the node id are compared without it: a COB-ID of 0x185 on node 5 and of 0x186 on node 6 are the
+# same parameter. A parameter that only one side has is a difference too, unless the node gave a reason for refusing it.
 
 
 _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
@@ -358,7 +361,7 @@ _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecim
 
 @dataclass(frozen=True, slots=True)
 class ParameterDifference:
-    """Parameter with different values on two sides, None if missing; the texts are for users."""
+    """Parameter whose values differ on two sides; None on a side without the parameter. The texts are for users."""
 
     entry: Entry
     name: str
@@ -369,7 +372,7 @@ class ParameterDifference:
 
 
 def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
-    """Return the differences by address, without the `skipped` addresses."""
+    """Return the parameters that differ, sorted by address, except those in `skipped`."""
     return list(_differences(a, b, skipped))
 
 
@@ -399,7 +402,7 @@ def _name(side: ParameterSet, entry: Entry) -> str:
 
 
 def parameter_text(side: ParameterSet, address: Address) -> str:
-    """Return the text of a parameter: `$NODEID+0x180` if it follows the node id, numbers of a drive in decimal."""
+    """Return a value for users: relative to $NODEID if it depends on the node id, else as `value_text` does."""
     value, entry = side.values[address], side.od[address]
     if isinstance(value, int) and address in side.relative:
         return f"$NODEID+0x{value - side.node_id:X}"
@@ -407,16 +410,16 @@ def parameter_text(side: ParameterSet, address: Address) -> str:
 
 
 def value_text(entry: Entry, value: Value) -> str:
-    """Return a value for users: numbers of a drive in decimal, identifiers and mappings as in a DCF."""
+    """Return a value for users: numbers from 0x2000 on in decimal, those of the communication area as in a DCF."""
     if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
         return str(value)
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
 
 
-# Reads the parameters of a node through an SDO session: for a backup, a comparison, or before they are written.
+# Reading of a node's parameters through an SDO session, for a backup, for a comparison, or before a restore.
 #
-# Refused objects are left out and reported with the reason. With `twice` everything is read a second time: a value that
-# differs then changes by itself and is not a parameter, regardless of the EDS.
+# Refused objects are left out and reported with the reason. With `twice`, everything is read a second time: an object
+# whose value has changed is then no parameter, whatever the EDS says.
 
 
 _VARIES = "two readings differed, so it is not a parameter"
@@ -424,7 +427,7 @@ _VARIES = "two readings differed, so it is not a parameter"
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Parameter that was not read, with the reason."""
+    """Parameter that could not be read, or whose value varies, with the reason."""
 
     entry: Entry
     why: str
@@ -434,16 +437,16 @@ class LeftOut:
 
 
 def entry_label(entry: Entry) -> str:
-    """Return address and name of a parameter."""
+    """Return the address and the name of an object as text."""
     return f"0x{entry.index:04X}:{entry.subindex:02X} {entry.name}"
 
 
 def read_parameters(
     session: NodeSession, *, twice: bool = True, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read identity and parameters; ConfigError without an EDS, RemoteProtocolError if the node does not answer.
+    """Read the identity and all parameters of a node, and return the refused ones too; ConfigError without an EDS.
 
-    `progress(done, of)` is called with the progress.
+    With `twice`, parameters that changed between two readings are left out. `progress` gets count and total.
     """
     od = session.dictionary
     identity = session.identity()
@@ -467,7 +470,7 @@ def read_parameters(
 def read_same(
     session: NodeSession, file: ParameterSet, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read the parameters of a file from a node, with the types of the file."""
+    """Read the parameters that a file contains from a node, with the data types of the file."""
     od = file.od.for_node(session.node_id)
     if session.od is None:
         session.od = od
@@ -484,7 +487,7 @@ def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
 def read_values(
     session: NodeSession, entries: Iterable[Entry], progress: Callable[[int], None] | None = None
 ) -> tuple[dict[Address, Value], list[LeftOut]]:
-    """Read objects: values by address, and the refused ones."""
+    """Read objects; return the values by address, and the objects that the node refused."""
     values: dict[Address, Value] = {}
     left_out = []
     for number, entry in enumerate(entries, 1):
@@ -500,7 +503,7 @@ def read_values(
 
 
 def reason_of(error: CanopenError) -> str:
-    """Return the reason of a refused object, without its name."""
+    """Return the text of an error from the abort code on, without the name of the object."""
     text = str(error)
     place = text.find("abort 0x")
     return text[place:] if place >= 0 else text

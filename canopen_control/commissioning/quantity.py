@@ -1,8 +1,8 @@
-"""Numbers as people write them: within bounds, and with units such as 20rpm, 90deg, 500pps, to SI and back.
+"""Parsing of numbers within bounds, and of quantities with units such as 20rpm, 90deg or 500pps.
 
-The units are those of the drive's own counts: the counts per turn are given by the EDS or the drive (0x608F, 0x6091,
-0x6092), or guessed. With a guess only counts and counts per second (pps) are right. A number without a unit is in SI,
-as everywhere here.
+Quantities in counts depend on the drive: the EDS or the drive gives the counts per revolution (0x608F, 0x6091, 0x6092),
+or they are guessed. With a guess only counts and counts per second (pps) are right. A number without a unit is in SI
+units, as everywhere in this package.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LONGEST_S: Final = 1e9  # some thirty years
 
 
 def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:
-    """Return the reader of a whole number, decimal or 0x, from `low` to `high`."""
+    """Return a parser of integers, decimal or hexadecimal (0x), from `low` to `high`; `noun` is for its ConfigError."""
 
     def read(text: str) -> int:
         try:
@@ -36,7 +36,7 @@ def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:
 
 
 def number_that(accept: Callable[[float], bool], noun: str) -> Callable[[str], float]:
-    """Return the reader of a finite number that `accept` takes."""
+    """Return a parser of finite numbers that `accept` approves; `noun` is for its ConfigError."""
 
     def read(text: str) -> float:
         try:
@@ -62,7 +62,7 @@ _KNOWN: Final = {"position": POSITIONS, "velocity": VELOCITIES}
 
 
 class Quantity(NamedTuple):
-    """Number with its unit as typed; `kind` is "position" or "velocity"."""
+    """Number with the unit that the user typed, in lower case; `kind` is "position" or "velocity"."""
 
     value: float
     unit: str
@@ -70,7 +70,7 @@ class Quantity(NamedTuple):
 
     @property
     def in_counts(self) -> bool:
-        """Whether the unit is the drive's counts, or counts per second."""
+        """Whether the unit is counts, or counts per second."""
         return self.unit in COUNTS[self.kind]
 
     def __str__(self) -> str:
@@ -78,7 +78,7 @@ class Quantity(NamedTuple):
 
 
 def parse_quantity(text: str, kind: str) -> Quantity:
-    """Parse a number with a unit of position or velocity; ConfigError with the valid units."""
+    """Parse a number with a unit of position or velocity; the ConfigError names the valid units."""
     units = [*filter(None, _KNOWN[kind]), *COUNTS[kind]]
     match = _TEXT.fullmatch(text.strip())
     if match is None:
@@ -93,10 +93,10 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 
 class JogScale(NamedTuple):
-    """Position counts per revolution of the shaft; `is_known` is false for a guess.
+    """Number of position counts per revolution of the shaft; `is_known` is false for a guess.
 
-    `of_joint`: the position is that of a joint of a running robot, in rad. Then `counts` are for units only, and the
-    resolution is unknown.
+    `of_joint` means that the position is that of a joint of a running robot, in rad. Then `counts` only converts units,
+    and the resolution is unknown.
     """
 
     counts: float
@@ -105,11 +105,11 @@ class JogScale(NamedTuple):
 
     @property
     def resolution(self) -> float:
-        """Resolution of the position in rad; 0.0 if unknown."""
+        """Resolution of the position in rad; 0.0 if the resolution is unknown."""
         return 0.0 if self.of_joint else math.tau / self.counts
 
     def si(self, quantity: Quantity) -> float:
-        """Return rad or rad/s; ConfigError if the counts per revolution are unknown."""
+        """Convert to rad or rad/s; ConfigError if that needs the counts per revolution and they are only guessed."""
         if quantity.in_counts:
             return quantity.value * math.tau / self.counts
         if not self.is_known:
@@ -120,18 +120,18 @@ class JogScale(NamedTuple):
         return quantity.value * _KNOWN[quantity.kind][quantity.unit]
 
     def position_words(self, radians: float) -> str:
-        """Return a position as text: degrees if the counts per revolution are known, counts otherwise."""
+        """Return a position as text, in degrees if the counts per revolution are known, else in counts."""
         if not self.is_known:
             return f"{radians * self.counts / math.tau:.0f} counts"
         return f"{math.degrees(radians):.1f} deg"
 
     def velocity_words(self, speed: float) -> str:
-        """Return a velocity as text: rad/s and rpm if the counts per revolution are known, counts/s otherwise."""
+        """Return a velocity as text, in rad/s and rpm if the counts per revolution are known, else in counts/s."""
         if not self.is_known:
             return f"{speed * self.counts / math.tau:.0f} pps"
         return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"
 
 
 def _rounded(value: float, places: int) -> str:
-    """Return a number as text, without the sign of a zero."""
+    """Return a number as text with `places` decimals, without a minus sign if the result is zero."""
     return f"{round(value, places) + 0.0:.{places}f}"

@@ -1,9 +1,9 @@
-"""Memory and trigger of a scope: samples in, captures with pre-trigger data out.
+"""Capture memory and trigger of a scope, and captures as CSV, PNG and bags.
 
-Sans-IO, time is an argument in seconds of any one clock. A sample is a value for each signal,
-None where none is known yet; between two samples the last one holds. What waits for a trigger keeps `before` seconds
-and no more than `MOST` samples, so that it may wait for days. An edge needs two values on either side of its level; a
-level fires as soon as it is true, and again only after it was not.
+The memory is sans-IO; times are arguments in seconds of any one clock. A sample has a value for each signal, None while
+the value is unknown; a value is valid until the next sample. While the scope waits for a trigger it stores `before`
+seconds and at most `MOST` samples, so that it can wait for days. An edge needs known values on both sides of the level;
+a level fires as soon as the condition is true, and again only after the condition was false.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Row = tuple[float, tuple[float | None, ...]]
 
 
 class Condition(Enum):
-    """Trigger conditions."""
+    """Kinds of trigger conditions."""
 
     RISING = "rising"
     FALLING = "falling"
@@ -46,14 +46,14 @@ class Condition(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """Condition on any of the signals at `places`, at a `level`; of a fault they are statuswords."""
+    """Trigger condition for any of the signals at `places`; for a fault these are statuswords and `level` is unused."""
 
     condition: Condition
     places: tuple[int, ...]
     level: float = 0.0
 
     def fires(self, before: tuple[float | None, ...] | None, now: tuple[float | None, ...]) -> bool:
-        """Whether the step from one sample to the next fires the trigger; `before` None for the first."""
+        """Whether the step from one sample to the next fires the trigger; `before` is None for the first sample."""
         return any(self._fires(None if before is None else before[place], now[place]) for place in self.places)
 
     def _fires(self, before: float | None, now: float | None) -> bool:
@@ -83,7 +83,7 @@ _WITHOUT_A_BEFORE: Final = (Condition.ABOVE, Condition.BELOW)
 
 
 def parse_trigger(text: str, signals: int) -> Trigger:
-    """Parse `1:rising:1000` or `fault`; ConfigError. The places of a fault follow those of the signals."""
+    """Parse `1:rising:1000` or `fault` (without places yet); ConfigError. `signals` is the number of signals."""
     if text == Condition.FAULT.value:
         return Trigger(Condition.FAULT, ())
     place, _, rest = text.partition(":")
@@ -103,7 +103,7 @@ def parse_trigger(text: str, signals: int) -> Trigger:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Measurements of one signal in one capture: minimum, maximum, mean and root mean square over time."""
+    """Minimum, maximum, and time-weighted mean and root mean square of one signal in a capture."""
 
     least: float
     most: float
@@ -113,7 +113,7 @@ class Measures:
 
 @dataclass(frozen=True, slots=True)
 class CursorReading:
-    """Values of one signal at two cursors, the measurements between them, and the RMS."""
+    """Values of one signal at two cursors, and the root mean square between the cursors."""
 
     first: float
     second: float
@@ -121,29 +121,29 @@ class CursorReading:
 
     @property
     def difference(self) -> float:
-        """Second value minus the first, dv."""
+        """Value at the second cursor minus the value at the first."""
         return self.second - self.first
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Samples of a capture; `triggered` is the time of its trigger, None without one."""
+    """Samples of one capture; `triggered` is the time of the trigger, None without a trigger."""
 
     rows: tuple[Row, ...]
     triggered: float | None = None
 
     @property
     def zero(self) -> float:
-        """Time 0 of the capture: the trigger, else the first sample."""
+        """Time of the trigger, else of the first sample; other times of the capture are relative to it."""
         return self.rows[0][0] if self.triggered is None else self.triggered
 
     @property
     def time_range(self) -> tuple[float, float]:
-        """Start and end time, relative to `zero`."""
+        """Times of the first and the last sample, relative to `zero`."""
         return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
 
     def between(self, first: float, second: float) -> Shot:
-        """Return the part between two times, relative to `zero`, with the values held at its ends."""
+        """Return the part between two times relative to `zero`, with samples repeated at both times."""
         begin, end = sorted((first + self.zero, second + self.zero))
         row_before = [row for time, row in self.rows if time <= begin][-1:]
         inner = [(time, row) for time, row in self.rows if begin < time <= end]
@@ -153,7 +153,7 @@ class Shot:
         return Shot(tuple(rows), self.triggered)
 
     def cursors(self, place: int, first: float, second: float) -> CursorReading | None:
-        """Read a signal at two times, relative to `zero`; None unless both are known."""
+        """Measure a signal at and between two times relative to `zero`; None if a value is unknown."""
         part = self.between(first, second)
         ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
         measured = part.measure(place) if part.rows else None
@@ -163,7 +163,7 @@ class Shot:
         return CursorReading(*((low, high) if first <= second else (high, low)), measured.rms)
 
     def measure(self, place: int) -> Measures | None:
-        """Measure a signal, each value weighted by its duration; None without values."""
+        """Measure a signal, with each value weighted by its duration; None if no value is known."""
         points = [(time, value) for time, row in self.rows if (value := row[place]) is not None and value == value]
         if not points:
             return None
@@ -179,7 +179,7 @@ class Shot:
 
 
 class ScopeState(Enum):
-    """States of a scope."""
+    """States of a scope capture."""
 
     WAITING = "waiting for its trigger"
     TAKING = "taking"
@@ -187,9 +187,9 @@ class ScopeState(Enum):
 
 
 class ScopeCapture:
-    """Capture memory of `length` s, `before` of them before the trigger; without a trigger from the first sample on.
+    """Capture memory for `length` s, with `before` s of them before the trigger.
 
-    After `shots` of them it is done; None goes on for ever.
+    Without a trigger a capture begins with the first sample. The scope is done after `shots` captures, if not None.
     """
 
     def __init__(self, trigger: Trigger | None, *, length: float, before: float = 0.0, shots: int | None = 1) -> None:
@@ -207,16 +207,16 @@ class ScopeCapture:
 
     @property
     def done(self) -> bool:
-        """Whether all captures are complete."""
+        """Whether all captures are complete, or the scope was stopped."""
         return self.state is ScopeState.DONE
 
     @property
     def held(self) -> int:
-        """Number of stored samples."""
+        """Number of samples in memory."""
         return len(self._rows)
 
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
-        """Add a sample; one with an older time is stored at the present time."""
+        """Add a sample; a time before that of the newest sample is replaced by that time."""
         time = self._newest = max(time, self._newest)
         if self._begin is not None and time >= self._end:
             self._finish()
@@ -230,18 +230,18 @@ class ScopeCapture:
         self._last = values
 
     def tick(self, time: float) -> None:
-        """Advance the time: a capture may end without another sample, with the last values held."""
+        """Advance the time, so that a capture can end without another sample; the last values remain valid."""
         if self._begin is not None and time >= self._end:
             if self._rows[-1][0] < self._end:
                 self._rows.append((self._end, self._rows[-1][1]))
             self._finish()
 
     def next_deadline(self) -> float | None:
-        """Return the end of the active capture."""
+        """Return the time at which the current capture ends; None without a capture in progress."""
         return None if self._begin is None else self._end
 
     def stop(self) -> None:
-        """Stop: a capture in progress ends with the samples so far, a waiting one is dropped."""
+        """Stop the scope; a capture in progress ends with the samples so far, samples before a trigger are dropped."""
         if self._begin is not None:
             self._finish()
         self.state = ScopeState.DONE
@@ -259,7 +259,7 @@ class ScopeCapture:
         return self._begin + self._length - (self._before if self._trigger is not None else 0.0)
 
     def _forget(self, before: float) -> None:
-        """Discard old samples except the last before `before`, which is still valid."""
+        """Discard the samples before time `before`, except the last of them, whose values are still valid."""
         rows = self._rows
         while len(rows) > 1 and rows[1][0] <= before:
             rows.popleft()
@@ -273,10 +273,9 @@ class ScopeCapture:
         self.state = ScopeState.DONE if self._shots_left == 0 else ScopeState.WAITING
 
 
-# A scope's shot as a file: CSV, which is read back too, to lay one shot over another, a picture (PNG), a bag (MCAP).
+# Captures as files: CSV, which can be read again for an overlay, a picture (PNG) and a bag (MCAP).
 #
-# The picture is drawn by matplotlib (the extra `plot`), which nothing else needs and which is loaded for a picture
-# only: its axes, legends and fonts need not be written again.
+# Pictures are drawn by matplotlib (extra `plot`), which is imported only when a picture is needed.
 
 
 _TIME, _FROM_ZERO = "time", "t"
@@ -287,7 +286,7 @@ _CURSOR: Final = "#16324f"
 
 @dataclass(frozen=True, slots=True)
 class NamedShot:
-    """Capture with names and units of its signals, "" if unknown; `label` is its title."""
+    """Capture with the names and units of the signals ("" if a unit is unknown); `label` is the title."""
 
     shot: Shot
     names: tuple[str, ...]
@@ -295,17 +294,17 @@ class NamedShot:
     label: str = ""
 
     def place(self, name: str) -> int | None:
-        """Return the column of a signal; None without one."""
+        """Return the column of the signal with this name; None if there is none."""
         return self.names.index(name) if name in self.names else None
 
 
 def named_shot(shot: Shot, signals: Sequence[Signal], label: str = "") -> NamedShot:
-    """Return a capture with the names of its signals."""
+    """Return a capture with the names and units of its signals."""
     return NamedShot(shot, tuple(signal.name for signal in signals), tuple(signal.unit for signal in signals), label)
 
 
 def csv_of(named: NamedShot) -> str:
-    """Return a row for each sample: Unix time, time from the trigger or the first sample, the values."""
+    """Return a capture as CSV: Unix time, time relative to the trigger or the first sample, and the values."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([_TIME, _FROM_ZERO, *named.names])
@@ -317,7 +316,7 @@ def csv_of(named: NamedShot) -> str:
 
 
 def parse_csv(text: str, place: str) -> NamedShot:
-    """Parse a file of `csv_of`; ConfigError if it is invalid."""
+    """Parse a file that `csv_of` wrote; ConfigError if the file is invalid. `place` is its name in messages."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
         raise ConfigError(f"{place} is not a shot of a scope: it begins with time,t and the names of signals")
@@ -336,7 +335,7 @@ def parse_csv(text: str, place: str) -> NamedShot:
 
 
 def refuse_without_pictures() -> None:
-    """Raise ConfigError at the start if the extra for pictures is not installed."""
+    """Raise ConfigError if matplotlib is not installed."""
     from importlib.util import find_spec
 
     if find_spec("matplotlib") is None:
@@ -344,7 +343,7 @@ def refuse_without_pictures() -> None:
 
 
 def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tuple[float, float] | None = None) -> bytes:
-    """Draw each signal over the time from the trigger, with an overlay of the same signals and two cursors."""
+    """Draw a capture as PNG, a plot for each signal, with an overlay of the same signals and two cursors."""
     refuse_without_pictures()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -380,7 +379,10 @@ def plotted(
     logarithmic: bool = False,
     mark: float | None = None,
 ) -> bytes:
-    """Draw rows of a label, places (in `unit`) and values as plots below each other, as PNG; `mark` is one place."""
+    """Draw plots below each other as PNG; a row has a label, x values in `unit`, and y values.
+
+    `mark` is the x value of a vertical line.
+    """
     refuse_without_pictures()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -404,7 +406,7 @@ def plotted(
 
 
 def _line(axis: Axes, shot: Shot, place: int, *, color: str, label: str) -> None:
-    """Draw a signal as steps: each value holds until the next one."""
+    """Draw a signal as steps: each value is valid until the next sample."""
     times = [time - shot.zero for time, _ in shot.rows]
     values = [math.nan if (value := row[place]) is None else value for _, row in shot.rows]
     axis.step(times, values, where="post", color=color, linewidth=1.1, label=label)
@@ -418,7 +420,7 @@ def _time_words(shot: Shot, cursors: tuple[float, float] | None) -> str:
 
 
 def write_bag(folder: Path, shot: Shot, signals: Sequence[Signal]) -> None:
-    """Write a bag with one topic per signal: /scope/left_drive/o6064_00, /scope/left_wheel_joint/velocity."""
+    """Write a bag with a topic for each signal: /scope/left_drive/o6064_00, /scope/left_wheel_joint/velocity."""
     from canopen_control.trace.bag import BagWriter
 
     with BagWriter(folder, "scope") as bag:

@@ -1,4 +1,4 @@
-"""Signals of a scope, `NODE:OBJECT` or `JOINT:velocity`, with their newest values."""
+"""Signals of a scope, written `NODE:OBJECT` or `JOINT:velocity`, and the sources of their samples."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import JointReading
 
 
-# Where a scope's samples come from: TPDOs of a running robot, each cycle, and SDO for what none carries.
+# Sources of a scope's samples: TPDOs and joint states of a running robot, and SDO for objects that no TPDO maps.
 #
-# What a TPDO carries costs nothing and comes at the rate of SYNC; what is polled goes one object
-# at a time, through a robot no faster than `READS_PER_S` in all, so that nothing of the robot waits for a scope.
+# Objects in TPDOs cause no traffic and are sampled with each SYNC. The others are polled one at a time, through a
+# running robot no faster than `READS_PER_S` in total, so that the scope does not delay the robot's own requests.
 
 
 _EVERY_CYCLE: Final = 1000.0  # Hz
 
 
 class ScopeSource(Protocol):
-    """Source of samples; times in Unix seconds."""
+    """Source of scope samples; sample times are Unix times in seconds."""
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Yield the samples within `seconds`."""
+        """Wait for up to `seconds` and yield the samples of that time."""
 
     def cycles(self) -> tuple[int, int] | None:
-        """Return the numbers of cycles and missed cycles of a robot; None without a robot."""
+        """Return the numbers of cycles and of missed cycles of a robot; None without a robot."""
 
 
 class PolledSource:
@@ -52,11 +52,11 @@ class PolledSource:
         self._next_sample = time.monotonic()
 
     def cycles(self) -> None:
-        """Return None: a bare bus has no cycle."""
+        """Return None, because a bare bus has no control cycle."""
         return
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Read all signals when due."""
+        """Wait until the next sample is due, read all signals and yield the sample; nothing if `seconds` end before."""
         wait = self._next_sample - time.monotonic()
         if wait > 0:
             time.sleep(min(wait, seconds))
@@ -69,7 +69,7 @@ class PolledSource:
 
 
 class RobotSource:
-    """Source of a running robot: signals by TPDO, others by polling."""
+    """Source of samples from a running robot: TPDOs and joint states as they arrive, and other objects by polling."""
 
     def __init__(
         self, client: RobotClient, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float
@@ -86,17 +86,17 @@ class RobotSource:
         client.ask(Subscribe(pdos=bool(values.objects), state_rate=_EVERY_CYCLE if values.joints else None))
 
     def cycles(self) -> tuple[int, int]:
-        """Return the numbers of cycles and missed cycles of the robot."""
+        """Return the numbers of cycles and of missed cycles of the robot."""
         cycle = self._client.ask(GetStatus()).cycle
         return cycle.count, cycle.missed
 
     @property
     def polled(self) -> list[ScopeSignal]:
-        """Signals without a TPDO so far."""
+        """Signals that no received TPDO has contained yet."""
         return list(self._polled.values())
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Yield a sample for each cycle with a change, and for each polled signal."""
+        """Yield a sample for each message that contains a signal, and for each polled signal."""
         wait = min(seconds, max(self._next_sample - time.monotonic(), 0.0)) if self._polled else seconds
         end = time.monotonic() + wait
         for message in self._client.messages(wait):
@@ -120,7 +120,7 @@ class RobotSource:
         return is_read
 
     def _poll(self) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Read one of the polled signals, in turn."""
+        """Read the next polled signal, in round-robin order, and yield a sample."""
         self._next_sample = time.monotonic() + self._period
         key, signal = next(iter(self._polled.items()))
         self._polled[key] = self._polled.pop(key)
@@ -129,7 +129,7 @@ class RobotSource:
 
 
 def read_signal(values: SignalValues, session: NodeSession, signal: ScopeSignal) -> None:
-    """Read a signal by SDO; one that the node refuses has no value."""
+    """Read a signal by SDO and store its value; None if the node refuses the upload."""
     try:
         data = session.read(signal.index, signal.subindex)
     except CanopenError as error:
@@ -141,12 +141,12 @@ def read_signal(values: SignalValues, session: NodeSession, signal: ScopeSignal)
 
 MOST_SIGNALS: Final = 8
 _QUANTITIES: Final = {"position": "rad or m", "velocity": "rad/s or m/s", "effort": "", "command": ""}
-"""What a robot tells of a joint, with its unit."""
+"""Quantities of a joint that a robot reports, with their units."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScopeSignal:
-    """Number in an object of a node; `name` for users and files, such as left_drive:0x6064."""
+    """Numeric object of a node; `name` is the text for users and files, such as left_drive:0x6064."""
 
     node_id: int
     index: int
@@ -158,16 +158,16 @@ class ScopeSignal:
 
     @property
     def key(self) -> tuple[int, int, int]:
-        """Node id and address."""
+        """Node id, index and subindex."""
         return self.node_id, self.index, self.subindex
 
     @property
     def topic(self) -> str:
-        """Topic in a bag, below its owner."""
+        """Topic of the signal in a bag, below the name of the node."""
         return f"o{self.index:04X}_{self.subindex:02X}"
 
     def value(self, data: bytes) -> float | None:
-        """Return the number of these bytes; None for another length."""
+        """Decode the bytes of the object; None if their length does not fit the data type."""
         padded = fitted(data, self.data_type)
         number = None if padded is None else decode(padded, self.data_type)
         return float(number) if isinstance(number, int | float) else None
@@ -183,12 +183,12 @@ class JointSignal:
 
     @property
     def name(self) -> str:
-        """Name as typed by the user."""
+        """Name of the signal as the user types it, `JOINT:QUANTITY`."""
         return f"{self.joint}:{self.quantity}"
 
     @property
     def unit(self) -> str:
-        """Unit of the signal."""
+        """Unit of the quantity, "" if it depends on the joint."""
         return _QUANTITIES[self.quantity]
 
     @property
@@ -198,11 +198,11 @@ class JointSignal:
 
     @property
     def topic(self) -> str:
-        """Topic in a bag, below its owner."""
+        """Topic of the signal in a bag, below the name of the joint."""
         return self.quantity
 
     def value(self, reading: JointReading) -> float | None:
-        """Return the value of the signal in a reading."""
+        """Return the signal's value in a joint reading, None if unknown."""
         value: float | None = getattr(reading, self.quantity)
         return value
 
@@ -211,13 +211,13 @@ Signal = ScopeSignal | JointSignal
 
 
 def joint_signal_of(text: str) -> JointSignal | None:
-    """Return the signal `JOINT:velocity`; None for an object of a node."""
+    """Parse a joint signal such as `JOINT:velocity`; None if the text does not name a joint's quantity."""
     joint, _, quantity = text.partition(":")
     return JointSignal(joint, quantity) if joint and quantity in _QUANTITIES else None
 
 
 def node_of(text: str) -> str:
-    """Return the node of `NODE:OBJECT`; ConfigError."""
+    """Return the node part of `NODE:OBJECT`; ConfigError if the text does not have this form."""
     node, colon, item = text.partition(":")
     if not (node and colon and item):
         raise ConfigError(
@@ -228,7 +228,7 @@ def node_of(text: str) -> str:
 
 
 def signal_of(text: str, session: NodeSession) -> ScopeSignal:
-    """Return the signal `NODE:OBJECT`; ConfigError if it is invalid or not a number."""
+    """Return the signal `NODE:OBJECT`; ConfigError if the object is unknown, not numeric or not readable."""
     item = text.partition(":")[2]
     address = find_object(item, session.dictionary)
     entry = address.entry
@@ -251,12 +251,12 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
 
 
 def statusword_of(session: NodeSession) -> ScopeSignal:
-    """Return the statusword of a node; ConfigError without one."""
+    """Return the signal of a node's statusword; ConfigError if the node has none."""
     return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)
 
 
 class SignalValues:
-    """Newest value of each signal, as a row for a `ScopeCapture`."""
+    """Newest value of each signal, as a row for `ScopeCapture`."""
 
     def __init__(self, signals: Iterable[Signal]) -> None:
         self.signals = tuple(signals)
@@ -271,28 +271,28 @@ class SignalValues:
 
     @property
     def objects(self) -> list[ScopeSignal]:
-        """Signals of node objects."""
+        """Signals that are objects of nodes."""
         return [signal for signal in self.signals if isinstance(signal, ScopeSignal)]
 
     @property
     def joints(self) -> list[str]:
-        """Joints of the other signals."""
+        """Names of the joints whose signals are sampled, without duplicates."""
         return list(dict.fromkeys(signal.joint for _, signal in self._joints))
 
     @property
     def row(self) -> tuple[float | None, ...]:
-        """The values in the order of the signals."""
+        """Newest values in the order of the signals."""
         return tuple(self._values)
 
     def put(self, node_id: int, index: int, subindex: int, data: bytes) -> bool:
-        """Record the bytes of an object; return whether it is one of the signals."""
+        """Decode and store the bytes of an object; return whether the object is one of the signals."""
         places = self._places.get((node_id, index, subindex), ())
         for place, signal in places:
             self._values[place] = signal.value(data)
         return bool(places)
 
     def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
-        """Update from joint readings of a robot; return whether a signal has changed."""
+        """Store the joint signals from readings of a robot; return whether there are joint signals."""
         for place, signal in self._joints:
             reading = readings.get(signal.joint)
             self._values[place] = None if reading is None else signal.value(reading)

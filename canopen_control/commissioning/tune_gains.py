@@ -1,4 +1,4 @@
-"""Gains in a drive: their objects, setting, reverting, and messages about them."""
+"""Controller gains of a drive: design, identification of the plant, writing to the drive, and reverting."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
 
-# Gains of a tuning, written into a drive so that they can be taken back.
+# Gains that a tuning run writes to a drive, so that they can be reverted.
 #
-# The previous values are saved before the first change, and kept until they are reverted: gains that were set twice
-# still revert to those before the first time. Writing, verification and reverting of a partial write are those of every
-# restore. Sans-IO: `KeptGains` stores them.
+# The previous values are saved before the first change and kept until they are restored: gains that were set twice are
+# reverted to the values before the first change. `Restore` writes, verifies and undoes a partial write. Sans-IO:
+# `KeptGains` stores the values.
 
 
 @dataclass(frozen=True, slots=True)
 class GainChange:
-    """Old and new value of one object."""
+    """Texts of the old and the new value of one gain object."""
 
     label: str
     before: str
@@ -46,9 +46,9 @@ class GainChange:
 def gain_values(
     od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: CascadeGains, units_per_rad: float
 ) -> dict[Address, Value]:
-    """Return the object values of gains; ConfigError for a gain that rounds to zero or does not fit.
+    """Return the values of the gain objects; ConfigError for a gain that rounds to 0 or exceeds the object's range.
 
-    `gains` are those of the shaft in rad, of which `units_per_rad` user units of 0x6064 make one.
+    `gains` refer to the shaft in rad; `units_per_rad` is the number of user units of 0x6064 in a rad.
     """
     values = {
         LoopGain.VELOCITY_P: gains.velocity_p / units_per_rad,
@@ -77,20 +77,20 @@ def _raw(entry: Entry, value: float) -> Value:
 
 
 class KeptGains(Protocol):
-    """Previous gains of a drive, stored on disk."""
+    """Storage on disk for the previous gains of a drive."""
 
     def read(self) -> Mapping[Address, Value]:
-        """Return the stored values; none if no gains were set."""
+        """Return the stored values; an empty mapping if no gains were set."""
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Store values; ConfigError if that fails."""
+        """Store values; ConfigError if they cannot be stored."""
 
     def forget(self) -> None:
         """Delete the stored values."""
 
 
 def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptGains) -> list[GainChange]:
-    """Write gains and verify them; DriveError, with the old gains restored, for an enabled drive or a refusal."""
+    """Save the old gains, write new gains and verify them; DriveError if the drive is enabled or refuses."""
     refuse_moving(session)
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
@@ -102,7 +102,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: Kep
 
 
 def revert_gains(session: NodeSession, stored: KeptGains) -> list[GainChange]:
-    """Restore the gains from before the first `set_gains`; DriveError without stored gains."""
+    """Restore the gains from before the first `set_gains`; DriveError if no gains are stored."""
     target = stored.read()
     if not target:
         raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
@@ -129,21 +129,24 @@ def _write(session: NodeSession, values: Mapping[Address, Value]) -> None:
         raise DriveError(f"{session} refused gains, and is as it was: {'; '.join(restore.refused)}")
 
 
-# PI gains of a velocity loop for a phase margin, P of the position loop around it, from an identified plant.
+# Design of the PI gains of a velocity loop for a phase margin, and of the P gain of the position loop around that loop.
 #
 # The plant is 1/(J s + B) with a dead time Td in the loop; the open loop has gain 1 at the crossover frequency with the
-# requested phase margin. The computation uses phases only; if the controller would need a phase that is not possible,
-# there is no PI solution and the crossover is too high for this dead time.
+# requested phase margin. The computation uses phases only; if the controller needs an impossible phase, there is no PI
+# solution and the crossover is too high for this dead time.
 
 
 LOOP_DELAY_S: Final = 0.0005
-"""The dead time of a velocity loop inside a drive, unless another is known."""
+"""Dead time in s of the velocity loop inside a drive, unless another value is known."""
 _POSITION_SHARE: Final = 4.0  # the position loop is so much slower
 
 
 @dataclass(frozen=True, slots=True)
 class CascadeGains:
-    """`velocity_p` in torque per rad/s, `reset` (Ti) in s, `position_p` in 1/s; crossover in rad/s, margin in rad."""
+    """Gains of a velocity loop (PI) and a position loop (P), with the crossover in rad/s and the phase margin in rad.
+
+    `velocity_p` is in torque per rad/s, `reset` (Ti) in s, `position_p` in 1/s.
+    """
 
     velocity_p: float
     reset: float
@@ -153,14 +156,14 @@ class CascadeGains:
 
     @property
     def velocity_i(self) -> float:
-        """Torque per rad: the P gain divided by the reset time."""
+        """Integral gain in torque per rad: the P gain divided by the reset time."""
         return self.velocity_p / self.reset
 
 
 def design_velocity_loop(
     plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
 ) -> CascadeGains:
-    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if none exist."""
+    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if no PI controller has both."""
     viscous = max(0.0, plant.viscous)
     lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
     needed = margin - math.pi - lag
@@ -179,9 +182,9 @@ def _impossible(needed: float, crossover: float, margin: float, delay: float) ->
 
 
 def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
-    """Return crossover in rad/s and phase margin in rad of gains with a plant, such as one with another load.
+    """Return the crossover in rad/s and the phase margin in rad of gains with a plant, such as one with another load.
 
-    The gain of the open loop falls all the way, so the crossover is found by halving.
+    The gain of the open loop falls monotonically, so bisection finds the crossover.
     """
 
     def loop(omega: float) -> complex:
@@ -197,16 +200,16 @@ def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DEL
     return low, math.pi + lag - math.atan2(1.0, gains.reset * low)
 
 
-# Identification of a motor with its load: inertia, viscous and Coulomb friction, constant load, dead time; least
-# squares.
+# Identification of a motor with its load by least squares: inertia, viscous and Coulomb friction, constant load, dead
+# time.
 #
-# The model is J dw/dt = u - B w - C sgn(w) + g. Its integral over each cycle is fitted. A torque is held for a cycle,
-# and the time of its change within the cycle is unknown; so the dead time is determined first, as the one with the
-# least residual, in quarters of a cycle: one cycle that is not accounted for costs a quarter of the inertia. Samples
-# around standstill are left out, since there Coulomb friction is any torque up to C. No friction drives a shaft: where
-# the least residual would need one below 0, as that of an axis without friction does by its noise, it is 0 and the rest
-# is fitted without it. Units: u in per mille of the rated torque (or N m), w in rad/s, so J in per mille s^2/rad (or kg
-# m^2).
+# The model is J dw/dt = u - B w - C sgn(w) + g, and its integral over each cycle is fitted. A torque is constant for a
+# cycle, but the time of its change within the cycle is unknown. So the dead time is determined first, in steps of a
+# quarter of a cycle, as the value with the least residual: ignoring one cycle of dead time would change the inertia by
+# a quarter. Samples around standstill are left out, since there Coulomb friction is any torque up to C. Friction cannot
+# be negative: if the fit would make a coefficient negative, as noise does on an axis without friction, the coefficient
+# is 0 and the others are fitted without it. Units: u in per mille of the rated torque (or N m), w in rad/s, so J in
+# per mille s^2/rad (or kg m^2).
 
 
 _MOST_DELAY: Final = 4.0  # cycles
@@ -215,13 +218,13 @@ _STANDING: Final = 0.05  # of the greatest speed, below which it stands
 _FEWEST: Final = 50
 _VISCOUS, _COULOMB = 1, 2  # their columns
 _MODELS: Final = ([0, 1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 3])
-"""The columns that are fitted: all, else without a friction that would be below 0; the last ones have none."""
+"""Columns that are fitted: all, and subsets without a friction that would be negative; the last has no friction."""
 _TRUSTED: Final = 0.7  # of the changes of speed that the model has to explain
 
 
 @dataclass(frozen=True, slots=True)
 class PlantModel:
-    """Identified plant; `load` is g, `delay` in s, `fit` the explained fraction of speed changes (1: all)."""
+    """Identified plant; `load` is g, `delay` is in s, `fit` is the explained fraction of speed changes (1 is all)."""
 
     inertia: float
     viscous: float
@@ -232,19 +235,19 @@ class PlantModel:
 
     @property
     def time_constant(self) -> float:
-        """J/B in s, infinite without viscous friction."""
+        """Time constant J/B in s; infinite without viscous friction."""
         return self.inertia / self.viscous if self.viscous > 0.0 else math.inf
 
     def scaled(self, unit: float) -> PlantModel:
-        """Return the model with torques in another unit, `unit` for each of this one."""
+        """Return the model with torques in another unit, of which `unit` make one of the present unit."""
         parts = (self.inertia * unit, self.viscous * unit, self.coulomb * unit, self.load * unit)
         return PlantModel(*parts, self.delay, self.fit)
 
 
 def identify_plant(torque: Sequence[float], speed: Sequence[float], period: float) -> PlantModel:
-    """Identify the plant from samples every `period` s; DriveError if they are insufficient.
+    """Identify the plant from samples every `period` s; DriveError if the samples are unsuitable.
 
-    A sample that is not known is nan; it is left out with the cycles behind it in which its torque acts.
+    An unknown sample is nan; it is left out, as are the following cycles in which its torque acts.
     """
     u, w = np.asarray(torque, float), np.asarray(speed, float)
     if len(w) < _FEWEST:
@@ -273,7 +276,7 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
 
 
 def _delayed(u: NDArray[np.float64], delay: float, first: int) -> NDArray[np.float64]:
-    """Return the mean torque between samples from `first` on, delayed by `delay` cycles."""
+    """Return the mean torque between samples, from sample `first` on, delayed by `delay` cycles."""
     periods = int(delay)
     part = delay - periods
     late = u[first - periods : len(u) - periods]
@@ -284,7 +287,10 @@ def _delayed(u: NDArray[np.float64], delay: float, first: int) -> NDArray[np.flo
 def _fit(
     u: NDArray[np.float64], w: NDArray[np.float64], first: int, fastest: float, period: float
 ) -> tuple[NDArray[np.floating], float, float]:
-    """Return 1/J, -B/J, -C/J, g/J, and the sums of squares of the residual and of the changes; DriveError."""
+    """Return 1/J, -B/J, -C/J and g/J, and the sums of squares of the residual and of the speed changes.
+
+    DriveError if too few samples show motion, or motion in one direction only.
+    """
     before, after = w[first - 1 : -1], w[first:]
     mean = 0.5 * (before + after)
     moving = np.minimum(np.abs(before), np.abs(after)) > _STANDING * fastest
@@ -315,7 +321,7 @@ _OF_SHAFT: Final = (LoopGain.VELOCITY_P, LoopGain.VELOCITY_I)
 
 
 def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
-    """Parse `velocity_p=0x3210:01*0.001`; ConfigError. The scale is in the units of a printed proposal."""
+    """Parse `velocity_p=0x3210:01*0.001`; ConfigError. The scale is the gain for a raw value of 1."""
     match = _GAIN.fullmatch(text.strip())
     if match is None or match[1].lower() not in GAIN_NAMES:
         raise ConfigError(
@@ -334,9 +340,9 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return the gain objects of a drive: given ones, else known ones; ConfigError if unknown.
+    """Return the gain objects of a drive, with those in `named` before known ones; ConfigError if some are unknown.
 
-    Given gains refer to the shaft; `units_per_rad` is the number of user units per rad.
+    Scales in `named` refer to the shaft; `units_per_rad` is the number of user units per rad.
     """
     od = session.dictionary
     objects = gain_objects(od, axis)
@@ -365,7 +371,7 @@ def settable_gains(
 
 @dataclass(frozen=True, slots=True)
 class GainPlace:
-    """Axis, `named` gain objects, and the `channel` of a bare bus; `stores`: also in the drive (0x1010)."""
+    """Axis, `named` gain objects, and `channel` of a bare bus; `stores` also saves the gains in the drive (0x1010)."""
 
     axis: int = 0
     named: tuple[str, ...] = ()
@@ -374,14 +380,14 @@ class GainPlace:
 
 
 def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
-    """Set gains; yield the changes."""
+    """Set the gains of an axis; yield a text for each change, and whether the gains are stored in the drive."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)
     yield from _change_lines(session, set_gains(session, values, _stored_gains(session, place)), place)
 
 
 def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
-    """Revert the gains; yield the changes."""
+    """Revert the gains of an axis; yield a text for each change, and whether they are stored in the drive."""
     yield from _change_lines(session, revert_gains(session, _stored_gains(session, place)), place)
 
 

@@ -1,8 +1,8 @@
-"""Tuning job: a plan that is confirmed, its run within limits, its results, and gains set from a page.
+"""Tuning job of a page: the plan that the user confirms, the run within limits, the results, and setting the gains.
 
-A run is a command source like any other. That of a page ends with the page: it has to confirm repeatedly that it is
-open, and `GONE_S` without that ends the run, as a limit, a fault, STOP and the button do; the drive is stopped and
-disabled then, and there is no result.
+A run is a command source like any other. A run that a page started ends with the page: the page has to confirm
+repeatedly that it is open. If no confirmation arrives for `GONE_S`, or on a limit, a fault, STOP or the user's request
+to end, the drive is stopped and disabled, and there is no result.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _HUNDREDTHS: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class TunePlan:
-    """Tuning run of an axis within limits, as it is confirmed before the drive moves; ConfigError beyond them."""
+    """Plan of a tuning run within limits, which the user confirms before the drive moves."""
 
     request: TuneRequest
     limits: JogLimits
@@ -55,13 +55,13 @@ class TunePlan:
 
     @classmethod
     def of(cls, request: TuneRequest, options: TuneOptions, scale: JogScale) -> TunePlan:
-        """Return the checked plan."""
+        """Return the plan of a request; ConfigError if the request exceeds the limits."""
         plan = cls(request, limits_of(options, scale), options.axis)
         request.check(plan.limits, scale)
         return plan
 
     def lines(self, scale: JogScale) -> list[str]:
-        """Return the lines to confirm."""
+        """Return the lines that the user has to confirm."""
         limits = self.limits
         return [
             f"excitation: {self.request.words(scale)}",
@@ -71,14 +71,14 @@ class TunePlan:
 
     @property
     def mode(self) -> str:
-        """Mode of operation of the run in a running robot."""
+        """Mode of operation that the run requests from a running robot."""
         return "PV" if self.request.kind is JogKind.VELOCITY else "TQ"
 
 
 def request_of(
     test: TuneTest, options: TuneOptions, period: float, *, speed: Quantity | None, torque: float, signal: str
 ) -> TuneRequest:
-    """Return the request of a test with cycles of `period` s; ConfigError for a step that moves nothing."""
+    """Return the request of a test with samples every `period` s; ConfigError for a step without a speed."""
     if test is TuneTest.STEP and (speed is None or not speed.value):
         raise ConfigError(f"a step to {speed or 0}: that moves nothing")
     return TuneRequest(
@@ -101,7 +101,7 @@ def excite(
     effort_unit: float | None = None,
     progress: Callable[[float], object] = lambda _seconds: None,
 ) -> TuneRun:
-    """Return the run of a plan at a drive; see `TuneRun`."""
+    """Return a `TuneRun` that executes a plan on a drive."""
     return TuneRun(
         drive,
         plan.request.kind,
@@ -116,7 +116,7 @@ def excite(
 
 @dataclass(slots=True)
 class TuneFound:
-    """Results of the last run: curves, frequency response, gains; written by its thread."""
+    """Results of the last run, written by the run's thread; None where the run gave no such result."""
 
     plan: TunePlan
     curves: NamedShot | None = None
@@ -126,7 +126,7 @@ class TuneFound:
 
 
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
-    """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if it would accept it."""
+    """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if the run would be accepted."""
     if not axis < len(place.joints):
         return f"{place.name} moves no joint of {robot}: there is nothing to tune."
     joint = place.joints[axis]
@@ -146,23 +146,23 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
 
 
 class PagePresence:
-    """Time of the last sign of life of a page; `clock` in s."""
+    """Time since the last confirmation that a page is open; `clock` in s."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._seen = clock, clock()
 
     def here(self) -> None:
-        """Register the page as present."""
+        """Confirm that the page is open."""
         self._seen = self._clock()
 
     def check(self) -> None:
-        """Raise DriveError if the page was closed."""
+        """Raise DriveError if the page has not confirmed for `GONE_S` that it is open."""
         if self._clock() - self._seen > GONE_S:
             raise DriveError("the page that began it is gone: stopped and disabled")
 
 
 def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFound, presence: PagePresence) -> str:
-    """Excite an axis of a node within its limits and store the results; return the final sentence."""
+    """Excite an axis of a node within limits and store the results in `result`; return the final sentence."""
     plan, request = result.plan, result.plan.request
     request.check(plan.limits, SCALE)
     drive = drive_of_robot(client, session.name or str(session.node_id), plan.axis, plan.mode)
@@ -186,7 +186,7 @@ def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFou
 
 
 def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
-    """Return a record as a capture, over the seconds since its first sample."""
+    """Return a record as a scope capture of command, velocity, position and, if known, torque."""
     unit = "rad/s" if request.kind is JogKind.VELOCITY else "1/1000 of the rated torque"
     rows = tuple(
         (record.seconds(sample), (sample.command, sample.velocity, sample.position, sample.effort))
@@ -200,12 +200,12 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 def apply_gains(
     session: NodeSession, run: JobRun, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
-    """Set proposed gains of an axis and verify them; `counts` are the user units of 0x6064 per revolution."""
+    """Set the proposed gains of an axis and verify them; `counts` is in user units of 0x6064 per revolution."""
     run.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
 def revert(session: NodeSession, run: JobRun, *, axis: int = 0, stores: bool) -> str:
-    """Restore the gains of an axis from before the first change."""
+    """Restore the gains that an axis had before the first change."""
     run.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"
