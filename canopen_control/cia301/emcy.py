@@ -1,9 +1,9 @@
-"""Emergency object, producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.17 and 7.5.2.18).
+"""Emergency object (EMCY), for producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.17 and 7.5.2.18).
 
 The producer keeps the active errors, the error register (0x1001) computed from them, and the history (0x1003, newest
-first). Each new error is sent once. Each error that is cleared is sent as error reset (0x0000) with the remaining
-register bits.
-The consumer accepts 3 to 8 bytes, because some devices omit the manufacturer-specific part. Both are bounded.
+first). Each new error is sent once. When an error is cleared, an error reset (0x0000) is sent with the remaining
+register bits. The consumer accepts 3 to 8 bytes, because some devices omit the manufacturer-specific part. The numbers
+of active errors and of waiting messages are limited in both.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ REGISTER_TEXTS: dict[ErrorRegister, str] = {
 
 
 def error_text(code: int) -> str:
-    """Return the meaning of an error code, or of the closest class in the table."""
+    """Return the meaning of an error code or of the closest class in the table, else "unknown error code"."""
     masks = (0xFFFF, 0xFFF0, 0xFF00, 0xF000) if code >> 12 else (0xFFFF, 0xFF00)
     for mask in masks:
         if (text := ERROR_TEXTS.get(code & mask)) is not None:
@@ -193,7 +193,7 @@ def error_text(code: int) -> str:
 
 
 def code_text(code: int) -> str:
-    """Return an error code with its meaning, the same in EMCY, 0x1003 and 0x603F."""
+    """Return an error code of EMCY, 0x1003 or 0x603F with its meaning, such as "0x8611 (following error)"."""
     return f"0x{code:04X} ({error_text(code)})"
 
 
@@ -203,7 +203,7 @@ def register_text(register: int) -> str:
 
 
 def is_reset_code(code: int) -> bool:
-    """Return whether a code reports an error reset or no error: 00xx."""
+    """Return whether an error code means an error reset or no error: 00xx."""
     return code <= 0xFF
 
 
@@ -223,7 +223,7 @@ class EmcyMessage:
 
     @classmethod
     def parse(cls, frame: CanFrame, node_id: int | None = None) -> EmcyMessage | None:
-        """Return the message of `frame`, or None if the frame is not an emergency message.
+        """Return the message of `frame`, or None if the frame is no emergency message.
 
         Without `node_id` the COB-ID must be between 0x081 and 0x0FF. Frames of fewer than 3 bytes are rejected.
         """
@@ -237,7 +237,7 @@ class EmcyMessage:
         return cls(node_id, data[0] | data[1] << 8, data[2], data[3:8])
 
     def encode(self, cob_id: int | None = None) -> CanFrame:
-        """Return the frame of 8 bytes, with the predefined COB-ID by default."""
+        """Return the frame of 8 bytes; without `cob_id` its COB-ID is 0x080 + node id."""
         head = bytes((self.error_code & 0xFF, self.error_code >> 8 & 0xFF, self.error_register & 0xFF))
         data = head + self.data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
         return CanFrame(EMCY_COB_ID + self.node_id if cob_id is None else cob_id, data)
@@ -254,12 +254,12 @@ class EmcyMessage:
 
 
 class EmcyProducer:
-    """Errors of one node: `error_register` (0x1001), `history` (0x1003), and the EMCY messages that result.
+    """Producer of the EMCY messages of one node, with the `error_register` (0x1001) and the `history` (0x1003).
 
     `cob_id` (0x1014) can be changed; `enabled` is the inverse of its bit 31. `inhibit_ns` (0x1015) is the minimum time
     between two messages. `allowed` is True while the NMT state permits EMCY; otherwise errors enter the register and
     the history, but are not sent. At most `active_limit` errors are active and `queue_limit` messages wait; beyond that
-    the oldest is dropped. `lost` counts dropped messages.
+    the oldest error or message is dropped. `lost` counts dropped messages.
     """
 
     def __init__(
@@ -307,7 +307,7 @@ class EmcyProducer:
 
     @property
     def lost(self) -> int:
-        """Number of messages dropped because too many waited."""
+        """Number of messages dropped because the queue of waiting messages was full."""
         return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
@@ -332,7 +332,7 @@ class EmcyProducer:
             self.clear_error(code, now)
 
     def clear_error(self, code: int, now: int) -> bool:
-        """Remove an active error and send error reset with the remaining register bits; False if it was not active."""
+        """Remove an active error and send an error reset with the remaining register bits; False if not active."""
         if self._active.pop(code, None) is None:
             return False
         self._send(EmcyMessage(self.node_id, NO_ERROR, self.error_register), now)
@@ -362,7 +362,7 @@ class EmcyProducer:
         """Ignore the frame: an EMCY producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send the oldest waiting message once the inhibit time has elapsed."""
+        """Send the waiting messages that the inhibit time permits; discard all while the NMT state forbids EMCY."""
         if not self.allowed:
             self._waiting.clear()
         while self._waiting and (self._ready_ns is None or now >= self._ready_ns):
@@ -396,7 +396,7 @@ class EmcyProducer:
 
 
 class EmcyConsumer:
-    """Emergency messages of one node and its active errors, at most `active_limit`; beyond that the oldest is dropped.
+    """Consumer of the EMCY messages of one node; it keeps at most `active_limit` active errors, and drops the oldest.
 
     `register` is the last reported error register, 0 before any message; `malformed` counts frames of fewer than 3
     bytes.
@@ -414,7 +414,7 @@ class EmcyConsumer:
 
     @property
     def active(self) -> tuple[int, ...]:
-        """Codes that the node has reported and not reset, oldest first."""
+        """Error codes that the node has reported and not reset, oldest first."""
         return tuple(self._active)
 
     @property

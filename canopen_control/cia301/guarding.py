@@ -1,4 +1,4 @@
-"""Node guarding and life guarding, master and slave (CiA 301, 7.2.8.3.1).
+"""Node guarding and life guarding, for master and slave (CiA 301, 7.2.8.3.1).
 
 Every guard time the master sends a remote frame on the error control COB-ID of each node. The node answers with its
 state and a toggle bit that alternates and is 0 after a reset; a node that was already running may begin with either.
@@ -20,7 +20,7 @@ from canopen_control.frame import MAX_NODE_ID, REMOTE_FLAG, CanFrame, remote_fra
 
 
 class GuardingEventKind(enum.Enum):
-    """Kind of a guarding event; in a slave MISSED and RESOLVED refer to the master."""
+    """Kind of a guarding event; in a slave, MISSED and RESOLVED refer to the master."""
 
     STARTED = "started"
     CHANGED = "changed"
@@ -32,7 +32,7 @@ class GuardingEventKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GuardingEvent:
-    """Guarding event `kind` of `node_id`; `state` is the last one received, None if none or unknown."""
+    """Guarding event `kind` of `node_id`; `state` is the last state received, None if none was received or known."""
 
     kind: GuardingEventKind
     node_id: int
@@ -52,7 +52,7 @@ class _Guarded:
 
 
 class GuardingMaster:
-    """Guarding of any number of nodes; `malformed` counts answers whose length is not 1."""
+    """Guarding of any number of nodes by the master; `malformed` counts answers whose length is not 1."""
 
     def __init__(self) -> None:
         self.malformed = 0
@@ -61,7 +61,7 @@ class GuardingMaster:
         self._events: Outbox[GuardingEvent] = Outbox(1024)
 
     def watch(self, node_id: int, guard_time_ns: int, life_time_factor: int, now: int) -> None:
-        """Start to guard `node_id`; LocalProtocolError for a time or factor of 0."""
+        """Start to guard `node_id`; raise LocalProtocolError for an invalid node id, or a time or factor of 0."""
         if not 1 <= node_id <= MAX_NODE_ID or guard_time_ns <= 0 or life_time_factor <= 0:
             msg = f"cannot guard node {node_id} every {guard_time_ns} ns with factor {life_time_factor}"
             raise LocalProtocolError(msg)
@@ -73,12 +73,12 @@ class GuardingMaster:
         self._nodes.pop(node_id, None)
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the last state received, None if none, unknown, or not guarded."""
+        """Return the last state received; None if no state was received, it is unknown, or the node is not guarded."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
     def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
-        """Receive an answer or boot-up of a guarded node.
+        """Receive an answer or a boot-up of a guarded node.
 
         The frame arrived between `since`, when the receive queue was last empty, and `now`.
         """
@@ -110,7 +110,7 @@ class GuardingMaster:
                 node.poll_ns = next_on_grid(node.poll_ns, node.guard_ns, now)
 
     def postpone(self, nanoseconds: int) -> None:
-        """Extend all deadlines by `nanoseconds`, during which no remote frame was sent."""
+        """Extend all deadlines by `nanoseconds`, a time in which no remote frame was sent."""
         for node in self._nodes.values():
             node.deadline_ns += nanoseconds
 
@@ -150,7 +150,7 @@ class GuardingMaster:
 
 
 class GuardingSlave:
-    """Guarding of one slave: it answers remote frames and monitors its master; the owner keeps `state` up to date.
+    """Guarding in one slave, which answers remote frames and monitors the master; the owner keeps `state` up to date.
 
     `enabled` is False while a heartbeat producer time is set: only one of the two protocols runs, and heartbeat takes
     precedence (CiA 301, 7.2.8.3.1). `guard_time_ns` x `life_time_factor` (0x100C, 0x100D) is the life time; at 0 the
@@ -171,7 +171,7 @@ class GuardingSlave:
 
     @property
     def life_time_ns(self) -> int:
-        """Life time in ns: maximum silence of the master; 0: no limit."""
+        """Life time in ns: the longest silence of the master that is tolerated; 0 if the master is not monitored."""
         return self.guard_time_ns * self.life_time_factor
 
     def reset(self) -> None:
@@ -203,7 +203,7 @@ class GuardingSlave:
             self.happened.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the life time expires."""
+        """Return the time at which the life time expires, None if the master is not monitored now."""
         if self._asked_ns is None or self._missed or not self.enabled or not self.life_time_ns:
             return None
         return self._asked_ns + self.life_time_ns

@@ -1,9 +1,9 @@
-"""Heartbeat protocol, producer and consumer (CiA 301, 7.2.8.3.2).
+"""Heartbeat protocol, for producer and consumer (CiA 301, 7.2.8.3.2).
 
 Monitoring of a node starts with its first heartbeat, not with `watch` or its boot-up. A boot-up suspends monitoring
-until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are not a state
-counts as a sign of life with unknown state. The toggle bit, 0 in heartbeats, is masked and counted; only 0x80 is
-neither a boot-up nor a heartbeat.
+until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are no NMT
+state counts as a heartbeat with an unknown state. Bit 7, which is 0 in heartbeats, is masked; only 0x80 is neither a
+boot-up nor a heartbeat, and is counted as unknown.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from canopen_control.frame import MAX_NODE_ID, CanFrame
 
 
 def consumer_entry(node_id: int, ms: int) -> int:
-    """Return the 0x1016 value that monitors `node_id` with `ms` (both 0: unused); LocalProtocolError if too large."""
+    """Return the 0x1016 value that monitors `node_id` with `ms` (both 0: unused); LocalProtocolError out of range."""
     if not 0 <= node_id <= MAX_NODE_ID or not 0 <= ms <= 0xFFFF:
         msg = f"0x1016: node {node_id} with {ms} ms; node ids end at 127, times at 65535 ms"
         raise LocalProtocolError(msg)
@@ -26,7 +26,7 @@ def consumer_entry(node_id: int, ms: int) -> int:
 
 
 def parse_consumer_entry(value: int) -> tuple[int, int]:
-    """Return node id and time in ms of a 0x1016 value.
+    """Return the node id and the time in ms of a 0x1016 value.
 
     A node id of 0 or above 127, or a time of 0 ms, means an unused entry (CiA 301, 7.5.2.19).
     """
@@ -34,7 +34,7 @@ def parse_consumer_entry(value: int) -> tuple[int, int]:
 
 
 def next_on_grid(deadline_ns: int, period_ns: int, now: int) -> int:
-    """Return the first time after `now` on the grid through `deadline_ns`; missed periods are skipped."""
+    """Return `deadline_ns`, advanced by as many whole periods as are needed to be after `now`."""
     if deadline_ns > now:
         return deadline_ns
     return deadline_ns + ((now - deadline_ns) // period_ns + 1) * period_ns
@@ -43,7 +43,7 @@ def next_on_grid(deadline_ns: int, period_ns: int, now: int) -> int:
 class HeartbeatProducer:
     """Producer of the node's heartbeat every `period_ns` (0x1017; 0: off); the owner keeps `state` up to date.
 
-    It is silent while INITIALISING. When a period is set, the first heartbeat is due at the next tick.
+    No heartbeat is sent while INITIALISING. When a new period is set, the first heartbeat is due at the next tick.
     """
 
     def __init__(self, node_id: int, period_ns: int = 0) -> None:
@@ -55,7 +55,7 @@ class HeartbeatProducer:
 
     @property
     def period_ns(self) -> int:
-        """Producer time in ns, 0: off."""
+        """Producer heartbeat time in ns; 0 if the producer is off."""
         return self._period_ns
 
     @period_ns.setter
@@ -78,7 +78,7 @@ class HeartbeatProducer:
         """Ignore the frame: a heartbeat producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send the heartbeat when due; missed periods are skipped and the grid is kept."""
+        """Send the heartbeat when it is due; missed periods are skipped, without a shift of the later heartbeats."""
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return
         deadline = now if self._deadline_ns is None else self._deadline_ns
@@ -88,7 +88,7 @@ class HeartbeatProducer:
         self._deadline_ns = deadline
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next heartbeat; 0 means at once."""
+        """Return the time of the next heartbeat; 0 means at once, None that no heartbeat is due."""
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return None
         return self._deadline_ns or 0
@@ -141,11 +141,10 @@ class _Node:
 
 
 class HeartbeatConsumer:
-    """Heartbeat monitoring of nodes, and the last state received from every node.
+    """Consumer that monitors the heartbeats of nodes, and keeps the last state received from every node.
 
-    `malformed` counts error control frames whose length is not 1, `unknown` those whose state is not in CiA 301. At
-    most
-    127 nodes are kept.
+    `malformed` counts error control frames whose length is not 1, `unknown` those whose state is not defined by CiA
+    301. At most 127 nodes are kept.
     """
 
     def __init__(self) -> None:
@@ -168,16 +167,16 @@ class HeartbeatConsumer:
             self.watch(node_id, 0)
 
     def watched(self) -> dict[int, int]:
-        """Return the timeout in ns of each monitored node."""
+        """Return the monitored nodes with their timeouts in ns."""
         return {node_id: node.timeout_ns for node_id, node in self._nodes.items() if node.timeout_ns}
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the last state received (INITIALISING after a boot-up), None if none or unknown."""
+        """Return the last state received (INITIALISING after a boot-up); None if none was received or it is unknown."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
     def age_ns(self, node_id: int, now: int) -> int | None:
-        """Return the time in ns since the last sign of life, None if there was none."""
+        """Return the time in ns since the last heartbeat or boot-up, None if there was none."""
         node = self._nodes.get(node_id)
         return None if node is None or node.last_ns is None else now - node.last_ns
 
@@ -187,9 +186,9 @@ class HeartbeatConsumer:
         return node is not None and node.missed
 
     def goes_on(self, node_id: int, state: NmtState, now: int, since: int | None = None) -> bool:
-        """Record a heartbeat that changes nothing; False if `receive` must process it.
+        """Record a heartbeat that is in time and has the previous state; return False if `receive` must process it.
 
-        True if the node is monitored, the heartbeat is in time, and the state is the previous one. The frame arrived
+        False is also returned for a node that is not monitored at present. The frame arrived
         between `since`, when the receive queue was last empty, and `now`.
         """
         node = self._nodes.get(node_id)
@@ -235,7 +234,7 @@ class HeartbeatConsumer:
             self._check(node_id, node, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next timeout."""
+        """Return the time of the next timeout, None if no node is monitored at present."""
         first: int | None = None
         for node in self._nodes.values():
             deadline = node.deadline_ns

@@ -1,7 +1,7 @@
-"""Layer setting services, master and slave (CiA 305).
+"""Layer setting services (LSS), for master and slave (CiA 305).
 
-Every LSS frame has 8 bytes: command specifier, then parameters, little-endian, the rest zero. The master sends on
-0x7E5, all slaves answer on 0x7E4 without identification: a service addresses either one slave by its identity
+Every LSS frame has 8 bytes: the command specifier, then little-endian parameters, then zeros. The master sends on
+0x7E5; all slaves answer on 0x7E4 without identification. A service addresses either one slave by its identity
 (0x1018), or several slaves whose answers are identical, so that they may collide.
 """
 
@@ -42,14 +42,14 @@ AUTOMATIC_BIT_TIMING = 9
 
 
 class LssMode(enum.IntEnum):
-    """States of an LSS slave, with the values of switch state global."""
+    """States of an LSS slave, with the values of the service "switch state global"."""
 
     WAITING = 0
     CONFIGURATION = 1
 
 
 class LssCommand(enum.IntEnum):
-    """Command specifiers; those of one group follow the order of the identity's parts."""
+    """LSS command specifiers; in a group of four, add 0 to 3 for vendor, product, revision and serial number."""
 
     SWITCH_GLOBAL = 0x04
     CONFIGURE_NODE_ID = 0x11
@@ -70,7 +70,7 @@ class LssCommand(enum.IntEnum):
 class LssRefused(RemoteProtocolError):
     """Refusal of an LSS service; `code` is 1 for a value that is not supported, 2 for storing that failed.
 
-    Others are the manufacturer's.
+    Other codes are manufacturer-specific.
     """
 
     def __init__(self, code: int, reason: str) -> None:
@@ -88,7 +88,7 @@ class LssIdentity(NamedTuple):
 
 
 def lss_frame(command: int, value: int = 0, *, tail: bytes = b"", cob_id: int = MASTER_COB_ID) -> CanFrame:
-    """Return the frame of a command, a 32-bit value and up to three more bytes."""
+    """Return the frame with a command, a 32-bit value and up to three more bytes."""
     head = bytes((command,)) + value.to_bytes(4, "little")
     return CanFrame(cob_id, (head + tail).ljust(8, b"\0"))
 
@@ -104,11 +104,10 @@ _REFUSALS = {1: "not supported or out of range", 2: "storing failed"}
 
 
 class _Ask(NamedTuple):
-    """One request of a service: send `frames`, then wait for the command `answer` (None: for nothing).
+    """One request of a service: send `frames`, then wait for the command `answer`; do not wait if `answer` is None.
 
-    With `scan` it waits for the whole scan time, because the answers of several slaves are identical and a late one
-    would
-    be taken for the answer to the next request.
+    With `scan` the master waits for the whole scan time, because the answers of several slaves are identical and a late
+    answer would be mistaken for the answer to the next request.
     """
 
     frames: list[CanFrame]
@@ -137,13 +136,13 @@ class _Job:
 
 
 class LssMaster:
-    """Queue of LSS services, of which one at a time uses the bus; each call returns its `LssRequest` (CiA 305).
+    """Queue of LSS services, of which only one uses the bus at a time; each call returns an `LssRequest` (CiA 305).
 
     A service is a generator that yields its requests and returns its result. A missing answer is an error if one slave
     must answer, and a result if the service checks whether a slave exists. `timeout_ns` is the time for an answer,
     `scan_timeout_ns` the time that all slaves have for each request of a scan. Requests are sent at the next `tick`;
-    `events` returns finished ones. LocalProtocolError for invalid arguments and if `queue_limit` services wait. `stray`
-    counts answers without a request.
+    `events` returns the finished ones. Invalid arguments, and more than `queue_limit` waiting services, raise
+    LocalProtocolError. `stray` counts answers without a request.
     """
 
     def __init__(
@@ -158,30 +157,30 @@ class LssMaster:
         self._events: Outbox[LssRequest] = Outbox()
 
     def switch_global(self, mode: LssMode) -> LssRequest:
-        """Switch all slaves to `mode`; unconfirmed."""
+        """Switch all slaves to `mode`; the service is unconfirmed."""
         return self._submit(f"switch all to {mode.name}", _report(lss_frame(LssCommand.SWITCH_GLOBAL, mode)))
 
     def switch_selective(self, identity: LssIdentity) -> LssRequest:
-        """Switch the slave with this identity to configuration."""
+        """Switch the slave with this identity to configuration state."""
         frames = [lss_frame(LssCommand.SWITCH_SELECTIVE + part, value) for part, value in enumerate(identity)]
         return self._submit("switch one slave", _switch_selective("switch one slave", frames))
 
     def configure_node_id(self, node_id: int) -> LssRequest:
-        """Set the node id of the slave in configuration, 1 to 127, or 255: none."""
+        """Set the node id of the slave in configuration state: 1 to 127, or 255 for none."""
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
             msg = f"LSS: node id {node_id} is not 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
             raise LocalProtocolError(msg)
         return self._coded(f"configure node id {node_id}", LssCommand.CONFIGURE_NODE_ID, node_id)
 
     def configure_bit_timing(self, index: int, table: int = 0) -> LssRequest:
-        """Set the bit timing of the slave in configuration, an index of `lss.BIT_TIMINGS`."""
+        """Set the bit timing of the slave in configuration state; `index` is a key of `lss.BIT_TIMINGS` for table 0."""
         if not (0 <= index <= 0xFF and 0 <= table <= 0xFF):
             msg = f"LSS: bit timing {index} of table {table} does not fit into a byte"
             raise LocalProtocolError(msg)
         return self._coded(f"configure bit timing {index}", LssCommand.CONFIGURE_BIT_TIMING, table | index << 8)
 
     def activate_bit_timing(self, delay_ms: int) -> LssRequest:
-        """Switch the bit timing of all slaves in configuration; unconfirmed.
+        """Switch all slaves in configuration state to their new bit timing; the service is unconfirmed.
 
         Each slave waits for `delay_ms`, switches, and stays silent for another `delay_ms`.
         """
@@ -191,11 +190,11 @@ class LssMaster:
         return self._submit("activate bit timing", _report(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
 
     def store(self) -> LssRequest:
-        """Store node id and bit timing in the slave in configuration."""
+        """Store the node id and the bit timing in the slave in configuration state."""
         return self._coded("store", LssCommand.STORE, 0)
 
     def inquire(self, part: str) -> LssRequest:
-        """Read ``vendor``, ``product``, ``revision``, ``serial`` or ``node_id`` of the slave in configuration."""
+        """Read ``vendor``, ``product``, ``revision``, ``serial`` or ``node_id`` of the slave in configuration state."""
         commands = {name: LssCommand.INQUIRE + number for number, name in enumerate(PART_NAMES)}
         command = {**commands, "node_id": int(LssCommand.INQUIRE_NODE_ID)}.get(part)
         if command is None:
@@ -206,7 +205,7 @@ class LssMaster:
     def identify(self, low: LssIdentity, high: LssIdentity) -> LssRequest:
         """Check whether slaves exist in a range of identities.
 
-        Vendor and product are those of `low`; revision and serial number lie between those of `low` and `high`.
+        Vendor and product are those of `low`; revision and serial number may lie anywhere from `low` to `high`.
         """
         values = (low.vendor, low.product, low.revision, high.revision, low.serial, high.serial)
         frames = [lss_frame(LssCommand.IDENTIFY + step, value) for step, value in enumerate(values)]
@@ -218,7 +217,7 @@ class LssMaster:
         return self._submit("identify non-configured", _exists(frames, LssCommand.IDENTIFIED_NON_CONFIGURED))
 
     def open_fast_scan(self) -> LssRequest:
-        """Send the first request of a fast scan, which detects slaves without a node id and changes no mode."""
+        """Send the first request of a fast scan: it detects slaves without a node id, and changes no state."""
         frames = [lss_frame(LssCommand.FAST_SCAN, tail=bytes((FAST_SCAN_START,)))]
         return self._submit("open fast scan", _exists(frames, LssCommand.IDENTIFIED))
 
@@ -230,9 +229,9 @@ class LssMaster:
         revision: int | None = None,
         serial: int | None = None,
     ) -> LssRequest:
-        """Find one slave without a node id and switch it to configuration; the result is its identity, None if none.
+        """Find a slave without a node id and switch it to configuration state; the result is its identity or None.
 
-        Given parts are only confirmed, which saves 32 requests each.
+        A part that is given is only confirmed, which saves 32 requests.
         """
         return self._submit("fast scan", _fast_scan((vendor, product, revision, serial)))
 
@@ -380,7 +379,7 @@ class LssNodeIdAssigned:
 class LssActivateBitTiming:
     """Activation of a bit timing: the node switches to `bitrate` after `delay_ms`, then is silent for `delay_ms`.
 
-    `bitrate` is in bit/s; 0: automatic detection.
+    `bitrate` is in bit/s, 0 for automatic detection.
     """
 
     bitrate: int
@@ -388,15 +387,14 @@ class LssActivateBitTiming:
 
 
 class LssSlave:
-    """LSS of one node; `node_id` is the active one (255: none), `pending_node_id` the one to activate (CiA 305).
+    """LSS slave of one node; `node_id` is the active node id (255: none), `pending_node_id` the next one (CiA 305).
 
-    The slave is in the waiting state until the master switches all slaves, selects this one by its identity, or finds
-    it
-    by fast scan; then it is in the configuration state. An unconfigured node activates a new node id when it returns to
-    waiting, any other node at its next reset communication. Frames that are not 8 bytes long, or that are not valid in
-    the state, are ignored and counted.
-    `store` stores node id and bit rate (None: unchanged) and returns whether it succeeded; without it the store service
-    is refused as not supported. `bit_timings` are the supported indices of table 0.
+    The slave is in the waiting state until the master switches all slaves, selects this slave by its identity, or finds
+    it by fast scan; then it is in the configuration state. An unconfigured node activates a new node id when it returns
+    to waiting, any other node at its next reset communication. Frames that are not 8 bytes long or have an unknown
+    command are counted in `malformed`; frames that are not valid in the current state are counted in `ignored`. `store`
+    stores node id and bit rate (None: unchanged) and returns whether it succeeded; without `store` the service is
+    refused as not supported. `bit_timings` are the supported indices of table 0.
     """
 
     def __init__(
@@ -560,7 +558,7 @@ class LssSlave:
         **dict.fromkeys(range(LssCommand.SWITCH_SELECTIVE, LssCommand.SWITCH_SELECTIVE + 4), _switch_selective),
         **dict.fromkeys(range(LssCommand.IDENTIFY, LssCommand.IDENTIFY + 6), _identify),
     }
-    """Served in both modes."""
+    """Handlers of the services that are available in both states."""
     _CONFIGURING: ClassVar[dict[int, Callable[[Any, bytes], None]]] = {
         LssCommand.CONFIGURE_NODE_ID: _configure_node_id,
         LssCommand.CONFIGURE_BIT_TIMING: _configure_bit_timing,
@@ -569,7 +567,7 @@ class LssSlave:
         LssCommand.INQUIRE_NODE_ID: _inquire_node_id,
         **dict.fromkeys(range(LssCommand.INQUIRE, LssCommand.INQUIRE + 4), _inquire),
     }
-    """Served in the configuration mode alone."""
+    """Handlers of the services that are available in the configuration state only."""
 
 
 def _number(data: bytes) -> int:

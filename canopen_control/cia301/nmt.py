@@ -1,10 +1,10 @@
-"""Network management, master and slave (CiA 301, 7.2.8.2 and 7.3.2).
+"""Network management (NMT), for master and slave (CiA 301, 7.2.8.2 and 7.3.2).
 
 `TRANSITIONS` is the slave's state machine: state and command give the next state, and a missing pair is ignored. A
 slave ignores all commands while INITIALISING and leaves this state only through `NmtSlave.boot`, which sends the
 boot-up frame. `SERVICES_BY_STATE` lists the services of each state (table 38).
 
-NMT commands are unconfirmed. `NmtMaster` takes the next heartbeat with the requested state as confirmation and
+NMT commands are unconfirmed. `NmtMaster` treats the next heartbeat with the requested state as the confirmation and
 repeats an unconfirmed command. A reset is never repeated, because that would reset a node that is still booting.
 """
 
@@ -28,7 +28,7 @@ ERROR_CONTROL_COB_ID: Final = cob_id(Service.HEARTBEAT)  # plus node id
 
 
 class NmtState(enum.IntEnum):
-    """NMT states as transmitted in boot-up, heartbeat and guarding frames."""
+    """NMT states, with the values that boot-up, heartbeat and guarding frames transmit."""
 
     INITIALISING = 0
     STOPPED = 4
@@ -37,7 +37,7 @@ class NmtState(enum.IntEnum):
 
     @property
     def text(self) -> str:
-        """Name as CiA 301 writes it, such as PRE-OPERATIONAL."""
+        """Name as spelled in CiA 301, such as PRE-OPERATIONAL."""
         return self.name.replace("_", "-")
 
 
@@ -62,7 +62,7 @@ COMMAND_NAMES: Final[Mapping[str, NmtCommand]] = {
 
 
 class CommunicationService(enum.Enum):
-    """Communication services that `SERVICES_BY_STATE` permits."""
+    """Communication services whose permission depends on the NMT state (CiA 301, table 38)."""
 
     BOOT_UP = "boot-up"
     NMT = "NMT"
@@ -117,7 +117,7 @@ def state_of_byte(value: int) -> NmtState | None:
 
 
 def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
-    """Return the command frame for `node_id`, 0: all nodes; LocalProtocolError for a node id above 127."""
+    """Return the command frame for `node_id` (0: all nodes); LocalProtocolError for a node id outside of 0 to 127."""
     if not 0 <= node_id <= MAX_NODE_ID:
         msg = f"NMT {command.name}: node id {node_id} is not 0 to {MAX_NODE_ID}"
         raise LocalProtocolError(msg)
@@ -147,13 +147,13 @@ class NmtStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class NmtResetRequested:
-    """Request to restore the power-on values of all objects or of 0x1000 to 0x1FFF, then to call `NmtSlave.boot`."""
+    """Request to restore the power-on values, of all objects or of 0x1000 to 0x1FFF, then to call `NmtSlave.boot`."""
 
     command: NmtCommand
 
 
 class NmtSlave:
-    """NMT state machine of one node; `node_id` may change while it is INITIALISING (LSS).
+    """NMT state machine of one node; `node_id` may change while the node is INITIALISING (LSS).
 
     `malformed` counts frames with COB-ID 0 that are not commands, `ignored` commands without a transition.
     """
@@ -215,7 +215,7 @@ class NmtSlave:
         """Return None: this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send: the boot-up."""
+        """Return and clear the boot-up frames to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[NmtStateChanged | NmtResetRequested]:
@@ -258,7 +258,7 @@ class _Pending:
 
 
 class NmtMaster:
-    """NMT commands and their confirmation by heartbeats; at most one command per node is pending.
+    """Master that sends NMT commands and awaits their confirmation; at most one command per node is pending.
 
     `retry_ns` should be at least 1.5 heartbeat periods; `reset_timeout_ns` is the time allowed for a node to boot.
     """
@@ -272,7 +272,7 @@ class NmtMaster:
         self._events: Outbox[NmtConfirmed | NmtUnconfirmed] = Outbox()
 
     def command(self, command: NmtCommand, node_id: int, now: int, *, confirm_by: Iterable[int] | None = None) -> None:
-        """Send `command` and wait for confirmation by node `confirm_by` (default: `node_id`; none if that is 0)."""
+        """Send `command` and await confirmation by the nodes `confirm_by` (default: `node_id`; by none if it is 0)."""
         nodes = (node_id,) if confirm_by is None else confirm_by
         self._frames.put(nmt_frame(command, node_id))
         for node in nodes:
@@ -280,7 +280,7 @@ class NmtMaster:
                 self._pending[node] = _Pending(command, now, now + self._timeout(command))
 
     def pending(self, node_id: int) -> NmtCommand | None:
-        """Return the command of `node_id` that awaits confirmation."""
+        """Return the command of `node_id` that awaits confirmation, None if there is none."""
         entry = self._pending.get(node_id)
         return None if entry is None else entry.command
 
@@ -289,7 +289,7 @@ class NmtMaster:
         self._pending.pop(node_id, None)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive a boot-up, heartbeat or guarding answer as confirmation."""
+        """Receive a boot-up, heartbeat or guarding answer, which may confirm a pending command."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         entry = self._pending.get(node_id)
         if entry is None or len(frame.data) != 1:
@@ -300,7 +300,7 @@ class NmtMaster:
             self._events.put(NmtConfirmed(node_id, entry.command, entry.tries, now - entry.since_ns))
 
     def tick(self, now: int) -> None:
-        """Repeat commands that are due; report those without confirmation after the last try."""
+        """Repeat the commands that are due; report commands without confirmation after the last try."""
         for node_id, entry in list(self._pending.items()):
             if now < entry.deadline_ns:
                 continue
@@ -313,7 +313,7 @@ class NmtMaster:
                 self._frames.put(nmt_frame(entry.command, node_id))
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next repetition or timeout."""
+        """Return the time of the next repetition or timeout, None if no command is pending."""
         return min((entry.deadline_ns for entry in self._pending.values()), default=None)
 
     def frames(self) -> list[CanFrame]:
@@ -333,14 +333,14 @@ class NmtMaster:
 
 
 class ErrorReaction(enum.IntEnum):
-    """Values of 0x1029."""
+    """Values of the error behaviour object 0x1029."""
 
     PRE_OPERATIONAL = 0  # only if the node is OPERATIONAL
     NO_CHANGE = 1
     STOPPED = 2
 
 
-# Command that the node executes itself; none for a missing pair.
+# Command that a node executes itself; no command for a missing pair.
 REACTIONS: dict[tuple[ErrorReaction, NmtState], NmtCommand] = {
     (ErrorReaction.PRE_OPERATIONAL, NmtState.OPERATIONAL): NmtCommand.ENTER_PRE_OPERATIONAL,
     (ErrorReaction.STOPPED, NmtState.PRE_OPERATIONAL): NmtCommand.STOP,
@@ -351,7 +351,7 @@ _REACTIONS = {int(value): value for value in ErrorReaction}
 
 
 def reaction(value: int, state: NmtState) -> NmtCommand | None:
-    """Return the command that a node executes after an error; None for none or a manufacturer-specific value."""
+    """Return the NMT command that a node executes after an error; None for no command or an unknown `value`."""
     commands = _REACTIONS.get(value)
     return None if commands is None else REACTIONS.get((commands, state))
 

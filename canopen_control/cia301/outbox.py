@@ -1,4 +1,4 @@
-"""Bounded queue in which a core's frames or events wait for its owner.
+"""Bounded queue of the frames or events of a protocol core, until the core's owner fetches them.
 
 A core must not grow when the bus is flooded or its owner stops fetching: the oldest item is dropped and counted.
 """
@@ -14,7 +14,7 @@ T = TypeVar("T")
 class Outbox(Generic[T]):
     """Queue of at most `limit` items, oldest first; `lost` counts dropped items.
 
-    `waiting` is True if the queue has items; reading it avoids a call in cycles without any.
+    `waiting` is the underlying deque: testing it for items avoids a call in cycles that have none.
     """
 
     __slots__ = ("lost", "waiting")
@@ -24,7 +24,7 @@ class Outbox(Generic[T]):
         self.lost = 0
 
     def put(self, item: T) -> None:
-        """Append `item`; drop the oldest one if the queue is full."""
+        """Append `item`; drop the oldest item if the queue is full."""
         waiting = self.waiting
         if len(waiting) == waiting.maxlen:
             self.lost += 1
@@ -40,7 +40,7 @@ class Outbox(Generic[T]):
         return items
 
     def clear(self) -> None:
-        """Clear all items without counting them."""
+        """Clear all items without counting them as lost."""
         self.waiting.clear()
 
     def __len__(self) -> int:

@@ -2,8 +2,8 @@
 
 A mapping is a sequence of objects, packed without gaps from bit 0 of byte 0, little-endian. Byte-aligned integers of 8,
 16, 32 or 64 bits and reals are compiled into one `struct.Struct`, so that the cycle does no work per object; any other
-mapping is packed through one large integer. Both refuse a value that does not fit. The data type gives the sign, the
-mapping gives the width: an INTEGER8 mapped with 4 bits holds -8 to 7. BOOLEAN and the two time types are numbers;
+mapping is packed through one large integer. Both forms refuse a value that does not fit. The data type determines the
+sign, the mapping the width: an INTEGER8 mapped with 4 bits holds -8 to 7. BOOLEAN and the two time types are numbers;
 strings and domains are bytes of the mapped length.
 """
 
@@ -53,7 +53,7 @@ DUMMY_TYPES: dict[int, DataType] = {
 
 
 class MappedObject(NamedTuple):
-    """Mapped object: `bits` is its width in the PDO, `data_type` the interpretation of the bits."""
+    """Object in a PDO mapping: `bits` is the width in the PDO, `data_type` the interpretation of the bits."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
     subindex: int
@@ -72,7 +72,7 @@ def parse_mapping_entry(value: int) -> tuple[int, int, int]:
 
 
 def dummy(data_type: DataType) -> MappedObject:
-    """Return the entry that skips a value of `data_type`; LocalProtocolError if the type is not in `DUMMY_TYPES`."""
+    """Return the RPDO mapping entry that skips a value of `data_type`; LocalProtocolError if not in `DUMMY_TYPES`."""
     if data_type not in DUMMY_TYPES:
         msg = f"{data_type.name} cannot fill a gap in a PDO; take one of the types 1 to 7"
         raise LocalProtocolError(msg)
@@ -80,12 +80,12 @@ def dummy(data_type: DataType) -> MappedObject:
 
 
 def is_cyclic(transmission_type: int) -> bool:
-    """Whether the PDO is sent at every nth SYNC: types 1 to 240."""
+    """Whether a PDO of this type is sent at every nth SYNC: types 1 to 240."""
     return ACYCLIC_SYNCHRONOUS < transmission_type <= LAST_CYCLIC
 
 
 def is_event_driven(transmission_type: int) -> bool:
-    """Whether the PDO is sent on events: types 254 and 255."""
+    """Whether a PDO of this type is sent on events: types 254 and 255."""
     return transmission_type in (EVENT_MANUFACTURER, EVENT_PROFILE)
 
 
@@ -98,8 +98,8 @@ def is_reserved(transmission_type: int) -> bool:
 class PdoParameters:
     """Communication parameter of one PDO, 0x1400 or 0x1800 and above.
 
-    `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry. A
-    PDO whose identifier is 0 or restricted (CiA 301, table 40) is not enabled.
+    `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry.
+    `from_value` disables a PDO whose identifier is 0 or restricted (CiA 301, table 40).
     """
 
     cob_id: int
@@ -118,7 +118,7 @@ class PdoParameters:
 
     @property
     def event_ns(self) -> int:
-        """Event timer of a TPDO or timeout of an RPDO in ns; 0: none."""
+        """Event timer of a TPDO or timeout of an RPDO in ns; 0 if none is set."""
         return self.event_timer_ms * 1_000_000
 
     @classmethod
@@ -131,7 +131,7 @@ class PdoParameters:
         event_timer_ms: int = 0,
         sync_start: int = 0,
     ) -> PdoParameters:
-        """Return the parameters from the COB-ID entry (subindex 1) and the values of the other subindices."""
+        """Return the parameters from the values of COB-ID (subindex 1) and the other subindices."""
         extended = bool(value & EXTENDED_BIT)
         identifier = value & (0x1FFFFFFF if extended else 0x7FF)
         return cls(
@@ -152,7 +152,7 @@ _REALS = {(DataType.REAL32, 32): "f", (DataType.REAL64, 64): "d"}
 
 
 class _Field(NamedTuple):
-    """Position of an object in the integer of a PDO."""
+    """Position and type of a mapped object in the PDO, which is read as one little-endian integer."""
 
     name: str
     shift: int
@@ -217,11 +217,10 @@ def _value_of(field: _Field, raw: int) -> Value:
 
 
 class PdoCodec:
-    """Packing and unpacking of the values of a mapping; `length` is the number of bytes, the last one possibly partial.
+    """Codec of a mapping, which packs and unpacks values; `length` is the number of bytes, the last possibly partial.
 
-    `struct` is the compiled form, None if the mapping needs the slower bit form. LocalProtocolError for a mapping of
-    more
-    than 64 bits or of an invalid width.
+    `struct` is the compiled form, None if the mapping needs the slower bit form. A mapping of more than 64 bits or of
+    an invalid width raises LocalProtocolError.
     """
 
     __slots__ = ("_fields", "bits", "length", "objects", "struct")
@@ -241,7 +240,7 @@ class PdoCodec:
         self.struct = _compile(self.objects)
 
     def pack(self, values: Sequence[Value]) -> bytes:
-        """Return the packed bytes of one value per object; LocalProtocolError for a value that does not fit."""
+        """Pack one value per object into bytes; raise LocalProtocolError for a value that does not fit."""
         if self.struct is None:
             return self._image(values).to_bytes(self.length, "little")
         try:
@@ -250,7 +249,7 @@ class PdoCodec:
             raise self._packing_error(values, error) from None
 
     def unpack(self, data: bytes | bytearray | memoryview) -> tuple[Value, ...]:
-        """Return one value per object from the first `length` bytes; LocalProtocolError if there are fewer."""
+        """Unpack one value per object from the first `length` bytes; raise LocalProtocolError if there are fewer."""
         if len(data) < self.length:
             msg = f"{len(data)} bytes are too few for a mapping of {self.length}; check the length first"
             raise LocalProtocolError(msg)
@@ -303,13 +302,12 @@ class RpdoEvent(NamedTuple):
 
 
 class RpdoConsumer:
-    """Reception of one RPDO whose mapping has `length` bytes (CiA 301, 7.2.2.2 and 7.5.2.35).
+    """Consumer of one RPDO whose mapping has `length` bytes (CiA 301, 7.2.2.2 and 7.5.2.35).
 
-    With transmission types 0 to 240 the newest data are applied at the next SYNC, with 254 and 255 at once. Data
-    shorter
-    than the mapping are dropped and reported (EMCY 0x8210); of longer data the mapped part is applied and the excess
-    reported (0x8220). The event timer, if set, is a timeout that starts with the first reception (0x8250).
-    The RPDO is received only between `start` (OPERATIONAL) and `stop`. `received` counts accepted frames, `short` and
+    With transmission types 0 to 240 the newest data are applied at the next SYNC, with 254 and 255 at once. Data that
+    are too short are dropped and reported (EMCY 0x8210); if they are too long, the mapped part is applied and the
+    excess reported (0x8220). The event timer, if set, is a timeout that starts with the first reception (0x8250). The
+    RPDO is received only between `start` (OPERATIONAL) and `stop`. `received` counts accepted frames, `short` and
     `long` length errors, `late` synchronous data outside the window `window_ns` after SYNC (0x1007; 0: no window).
     `length_error` is the length error of the last frame, None if its length was right.
     """
@@ -329,7 +327,7 @@ class RpdoConsumer:
 
     @property
     def holds(self) -> bool:
-        """Whether data wait for the next SYNC."""
+        """Whether data are waiting for the next SYNC."""
         return self._held is not None
 
     @property
@@ -375,7 +373,7 @@ class RpdoConsumer:
             self._held = data
 
     def hold(self, data: bytes) -> bool:
-        """Store data that wait for the next SYNC; False if `receive` must process them."""
+        """Store synchronous data until the next SYNC; return False if `receive` must process the data instead."""
         usual = self._waits and self.running and len(data) == self.length
         if not usual or self.window_ns or self._timed_out or self.length_error is not None:
             return False
@@ -391,13 +389,13 @@ class RpdoConsumer:
             self._held = None
 
     def tick(self, now: int) -> None:
-        """Report an RPDO timeout, once."""
+        """Report an RPDO timeout once."""
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._timed_out = None, True
             self.happened.put(RpdoEvent(RpdoEventKind.TIMEOUT))
 
     def next_deadline(self) -> int | None:
-        """Return the time of the RPDO timeout."""
+        """Return the time of the RPDO timeout, None if no timeout is running."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:
@@ -447,9 +445,9 @@ class RpdoConsumer:
 
 
 class TpdoProducer:
-    """Transmission of one TPDO (CiA 301, 7.2.2 and 7.5.2.37).
+    """Producer of one TPDO (CiA 301, 7.2.2 and 7.5.2.37).
 
-    `sample` returns the packed current values of its objects. It is sent, by transmission type:
+    `sample` returns the packed current values of the mapped objects. They are sent depending on the transmission type:
     - 0: at the next SYNC after `changed`;
     - 1 to 240: at every nth SYNC; with a SYNC start value, counting begins at the SYNC with this counter;
     - 252: on a remote frame, with the values sampled at the last SYNC;
@@ -458,7 +456,7 @@ class TpdoProducer:
 
     The event timer restarts at each transmission. Changes within the inhibit time are sent once, with the newest
     values, when it has elapsed. The phase of types 1 to 240 is not portable: without a start value this producer first
-    sends at the nth SYNC, others send earlier. Nothing is sent before `start` (OPERATIONAL) and after `stop`. `sent`
+    sends at the nth SYNC, others send earlier. Nothing is sent before `start` (OPERATIONAL) or after `stop`. `sent`
     counts transmissions, `unanswered` remote frames without a sample or for a type that does not answer.
     """
 
@@ -510,7 +508,7 @@ class TpdoProducer:
         self.outgoing.clear()
 
     def changed(self, now: int) -> None:
-        """Record a changed value or profile event; types that are not triggered by changes ignore it."""
+        """Record a changed value or a profile event; PDOs whose type is not triggered by changes ignore the call."""
         if not self._active:
             return
         transmission_type = self._type
@@ -522,7 +520,7 @@ class TpdoProducer:
             self.tick(now)
 
     def sync(self, now: int, counter: int | None = None) -> None:
-        """Process a SYNC, with its counter if it has one."""
+        """Process a SYNC; `counter` is None if the SYNC has no counter."""
         if not (self.running and self._valid):
             return
         if self._cyclic:
@@ -554,7 +552,7 @@ class TpdoProducer:
             self._send(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next transmission that a timer triggers."""
+        """Return the time of the next transmission that a timer triggers, None if there is none."""
         if not (self._driven_by_events and self.running and self._valid):
             return None
         if self._pending:

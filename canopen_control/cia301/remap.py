@@ -41,7 +41,7 @@ class MappingTarget(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PdoRules:
-    """Write checks of one PDO; every check returns the abort code of the write, None if accepted.
+    """Checks of SDO writes to the parameters of one PDO; each returns the abort code, None if the write is accepted.
 
     `rtr_supported` concerns bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that does not
     answer remote frames may require it. In an RPDO the bit is reserved, "do not care" (7.5.2.35): it is stored as
@@ -64,7 +64,7 @@ class PdoRules:
     wrong_state: AbortCode = AbortCode.INVALID_VALUE
 
     def check_communication(self, subindex: int, value: int, present: PdoParameters) -> AbortCode | None:
-        """Check a write to the communication parameter while it holds `present`."""
+        """Check a write to the communication parameter while its values are `present`."""
         if subindex == 0:
             return AbortCode.READ_ONLY
         if subindex == COB_ID:
@@ -88,7 +88,7 @@ class PdoRules:
         return self._check_target(value) if value else None
 
     def check_mapping_count(self, value: int, entries: Sequence[int], present: PdoParameters) -> AbortCode | None:
-        """Check a write to the number of mapped objects while the mapping holds `entries`."""
+        """Check a write to the number of mapped objects while `entries` are the mapping entries."""
         if present.enabled:
             return self.wrong_state
         if value > MAX_ENTRIES:

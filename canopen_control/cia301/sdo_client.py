@@ -46,10 +46,10 @@ if TYPE_CHECKING:
 
 
 class Awaiting(Phase, metaclass=ABCMeta):
-    """Phase after the initiate: the answer is pending; derived phases check it."""
+    """Base class of the phases after an initiate request, in which the server's answer is pending."""
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
-        """Receive a frame; it counts if it has the multiplexer of the request and the request was sent."""
+        """Receive a frame; ignore it unless the request was sent and has the same multiplexer."""
         request = exchange.active
         if data[1:4] != exchange.mux or exchange.out or request is None:
             exchange.ignored += 1
@@ -61,7 +61,7 @@ class Awaiting(Phase, metaclass=ABCMeta):
         """Process a frame with the multiplexer of the request."""
 
     def owns_abort(self, exchange: SdoTransfer, mux: bytes) -> bool:
-        """Whether an abort belongs to the request: some servers abort unknown commands with multiplexer 0."""
+        """Whether an abort belongs to the request; some servers abort unknown commands with multiplexer 0."""
         if exchange.out:
             return False
         return mux == exchange.mux or (mux == NO_MUX and (self.block or not exchange.late_answers.pending))
@@ -71,7 +71,7 @@ class Awaiting(Phase, metaclass=ABCMeta):
         exchange.handle_timeout(request, now)
 
     def abandon(self, exchange: SdoTransfer) -> None:
-        """Withdraw the initiate, or abort the request if it was sent."""
+        """Withdraw the initiate request, or abort the request if it was sent."""
         if exchange.out:
             exchange.out.pop()
         else:
@@ -79,7 +79,7 @@ class Awaiting(Phase, metaclass=ABCMeta):
 
 
 class AwaitingUpload(Awaiting):
-    """Phase after the initiate of an upload: the answer has the data (expedited) or announces segments."""
+    """Phase after the initiate request of an upload: the answer contains the data (expedited) or announces segments."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Complete an expedited upload, or start to receive segments (CiA 301, 7.2.4.3.6)."""
@@ -100,7 +100,7 @@ class AwaitingUpload(Awaiting):
 
 
 class AwaitingBlockUpload(AwaitingUpload):
-    """Phase after the initiate of a block upload; the server may switch to another upload protocol."""
+    """Phase after the initiate request of a block upload; the server may switch to another upload protocol."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Start to receive sub-blocks (CiA 301, 7.2.4.3.13)."""
@@ -118,7 +118,7 @@ class AwaitingBlockUpload(AwaitingUpload):
 
 
 class AwaitingDownload(Awaiting):
-    """Phase after the initiate of a download: its data were in it (expedited), or follow in segments."""
+    """Phase after the initiate request of a download; the data were in the request (expedited) or follow."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Complete an expedited download, or send the first segment (CiA 301, 7.2.4.3.3)."""
@@ -134,10 +134,10 @@ class AwaitingDownload(Awaiting):
 
 
 class AwaitingBlockDownload(Awaiting):
-    """Phase after the initiate of a block download."""
+    """Phase after the initiate request of a block download."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Send the first sub-block, with the size that the server requests (CiA 301, 7.2.4.3.9)."""
+        """Send the first sub-block, with the number of segments that the server requests (CiA 301, 7.2.4.3.9)."""
         command, block_size = data[0], data[4]
         if command & ~CRC_FLAG != BLOCK_DOWNLOAD_ANSWER:
             exchange.ignored += 1
@@ -154,13 +154,13 @@ class AwaitingBlockDownload(Awaiting):
 
 
 class FlushingLateAnswers(Awaiting):
-    """Phase before the request, which reads another object first.
+    """Phase before the actual request, in which another object is read.
 
-    Its answer proves that no late answer can arrive any more and be taken for that of the request.
+    The answer proves that no late answer can arrive any more and be mistaken for the answer to the actual request.
     """
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Start the request: any answer to the other object proves that earlier answers are complete."""
+        """Start the actual request: any answer to the other object proves that no earlier answer is outstanding."""
         if data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
             exchange.ignored += 1
             return
@@ -168,12 +168,12 @@ class FlushingLateAnswers(Awaiting):
         exchange.start_try(request, now)
 
     def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Accept an abort as an answer."""
+        """Process an abort like any other answer."""
         self.answered(exchange, request, data, now)
 
 
 class Transferring(Phase):
-    """Phase in which segments or blocks are exchanged."""
+    """Phase in which segments or sub-blocks are exchanged."""
 
     def __init__(self, transfer: Transfer, block: bool) -> None:
         self.block, self.transfer, self._active = block, transfer, transfer
@@ -194,11 +194,11 @@ class Transferring(Phase):
             exchange.abort_transfer(request, outcome, now)
 
     def owns_abort(self, exchange: SdoTransfer, mux: bytes) -> bool:
-        """Whether an abort belongs to the transfer: by its multiplexer, or with multiplexer 0."""
+        """Whether an abort belongs to the transfer: its multiplexer is that of the request, or 0."""
         return mux in (exchange.mux, NO_MUX)
 
     def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """Acknowledge a sub-block without its end, or end this try."""
+        """Acknowledge a sub-block whose end is missing, or end this try."""
         if self._active.acknowledge_on_silence(exchange.out):
             exchange.deadline = now + request.timeout_ns
         elif self._active.toggle_suspect:
@@ -224,7 +224,7 @@ _FLUSHING: Final = FlushingLateAnswers()
 
 
 def first_phase(exchange: SdoTransfer, request: SdoRequest) -> tuple[Phase, bytes]:
-    """Return the first phase of a try and its first frame: that of the request, or of another object before it."""
+    """Return the first phase and the first frame of a try: of the request, or of the flush that must precede it."""
     if request.block and exchange.may_use_blocks:
         phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
         data = initiate_block(request, exchange.options)
@@ -242,10 +242,10 @@ _DEFAULTS: Final = SdoOptions()
 class SdoClient:
     """SDO client of one node, with a queue of requests.
 
-    `timeout_ns` is the time for each answer, `retries` the number of tries after the first, `name` that of the node in
+    `timeout_ns` is the time for each answer, `retries` the number of tries after the first, `name` the node's name in
     messages. `request_cob_id` and `answer_cob_id` default to the predefined connection set. `od` is the node's
     dictionary: the data of an upload must then fit the type of the object, else the error is SdoLengthError.
-    LocalProtocolError for requests that SDO cannot express.
+    Requests that SDO cannot express raise LocalProtocolError.
     """
 
     def __init__(
@@ -279,9 +279,9 @@ class SdoClient:
         block: bool | None = None,
         now: int | None = None,
     ) -> SdoRequest:
-        """Upload an object; `data` of the request contains its bytes once it is `done`.
+        """Upload an object; `data` of the returned request contains its bytes once the request is `done`.
 
-        Block transfer is used if `block` is True. With `now` the timeout starts at once, else at the next `tick`.
+        Block transfer is used if `block` is True. With `now` the timeout starts at once, without it at the next `tick`.
         """
         timeout = self.timeout_ns if timeout_ns is None else timeout_ns
         request = SdoRequest(index, subindex, None, timeout, block is True)
@@ -300,7 +300,7 @@ class SdoClient:
     ) -> SdoRequest:
         """Download `data` to an object; the request is `done` when the server has confirmed it.
 
-        Without `block` the length selects the transfer (see SdoOptions).
+        If `block` is None, the length determines the transfer (see SdoOptions).
         """
         timeout = self.timeout_ns if timeout_ns is None else timeout_ns
         blocks = len(data) >= self._exchange.options.block_threshold if block is None else block
@@ -309,7 +309,7 @@ class SdoClient:
         return request
 
     def cancel(self, request: SdoRequest, error: CanopenError) -> None:
-        """End one request with `error`; no-op if it is done."""
+        """End one request with `error`; no-op if the request is done."""
         if request is self._exchange.active:
             self._exchange.cancel(error)
             self._next(None)
@@ -352,9 +352,9 @@ class SdoClient:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes transferred and the size of the active transfer; (0, None) without one.
+        """Number of bytes transferred, and the size of the object; (0, None) if no transfer is active.
 
-        It may be read from another thread, and is then slightly out of date.
+        The property may be read from another thread, and is then slightly out of date.
         """
         return self._exchange.progress
 
@@ -376,18 +376,18 @@ class SdoClient:
     def receive_records(self, records: bytes, start: int, now: int) -> int:
         """Receive several records from byte `start` on at once, with the same result as one by one.
 
-        Return their number. With 0 the first record must be passed to `receive`.
+        Return the number of records processed; if it is 0, pass the first record to `receive`.
         """
         return self._exchange.receive_records(records, start, self.answer_cob_id, now)
 
     def tick(self, now: int) -> None:
-        """Start the timeout of a request that was sent, or process an expired one."""
+        """Start the timeout of a request that was sent, or process an expired timeout."""
         self._exchange.tick(now)
         if self._queue:
             self._next(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`; 0 means at once."""
+        """Return the time of the next `tick`; 0 means at once, None that no request is active."""
         return self._exchange.deadline
 
     def frames(self) -> list[CanFrame]:
@@ -398,7 +398,7 @@ class SdoClient:
         return out
 
     def events(self) -> list[SdoRequest]:
-        """Return the requests that ended since the last call."""
+        """Return and clear the requests that have ended."""
         if not (finished := self._exchange.finished):
             return []
         self._exchange.finished = []

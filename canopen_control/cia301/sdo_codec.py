@@ -89,9 +89,10 @@ _COMPARED: Final = int.from_bytes(b"\xff\xff\xff\xff\xff\0\0\0\xff", "little") *
 
 
 def segments_in_order(records: bytes, start: int, cob_id: int, number: int, most: int) -> bytearray:
-    """Return the data of the segments in order from byte `start` on, at most `most` segments of seven bytes.
+    """Return the data of the consecutive segments that begin at byte `start`: seven bytes of each, of `most` at most.
 
-    `number` is that of the first segment; `number + most - 1` is at most 127. Empty if there are too few.
+    `number` is the sequence number of the first segment; `number + most - 1` is at most 127. The result is empty if
+    fewer than `SHORTEST_RUN` records are available, or the first two are not consecutive.
     """
     most = min(most, (len(records) - start) // RECORD_SIZE)
     data = bytearray()
@@ -138,7 +139,7 @@ def deliver(
     receive_records: Callable[[bytes, int, int], int],
     receive: Callable[[CanFrame, int], None],
 ) -> None:
-    """Pass whole records on in order: runs of segments to `receive_records`, single frames to `receive`.
+    """Deliver raw frame records in order: runs of segments to `receive_records`, single frames to `receive`.
 
     `receive_records(records, start, now)` returns the number of records it processed from byte `start` on. It is called
     only if enough records remain and the first two have the same identifier.
@@ -148,7 +149,7 @@ def deliver(
         can_id, length, data = RECORD.unpack(records)
         receive(make_frame((can_id, data[:length])), now)
         return
-    least = end - SHORTEST_RUN * RECORD_SIZE  # after it there are too few records
+    least = end - SHORTEST_RUN * RECORD_SIZE  # beyond this offset there are too few records for a run
     while start < end:
         second = start + RECORD_SIZE
         same_identifier = start <= least and records[start : start + _ID_SIZE] == records[second : second + _ID_SIZE]

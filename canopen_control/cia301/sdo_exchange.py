@@ -1,14 +1,14 @@
 """State machine of one SDO request of a client: tries, answers, timeouts and aborts (CiA 301, 7.2.4).
 
 Rules:
-- A `Phase` interprets frames, aborts, timeouts and cancellations; the consequences are here.
+- A `Phase` interprets frames, aborts, timeouts and cancellations; `SdoTransfer` decides what follows from them.
 - A timeout sends an abort with the multiplexer of the request. A block transfer that the server refuses, or whose CRC
   is wrong, is repeated in segments. Any other abort ends the request.
-- Interrupted program data (0x1F50, CiA 302-3) are never sent again automatically, neither in segments, because the
-  server needs a new clear command first.
+- Interrupted program data (0x1F50, CiA 302-3) are never sent again automatically, not even in segments, because the
+    server needs a new clear command first.
 - The data of an upload of a known object have the length of its type, or the request fails.
 - An abandoned request (timed out or cancelled) may still be answered. `LateAnswerGuard` prevents that a late answer is
-  taken for that of a retry.
+    mistaken for the answer to a retry.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry, ObjectDictionary
 
     FirstPhase = Callable[["SdoTransfer", "SdoRequest"], tuple["Phase", bytes]]
-    """Function that returns the first phase of a try, and its first frame."""
+    """Function that returns the first phase of a try, and the first frame."""
 
 
 _MAX_RESTARTS: Final = 2  # after toggle errors
@@ -56,7 +56,7 @@ _MAX_PAUSE_NS: Final = 500_000_000
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class SdoOptions:
-    """Options of a client; the defaults are accepted by every server.
+    """Options of an SDO client; every server accepts the defaults.
 
     `block_threshold` is the length in bytes from which a write uses block transfer by default; `block_size` the
     segments per sub-block of an upload, 1 to 127; `switch_threshold` the length up to which a server may switch a block
@@ -80,7 +80,7 @@ class SdoOptions:
 
 
 class SdoRequest:
-    """One upload or download, from the queue to its end.
+    """One upload or download, from its queueing until it is done.
 
     `data` is the result of a read or the payload of a write; `error` is None on success; `block` requests block
     transfer; `context` is free for the caller. `elapsed_ns` counts from the first frame, and is 0 for a cancelled
@@ -129,11 +129,11 @@ class SdoRequest:
 
 
 class RetryBudget:
-    """Remaining retries of one request, created at its first error.
+    """Remaining retries of one request, created at the first error of the request.
 
     A timeout is retried `tries` times and a toggle error twice. A busy abort of a download is retried after increasing
-    pauses, until `busy_ns` have elapsed, that of an upload once. A failed block transfer is repeated in segments, once.
-    These counts are independent.
+    pauses until `busy_ns` have elapsed; a busy abort of an upload is retried once. A failed block transfer is repeated
+    in segments, once. These counts are independent.
     """
 
     __slots__ = ("_busy_until", "_pause_ns", "_restarts", "_tries", "plain", "waited_ns")
@@ -146,7 +146,7 @@ class RetryBudget:
         self.waited_ns = 0  # total time of expired timeouts
 
     def has_try(self, code: int) -> bool:
-        """Use one retry after a timeout or a toggle error; False for other codes, or if none is left."""
+        """Use up one retry for a timeout or a toggle error; return False for other codes, or if none is left."""
         if code == AbortCode.TIMED_OUT and self._tries > 0:
             self._tries -= 1
             return True
@@ -157,11 +157,11 @@ class RetryBudget:
 
     @property
     def paused(self) -> bool:
-        """Whether the request was repeated after a pause."""
+        """Whether the request was repeated after a busy abort."""
         return self._busy_until is not None
 
     def pause(self, code: int, busy_ns: int, now: int) -> int | None:
-        """Return the time of a retry after a busy abort; None for other codes, or after `busy_ns`."""
+        """Return the time of a retry after a busy abort; None for other codes, or if `busy_ns` would be exceeded."""
         if code not in BUSY_CODES:
             return None
         if self._busy_until is None:
@@ -185,7 +185,7 @@ BLOCK_ERRORS: Final = frozenset(
 
 
 def initiate(request: SdoRequest, options: SdoOptions) -> bytes:
-    """Return the initiate of an expedited (up to four bytes) or segmented transfer."""
+    """Return the initiate request of an expedited (up to four bytes) or segmented transfer."""
     index, subindex, data = request.index, request.subindex, request.data
     if not request.is_write:
         return INITIATE.pack(UPLOAD, index, subindex)
@@ -198,7 +198,7 @@ def initiate(request: SdoRequest, options: SdoOptions) -> bytes:
 
 
 def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
-    """Return the initiate of a block transfer."""
+    """Return the initiate request of a block transfer."""
     crc = CRC_FLAG if options.crc else 0
     index, subindex = request.index, request.subindex
     if not request.is_write:
@@ -209,11 +209,11 @@ def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
 
 
 def completed(data: bytes) -> bytes:
-    """Return a frame padded to 8 bytes; empty if it lacks a used byte.
+    """Return the data of a frame padded to 8 bytes; empty if a byte that the protocol uses is missing.
 
     Some servers truncate frames after the last used byte, although CiA 301 requires 8 bytes.
     """
-    # CiA 301, 7.2.4.3 has 8 bytes; some servers send only the used ones
+    # CiA 301, 7.2.4.3: a frame has 8 bytes
     if len(data) < 4 or len(data) > 8:
         return b""
     used = {ABORT: 8, DOWNLOAD_ANSWER: 4}.get(data[0], 4 + EXPEDITED_LENGTHS.get(data[0], 4))
@@ -226,10 +226,10 @@ _PROBES: Final = (INITIATE.pack(UPLOAD, 0x1000, 0), INITIATE.pack(UPLOAD, 0x1001
 class LateAnswerGuard:
     """Multiplexers of abandoned requests that may still be answered, in the order of the requests.
 
-    An answer contains only command specifier and multiplexer, so that a late answer cannot be distinguished from that
-    of a retry or of the next request for the same object. But a server processes requests in order, and the bus keeps
-    the order of its frames: an answer to X proves that all requests before X were answered or never will be. If X
-    itself is pending, this holds for the requests before the first pending X. Before a pending object is requested
+    An answer contains only command specifier and multiplexer, so that a late answer cannot be distinguished from the
+    answer to a retry or to the next request for the same object. But a server processes requests in order, and the bus
+    keeps the order of its frames: an answer to X proves that all requests before X were answered or never will be. If X
+    itself is pending, this is true of the requests before the first pending X. Before a pending object is requested
     again, a mandatory object is read: the device type, or else the error register.
     """
 
@@ -255,7 +255,7 @@ class LateAnswerGuard:
             del self.pending[earlier]
 
     def flush_request(self) -> bytes:
-        """Return the request that proves most: of an object that is not pending, else of the last pending one."""
+        """Return an upload request for 0x1000 or 0x1001: the object that is not pending, else the one pending last."""
         order = list(self.pending)
         return max(_PROBES, key=lambda probe: order.index(probe[1:4]) if probe[1:4] in self.pending else len(order))
 
@@ -269,7 +269,7 @@ class Transfer(Protocol):
 
     @property
     def toggle_suspect(self) -> bool:
-        """Whether a copy with the wrong toggle bit was ignored, so that a timeout may be a toggle error."""
+        """Whether a frame with the wrong toggle bit was ignored as a copy; a timeout is then a toggle error."""
 
     @property
     def result(self) -> bytes:
@@ -280,16 +280,16 @@ class Transfer(Protocol):
         """Number of bytes transferred, and the size if known."""
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a frame of the server; see `sdo_transfers`."""
+        """Process a frame of the server, as described in `sdo_transfers`."""
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:
-        """Acknowledge an incomplete sub-block after a timeout; False if the transfer has nothing to acknowledge."""
+        """Acknowledge an incomplete sub-block after a timeout; return False if there is nothing to acknowledge."""
 
 
 class Phase:
-    """Base of the phases of a request, and the idle phase: all frames are ignored.
+    """Base class of the phases of a request; also the idle phase, in which all frames are ignored.
 
-    `block` is True for a block transfer; `transfer` exists after the answer to an initiate.
+    `block` is True for a block transfer; `transfer` is set after the answer to an initiate request.
     """
 
     def __init__(self, block: bool = False, transfer: Transfer | None = None) -> None:
@@ -304,13 +304,13 @@ class Phase:
         return False
 
     def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Process an abort of the request."""
+        """Process an abort of the request by the server."""
         if data[1:4] == exchange.mux:
             exchange.late_answers.answered(exchange.mux)
         exchange.handle_abort(request, int.from_bytes(data[4:8], "little"), now)
 
     def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """Process an expired deadline."""
+        """Process the expired deadline of the phase."""
 
     def abandon(self, exchange: SdoTransfer) -> None:
         """Send an abort for a cancelled request if the server has received it."""
@@ -332,7 +332,7 @@ class SdoTransfer:
     """Active request of a client, with its phase.
 
     `first_phase` starts a try. The client fetches `out`, the frames to send, and `finished`, the ended requests. `mux`
-    and `first` are the multiplexer and the first frame of this try.
+    and `first` are the multiplexer and the first frame of the current try.
     """
 
     def __init__(
@@ -371,12 +371,12 @@ class SdoTransfer:
         return (0, None) if transfer is None else transfer.progress
 
     def start(self, request: SdoRequest, now: int | None) -> None:
-        """Start a request; without `now` its timeout starts at the next tick."""
+        """Start a request; if `now` is None, the timeout starts at the next tick."""
         self.active, self._started, self._budget = request, now, None
         self.start_try(request, now)
 
     def receive(self, data: bytes, now: int) -> None:
-        """Receive the data of a frame of the server; frames that are not an answer are counted."""
+        """Receive the data of a frame of the server; a frame that is no answer to the request is counted as ignored."""
         if len(data) != 8 and not (data := completed(data)):
             self.ignored += 1
         elif data[0] != ABORT:
@@ -387,7 +387,7 @@ class SdoTransfer:
             self.ignored += 1
 
     def receive_records(self, records: bytes, start: int, cob_id: int, now: int) -> int:
-        """Receive segments of a block upload at once; return their number, 0 if there are none."""
+        """Receive the consecutive segments of a block upload at once; return their number, 0 if there are none."""
         transfer, request = self.phase.transfer, self.active
         if not isinstance(transfer, BlockUpload) or request is None:
             return 0
@@ -396,7 +396,7 @@ class SdoTransfer:
         return count
 
     def tick(self, now: int) -> None:
-        """Start the timeout of a request that was sent, or process an expired one."""
+        """Start the timeout of a request that was sent, or process an expired timeout."""
         request = self.active
         if self.deadline is None or now < self.deadline or request is None:
             return
@@ -406,7 +406,7 @@ class SdoTransfer:
             self.phase.expire(self, request, now)
 
     def cancel(self, error: CanopenError) -> None:
-        """End the active request without an answer, with an abort if the server has received it."""
+        """End the active request with `error`; send an abort if the server has received the request."""
         if (request := self.active) is None:
             return
         self.phase.abandon(self)
@@ -414,7 +414,7 @@ class SdoTransfer:
         self.report(request, error)
 
     def forget(self) -> None:
-        """Clear the state of a server that has booted."""
+        """Forget what is known about the server, because the server has booted."""
         self.late_answers.pending.clear()
         self.block_supported = None
         self._constant_codes.clear()
@@ -422,7 +422,7 @@ class SdoTransfer:
     # -- phase side
 
     def start_try(self, request: SdoRequest, now: int | None) -> None:
-        """Start a try: send its first frame."""
+        """Start a try and send the first frame."""
         self.phase, self.first = self._first_phase(self, request)
         self.mux = self.first[1:4]
         self.out.append(CanFrame(self.request_cob_id, self.first))
@@ -434,7 +434,7 @@ class SdoTransfer:
         return self.block_supported is not False and not (self._budget and self._budget.plain)
 
     def enter(self, request: SdoRequest, phase: Phase, now: int) -> None:
-        """Enter the phase after the answer to the initiate."""
+        """Enter the phase that follows the answer to the initiate request, and restart the timeout."""
         self.phase = phase
         self.deadline = now + request.timeout_ns
 
@@ -451,7 +451,7 @@ class SdoTransfer:
         return False
 
     def uploaded(self, request: SdoRequest, data: bytes, sized: bool, now: int) -> None:
-        """Complete an upload if its data fit the type of the object."""
+        """Complete an upload; report SdoLengthError if the data do not fit the type of the object."""
         request.data = data
         entry = None if self.od is None else self.od.get(request.index, request.subindex)
         if entry is not None:
@@ -462,7 +462,7 @@ class SdoTransfer:
         self.finish(request, now)
 
     def finish(self, request: SdoRequest, now: int, error: CanopenError | None = None) -> None:
-        """End the active request."""
+        """End the active request, successfully or with `error`."""
         request.elapsed_ns = 0 if self._started is None else now - self._started
         self.active = self.deadline = None  # inlined from `idle` and `report`
         self.phase, self.mux = _IDLE, b""
@@ -471,13 +471,13 @@ class SdoTransfer:
         self.finished.append(request)
 
     def report(self, request: SdoRequest, error: CanopenError | None) -> None:
-        """Add a request to the ended ones."""
+        """Mark a request as done with `error`, and add it to `finished`."""
         request.error = error
         request.done = True
         self.finished.append(request)
 
     def idle(self) -> None:
-        """Clear the active request."""
+        """Clear the active request and return to the idle phase."""
         self.active = self.deadline = None
         self.phase, self.mux = _IDLE, b""
 
@@ -503,7 +503,7 @@ class SdoTransfer:
             self.finish(request, now, self._abort_error(request, code))
 
     def abort_transfer(self, request: SdoRequest, code: int, now: int) -> None:
-        """Abort the transfer because of a frame of the server."""
+        """Abort the transfer because of an invalid frame of the server, or an object larger than `max_size`."""
         self._send_abort(code)
         if code == AbortCode.OUT_OF_MEMORY:  # the limit of this client does not change with a pause
             self.finish(request, now, self._abort_error(request, code))
@@ -529,7 +529,7 @@ class SdoTransfer:
         return request.is_write and request.index == _PROGRAM_DATA and self.phase.transfer is not None
 
     def abort_unanswered(self, code: int) -> None:
-        """Abort a transfer whose answer may still arrive."""
+        """Abort a request whose answer may still arrive."""
         self.late_answers.add(self.mux)
         self.out = [frame for frame in self.out if frame.data[0] == ABORT]  # pending segments are dropped
         self._send_abort(code)

@@ -1,11 +1,12 @@
-"""SDO server of a device, with all kinds of transfers, on an object store (CiA 301, 7.2.4).
+"""SDO server of a device: expedited, segmented and block transfers of the objects of a store (CiA 301, 7.2.4).
 
 Rules:
-- There is one transfer at a time. A new initiate ends the previous transfer silently. A frame outside of a transfer is
-  answered with 0x05040001, with multiplexer 0x0000:00 if there is none.
+- There is one transfer at a time. A new initiate request ends the previous transfer silently. A frame outside of a
+  transfer is
+    answered with abort 0x05040001, with multiplexer 0x0000:00 if no transfer is active.
 - The store checks existence, access and value of an object; its abort code is sent.
 - A client has one request outstanding. A copy of a request whose answer was not sent yet, and a copy of the segment
-  that completed a transfer, are duplicates by the bus and are not answered.
+    that completed a transfer, are duplicates by the bus and are not answered.
 - Frames never raise or use unlimited memory: frames of a wrong length are counted, an object larger than `max_size` is
   refused with 0x05040005, and a transfer without progress for `timeout_ns` is aborted.
 """
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
 
 class SdoServerAbort(CanopenError):
-    """Error of a store: the transfer is aborted with this code."""
+    """Error by which an object store refuses an access; the transfer is aborted with `code`."""
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -58,7 +59,7 @@ class SdoServerAbort(CanopenError):
 
 
 class ServedObjects(Protocol):
-    """Object store of a server; each method may raise SdoServerAbort."""
+    """Object store of an SDO server; each method may raise SdoServerAbort."""
 
     def upload(self, index: int, subindex: int) -> bytes:
         """Return the bytes of an object."""
@@ -74,7 +75,7 @@ class ServedObjects(Protocol):
 
 
 class StoreFailure:
-    """Unexpected exception of the store; the client received 0x08000000."""
+    """Unexpected exception of the object store; the client received abort 0x08000000."""
 
     __slots__ = ("error", "index", "subindex")
 
@@ -83,7 +84,7 @@ class StoreFailure:
 
 
 class _Transfer(Protocol):
-    """Segmented or block transfer after an initiate, see `sdo_transfers`."""
+    """Segmented or block transfer after an initiate request, see `sdo_transfers`."""
 
     index: int
     subindex: int
@@ -99,7 +100,7 @@ class _Transfer(Protocol):
 
 
 class SdoServer:
-    """SDO server on one pair of COB-IDs, with the objects of `store`.
+    """SDO server on one pair of COB-IDs; `store` contains the objects.
 
     `block` enables block transfer, with sub-blocks of `block_size` segments in downloads. `timeout_ns` ends a transfer
     without progress; after `silence_ns` a sub-block without its end is acknowledged.
@@ -154,7 +155,7 @@ class SdoServer:
     def receive_records(self, records: bytes, start: int, now: int) -> int:
         """Receive several records from byte `start` on at once, with the same result as one by one.
 
-        Return their number. With 0 the first record must be passed to `receive`.
+        Return the number of records processed; if it is 0, pass the first record to `receive`.
         """
         if not isinstance(transfer := self._transfer, ServedBlockDownload):
             return 0
@@ -174,7 +175,7 @@ class SdoServer:
             self._deadline = min(now + self.silence_ns, self._idle_at) if acknowledged else self._idle_at
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`."""
+        """Return the time of the next `tick`, None if no transfer is active."""
         return self._deadline
 
     def frames(self) -> list[CanFrame]:
@@ -185,7 +186,7 @@ class SdoServer:
         return out
 
     def events(self) -> list[StoreFailure]:
-        """Return the unexpected exceptions of the store since the last call."""
+        """Return and clear the unexpected exceptions of the store."""
         if not (failures := self._failures):
             return []
         self._failures = []
@@ -284,7 +285,7 @@ class SdoServer:
         self._last = b""
 
     def _on_stray(self, data: bytes, now: int) -> None:  # noqa: ARG002 - one signature for the whole table
-        """Abort with 0x05040001 for a frame outside of the transfer, unless it is a copy (CiA 301, 7.2.4.3.17)."""
+        """Abort with 0x05040001 after a frame outside of the transfer, unless it is a copy (CiA 301, 7.2.4.3.17)."""
         if self._out or data == self._last:
             self.ignored += 1
             return
@@ -324,7 +325,7 @@ class SdoServer:
     # -- store
 
     def _accepts(self, index: int, subindex: int, announced: int | None) -> bool:
-        """Whether a download of several frames may start; otherwise it was aborted."""
+        """Whether a download of several frames may start; if not, an abort has been sent."""
         if (size := self._size(index, subindex)) is None:
             return False
         code = 0
@@ -375,10 +376,10 @@ class SdoServer:
         self._out.append(CanFrame(self.answer_cob_id, INITIATE_NUMBER.pack(ABORT, index, subindex, code & 0xFFFFFFFF)))
 
 
-_MAX_FAILURES: Final = 64  # only the first ones are kept
+_MAX_FAILURES: Final = 64  # further exceptions are not kept
 _MAX_WAITING: Final = 256  # maximum number of waiting answers, more than a sub-block
 
-# By the upper three bits of the command specifier.
+# Handlers, indexed by the upper three bits of the command specifier.
 _ON_COMMAND: Final[tuple[Callable[[SdoServer, bytes, int], None], ...]] = (
     SdoServer._on_stray,  # noqa: SLF001 - the table of this very class; 0: download segment
     SdoServer._on_download,  # noqa: SLF001

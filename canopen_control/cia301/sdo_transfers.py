@@ -1,8 +1,9 @@
-"""Segmented and block transfers of SDO, of a client and of a server (CiA 301, 7.2.4.3).
+"""Segmented and block SDO transfers, for clients and for servers (CiA 301, 7.2.4.3).
 
-A transfer begins after the initiate and its answer. Each direction is written once: a receiver or a sender is the base
-of one class for the client and one for the server. `receive` processes a frame of the other side, appends frames to
-`out`, and returns PROGRESS, DONE, IGNORED or the abort code to send; its owner sends the abort and ends the transfer.
+A transfer begins after the initiate request and its answer. Each direction is implemented once: a receiver or a sender
+is the base class of the client's and of the server's transfer. `receive` processes a frame of the other side, appends
+frames to `out`, and returns PROGRESS, DONE, IGNORED or the abort code to send; the owner of the transfer sends the
+abort and ends the transfer.
 
 Segments (7.2.4.3.4 and 7.2.4.3.7) have a toggle bit that starts at 0 and alternates. The bus may deliver a frame twice
 in succession: a client ignores one copy of the previous frame, a server a copy that comes before it has answered. A
@@ -11,7 +12,7 @@ server aborts a toggle bit that is repeated later.
 The segments of a sub-block (7.2.4.3.10 and 7.2.4.3.14) are numbered from 1 and not confirmed one by one. The receiver
 acknowledges a sub-block with the number of the last segment in order; the sender continues after this segment with a
 new sub-block, numbered from 1 again. If the end of a sub-block is lost, the receiver acknowledges after a silence, and
-then waits for segment 1. The CRC (7.2.4.3.16) counts if both sides support it.
+then waits for segment 1. The CRC (7.2.4.3.16) is checked if both sides support it.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def _frame(cob_id: int, frames: Sequence[bytes], toggle: int) -> CanFrame:
 
 
 class SegmentReceiver:
-    """Receiver of segments; `size` was announced by the sender, None if it was not; `limit` bytes at most."""
+    """Receiver of segments; `size` is the announced size in bytes or None, `limit` the largest size accepted."""
 
     def __init__(self, cob_id: int, size: int | None, limit: int) -> None:
         self._cob_id, self._size, self._limit = cob_id, size, limit
@@ -79,7 +80,7 @@ class SegmentReceiver:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes received, and the announced size."""
+        """Number of bytes received, and the announced size or None."""
         return len(self._buffer), self._size
 
     def _append(self, data: bytes) -> int:
@@ -116,7 +117,7 @@ class BlockReceiver(SegmentReceiver):
         self._stuck = 0  # sub-blocks or silences since the last segment in order
 
     def receive_records(self, records: bytes, start: int, cob_id: int, out: list[CanFrame]) -> int:
-        """Receive the segments in order that begin at byte `start` of `records` at once; return their number.
+        """Receive at once the consecutive segments that begin at byte `start` of `records`; return their number.
 
         Segments that must be acknowledged or make the object too large are left to `receive`.
         """
@@ -134,7 +135,7 @@ class BlockReceiver(SegmentReceiver):
         return len(data) // SEGMENT_DATA
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:
-        """Acknowledge the segments so far, because the end of the sub-block seems lost; False if that is useless.
+        """Acknowledge the segments received so far, as if the sub-block had ended; return False if that cannot help.
 
         An acknowledgement without a new segment is repeated only with a CRC: two of these may cross, and then nothing
         else detects a gap.
@@ -207,11 +208,11 @@ class BlockSender:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes acknowledged, and the size."""
+        """Number of bytes acknowledged, and the size of the object."""
         return min(self._first * SEGMENT_DATA, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process an acknowledgement; any other command specifier is a copy of an earlier frame."""
+        """Process the receiver's next expected frame; ignore a frame with any other command specifier."""
         if out or data[0] != self._expected:
             return IGNORED
         if self._expected == BLOCK_END_ANSWER:
@@ -237,7 +238,7 @@ class BlockSender:
         return PROGRESS
 
     def _send(self, out: list[CanFrame]) -> None:
-        """Send the next sub-block, or after the last one the end with the CRC."""
+        """Send the next sub-block, or the end with the CRC after the last sub-block."""
         if self._first < self._total:
             self._expected = BLOCK_ACK
             self._sent = min(self._block_size, self._total - self._first)
@@ -298,7 +299,7 @@ class SegmentedDownload:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes confirmed, and the size."""
+        """Number of bytes confirmed, and the size of the object."""
         return min(self._offset, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
@@ -320,7 +321,7 @@ class SegmentedDownload:
         return PROGRESS
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002
-        """Return False: a segment must not be sent twice."""
+        """Return False: a client must not send a segment twice."""
         return False
 
 
@@ -336,7 +337,7 @@ class BlockUpload(BlockReceiver):
         out.append(CanFrame(cob_id, _START))
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment or the end."""
+        """Process a segment, or the end of the block transfer."""
         if out:  # the acknowledgement was not sent yet: a copy of the last segment
             return IGNORED
         if not self._complete:
@@ -462,13 +463,13 @@ class ServedBlockDownload(BlockReceiver):
         self.index, self.subindex = index, subindex
 
     def takes(self, command: int) -> bool:
-        """Whether a frame with this first byte belongs to the transfer: segments may begin with any but an abort."""
+        """Whether a frame with this first byte belongs to the transfer: any but 0x80 (abort) may begin a segment."""
         if self._complete:
             return command & SUB_COMMAND_MASK == BLOCK_END or command == self._previous[0]
         return command != ABORT
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment of the client, or the end."""
+        """Process a segment, or the end of the block transfer."""
         if out or (self._complete and data == self._previous):
             return IGNORED
         if not self._complete:
@@ -476,5 +477,5 @@ class ServedBlockDownload(BlockReceiver):
         return self._end(data) if data[0] & SUB_COMMAND_MASK == BLOCK_END else AbortCode.UNKNOWN_COMMAND
 
     def confirm(self, out: list[CanFrame]) -> None:
-        """Confirm the end."""
+        """Confirm the end of the block transfer."""
         out.append(CanFrame(self._cob_id, BLOCK_END_ANSWER_FRAME))

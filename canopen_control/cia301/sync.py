@@ -23,7 +23,7 @@ _WIRE = struct.Struct("<IH")
 class TimeOfDay(NamedTuple):
     """Time of the TIME object: `ms` after midnight, 0 to 86399999; `days` since 1984-01-01 (CiA 301, 7.2.6).
 
-    It is only decoded from a received bus; neither the master nor virtual devices produce or consume it.
+    TIME messages are only decoded; neither the master nor the virtual devices produce or consume them.
     """
 
     days: int
@@ -31,7 +31,7 @@ class TimeOfDay(NamedTuple):
 
 
 def parse_time(data: bytes) -> TimeOfDay | None:
-    """Return the time in 6 bytes, None for another length; the upper four bits of the milliseconds are reserved."""
+    """Return the time in the 6 bytes of a TIME message (the upper four bits are reserved); None for another length."""
     if len(data) != _WIRE.size:
         return None
     ms, days = _WIRE.unpack(data)
@@ -43,7 +43,7 @@ PRODUCER_BIT = 1 << 30  # of 0x1005
 
 
 def parse_cob_id_sync(value: int) -> tuple[int, bool]:
-    """Return the CAN identifier (with the flag of a 29-bit one) and the producer bit of a 0x1005 value."""
+    """Return the CAN identifier (flagged if it has 29 bits) and the producer bit of a value of 0x1005."""
     return can_id_of(value), bool(value & PRODUCER_BIT)
 
 
@@ -61,7 +61,7 @@ def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
 
 
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
-    """Return the abort code of a write to 0x1005 while it holds `present`, None if accepted."""
+    """Return the abort code of a write to 0x1005 while the object holds `present`, None if accepted."""
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE
     # CiA 301, 7.3.5: restricted identifiers
@@ -74,9 +74,10 @@ def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> 
 
 
 class SyncProducer:
-    """SYNC frames of a producer, one per call of `frame`, or sent by its timer if `period_ns` is set.
+    """Producer of SYNC frames: `frame` returns the next one; after `start` a timer sends one every `period_ns`, if set.
 
-    The frames are created once, so that the cycle allocates nothing. LocalProtocolError for a reserved overflow value.
+    The frames are created once, so that the cycle allocates nothing. A reserved overflow value raises
+    LocalProtocolError.
     """
 
     def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0) -> None:
@@ -104,7 +105,7 @@ class SyncProducer:
         return sync
 
     def reset(self) -> None:
-        """Reset the counter: the next SYNC carries 1 (after reset communication and on leaving STOPPED)."""
+        """Reset the counter: the next SYNC has the counter 1 (after reset communication and on leaving STOPPED)."""
         self._next = self.counter = 0
 
     def start(self, now: int) -> None:
@@ -119,7 +120,7 @@ class SyncProducer:
         """Ignore the frame: a SYNC producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send a SYNC when due; missed periods are skipped and the grid is kept."""
+        """Send a SYNC when one is due; missed periods are skipped, without a shift of the later SYNCs."""
         if self.period_ns and self._deadline_ns is not None and now >= self._deadline_ns:
             self._frames.put(self.frame())
             self._deadline_ns = next_on_grid(self._deadline_ns, self.period_ns, now)
@@ -147,7 +148,7 @@ class SyncEventKind(enum.Enum):
 
 
 class SyncEvent(NamedTuple):
-    """SYNC event `kind` at `now`; `counter` is None without one."""
+    """SYNC event `kind` at `now`; `counter` is None if the SYNC has no counter."""
 
     kind: SyncEventKind
     now: int
@@ -155,9 +156,9 @@ class SyncEvent(NamedTuple):
 
 
 class SyncConsumer:
-    """Reception of SYNC, monitored if `period_ns` (0x1006) is set.
+    """Consumer of SYNC, which monitors the period if `period_ns` (0x1006) is set.
 
-    `count` counts SYNCs, `skipped` those whose counter is not the expected one.
+    `count` counts the SYNCs received, `skipped` the SYNCs whose counter is not the expected one.
     """
 
     def __init__(self, cob_id: int = SYNC_COB_ID, overflow: int = 0, *, period_ns: int = 0) -> None:
@@ -190,7 +191,7 @@ class SyncConsumer:
         self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def receive_plain(self, now: int) -> bool:
-        """Receive a SYNC without data that arrives in time, without an event; False: `receive` must process it."""
+        """Count a SYNC without data, without an event, if it is in time; False if `receive` must process the SYNC."""
         deadline = self._deadline_ns
         if self.overflow or self._missed or (deadline is not None and now >= deadline):
             return False
@@ -205,7 +206,7 @@ class SyncConsumer:
             self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which a SYNC counts as missing."""
+        """Return the time at which the next SYNC counts as missed, None if SYNC is not monitored."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:
