@@ -1,8 +1,8 @@
-"""Parser of object addresses as users write them: INDEX[:SUB] in hexadecimal, or a name of the EDS.
+"""Parser of object addresses as users write them: INDEX[:SUB] in hexadecimal, or a name in the EDS.
 
-Numbers are hexadecimal with or without 0x, as in all messages of this package. A name is that of an entry,
-``Object.Entry``, or that of an object followed by ``:SUB``. A name that several objects share is refused, with the list
-of these objects.
+Numbers are hexadecimal with or without 0x, as in all messages of this package. A name is the name of an entry, a pair
+``Object.Entry``, or the name of an object followed by ``:SUB``. A name that several objects share is refused, with a
+list of these objects.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _SHOWN = 5  # number of similar names offered for an unknown one
 
 @dataclass(frozen=True, slots=True)
 class ObjectAddress:
-    """Address of an object with its EDS entry, if there is one; `whole` if the user gave no subindex."""
+    """Address of an object, with the EDS entry or None; `whole` is True if the user gave no subindex."""
 
     index: int
     subindex: int
@@ -43,7 +43,7 @@ class ObjectAddress:
 
 
 def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
-    """Return the object that `text` names; ConfigError with advice if there is none.
+    """Return the object that `text` addresses; raise ConfigError with advice if there is none.
 
     `od` may be None; then only numbers are valid.
     """
@@ -65,7 +65,7 @@ def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
 
 
 def parts_of(address: ObjectAddress, od: ObjectDictionary | None) -> list[ObjectAddress]:
-    """Return the addresses to read: every subindex if the object was named without one, else this address."""
+    """Return the addresses to read: all readable subindices if `address` is a whole object, else `address` alone."""
     if not address.whole or od is None:
         return [address]
     readable = [sub for sub in od.subindices(address.index) if od[address.index, sub].readable]
@@ -91,7 +91,7 @@ def _why_not(text: str, name: str, od: ObjectDictionary) -> str:
 
 
 def _similar(folded: str, od: ObjectDictionary) -> list[Entry]:
-    """Return the entries with a similar name."""
+    """Return the entries whose name is similar to `folded`."""
     by_name = {entry.name.casefold(): entry for entry in od}
     return [by_name[name] for name in difflib.get_close_matches(folded, by_name, _SHOWN, 0.8)]
 

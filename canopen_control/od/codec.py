@@ -1,4 +1,4 @@
-"""Values of the object dictionary and their bytes on the wire (CiA 301, 7.1).
+"""Values of the object dictionary and their encoding as bytes (CiA 301, 7.1).
 
 All numbers are little-endian. A value that does not fit its type is refused, never truncated. VISIBLE_STRING is decoded
 as ISO 8859-1, since drives use umlauts and degree signs although the standard allows only ISO 646, and encoded as UTF-8
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class _Required(NamedTuple):
-    """Values that an object must accept by CiA 301."""
+    """Values that CiA 301 requires an object to accept."""
 
     low: int
     high: int
@@ -56,7 +56,7 @@ def _required(entry: Entry) -> _Required | None:
 
 
 def forbidden_limit(entry: Entry) -> str:
-    """Return the error in the limits of a communication object; empty if CiA 301 allows them."""
+    """Return a text about a limit of a communication object that CiA 301 forbids; empty if there is no such limit."""
     required = _required(entry)
     if required is None:
         return ""
@@ -68,17 +68,17 @@ def forbidden_limit(entry: Entry) -> str:
 
 
 def above_limit(entry: Entry, value: float) -> bool:
-    """Whether a value is above a valid HighLimit."""
+    """Whether a value is above the HighLimit of the entry; a limit that CiA 301 forbids is not applied."""
     return entry.high is not None and value > entry.high and not forbidden_limit(entry)
 
 
 def below_limit(entry: Entry, value: float) -> bool:
-    """Whether a value is below a valid LowLimit."""
+    """Whether a value is below the LowLimit of the entry; a limit that CiA 301 forbids is not applied."""
     return entry.low is not None and value < entry.low and not forbidden_limit(entry)
 
 
 def outside_limits(entry: Entry, value: float) -> bool:
-    """Whether a value is outside valid limits."""
+    """Whether a value is outside the limits of the entry; a limit that CiA 301 forbids is not applied."""
     return above_limit(entry, value) or below_limit(entry, value)
 
 
@@ -87,7 +87,7 @@ _TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le
 
 
 def encode(value: Value, data_type: DataType) -> bytes:
-    """Return the bytes of `value`; ValueError if it does not fit the type."""
+    """Return the bytes of `value`; raise ValueError if the value does not fit the type."""
     if data_type in _TEXT:
         return _encode_text(value, data_type)
     if data_type in REALS:
@@ -100,7 +100,7 @@ def encode(value: Value, data_type: DataType) -> bytes:
 
 
 def decode(data: bytes, data_type: DataType) -> Value:
-    """Return the value of `data`; ValueError if the length is not that of the type."""
+    """Return the value of `data`; raise ValueError for a wrong length or invalid UTF-16."""
     if data_type in _TEXT:
         return _decode_text(data, data_type)
     bits = data_type.bits
@@ -118,7 +118,7 @@ def decode(data: bytes, data_type: DataType) -> Value:
 
 
 def fitted(data: bytes, data_type: DataType, *, length_known: bool = True) -> bytes | None:
-    """Return the data of an upload as the bytes of its type; None if they are not a value of this type.
+    """Return the data of an upload, cut to the length of the type; None if they are not a value of this type.
 
     Missing bytes are never added. Excess bytes are cut if they carry no information: zeros after a number (0xFF after a
     negative one), as from devices that always answer with four bytes, or any bytes if the server did not announce the
@@ -136,7 +136,7 @@ def fitted(data: bytes, data_type: DataType, *, length_known: bool = True) -> by
 
 
 def zero_of(data_type: DataType) -> Value:
-    """Return the zero of the type: 0, 0.0, an empty string or no bytes."""
+    """Return the zero value of the type: 0, 0.0, an empty string or no bytes."""
     if data_type in _TEXT:
         return ""
     if data_type in REALS:
@@ -145,7 +145,7 @@ def zero_of(data_type: DataType) -> Value:
 
 
 def default_of(entry: Entry) -> Value:
-    """Return the value after power-on: ParameterValue, else DefaultValue, else the zero of the type."""
+    """Return the value after power-on: ParameterValue, else DefaultValue, else the zero value of the type."""
     value = entry.value
     return zero_of(entry.data_type) if value is None else value
 

@@ -1,6 +1,6 @@
-"""Data types of the communication area, 0x1000 to 0x1BFF, as CiA 301 gives them (7.5.2).
+"""Data types of the objects in the communication area, 0x1000 to 0x1BFF (CiA 301, 7.5.2).
 
-A file that leaves out the DataType of such an object, or names that of the whole record, is read with them.
+They are used for an object whose DataType is missing in the file, or is the type of the whole record.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _RECORDS: Final = (
     ),
     *((range(first, first + 0x200), {}, DataType.UNSIGNED32) for first in (0x1600, 0x1A00)),
 )
-"""Indices, types by subindex and type of the other subindices above 0 (CiA 301, 7.5.2)."""
+"""Ranges of indices, types by subindex, and the type of the other subindices above 0 (CiA 301, 7.5.2)."""
 _VARIABLES: Final = {
     **dict.fromkeys((0x1000, 0x1002, 0x1005, 0x1006, 0x1007, 0x1012, 0x1013, 0x1014), DataType.UNSIGNED32),
     **dict.fromkeys((0x100C, 0x1015, 0x1017), DataType.UNSIGNED16),
@@ -42,7 +42,7 @@ _VARIABLES: Final = {
 
 
 def communication_type(index: int, subindex: int) -> DataType | None:
-    """Return the data type that CiA 301 gives an object of the communication area, None if it gives none."""
+    """Return the data type that CiA 301 specifies for an object of the communication area, None if there is none."""
     if subindex == 0 and index in _VARIABLES:
         return _VARIABLES[index]
     found = ((types, other) for indices, types, other in _RECORDS if index in indices)

@@ -1,6 +1,6 @@
-"""Writer of EDS and DCF files (CiA 306-1).
+"""Writer of EDS and DCF files (CiA 306-1), and codec of the concise DCF (CiA 302-3).
 
-Texts that were read from a file are written unchanged if they still have the value of the dictionary; all others are
+A text that was read from a file is written unchanged if its value is still that of the dictionary; all other texts are
 written from the dictionary. Reading the written file therefore gives an equal dictionary, with the keys and sections
 that this package does not use. Only comment lines are lost. Entries of CompactSubObj are written in full; the three
 object lists and SubNumber are computed.
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Value
 
 
-# Concise DCF: the downloads into a node as one byte string (CiA 302-3; object 0x1F22). A 32-bit count, then for each
+# Concise DCF: the downloads to a node as one byte string (CiA 302-3; object 0x1F22). A 32-bit count, then for each
 # download index (16 bit), subindex (8 bit), size (32 bit) and data, all little-endian.
 
 
@@ -61,7 +61,7 @@ class ConciseEntry(NamedTuple):
 
 
 def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
-    """Return the concise DCF of the downloads; ValueError for an address out of range."""
+    """Return the concise DCF of the downloads; raise ValueError for an address out of range."""
     parts = []
     for index, subindex, data in entries:
         if not (0 <= index <= 0xFFFF and 0 <= subindex <= 0xFF):
@@ -71,7 +71,7 @@ def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
 
 
 def decode_concise(data: bytes) -> list[ConciseEntry]:
-    """Return the downloads of a concise DCF; ValueError if it is truncated or has excess bytes."""
+    """Return the downloads of a concise DCF; raise ValueError if the data are truncated or too long."""
     if len(data) < _COUNT.size:
         raise ValueError(f"a concise DCF begins with a 32-bit count, and there are {len(data)} bytes")
     (count,) = _COUNT.unpack_from(data)
@@ -92,9 +92,9 @@ def decode_concise(data: bytes) -> list[ConciseEntry]:
 
 
 def concise_of(od: ObjectDictionary) -> list[ConciseEntry]:
-    """Return the downloads of all ParameterValues of a DCF, by rising address.
+    """Return the downloads of all ParameterValues of a DCF, in ascending order of addresses.
 
-    Entries that cannot be written and those whose ObjFlags refuse a download are omitted. PDO parameters need another
+    Entries that cannot be written and entries whose ObjFlags refuse a download are omitted. PDO parameters need another
     order (disable the COB-ID, mapping, enable the COB-ID), which the caller must apply.
     """
     downloads = (
@@ -153,7 +153,7 @@ def dcf_text(
     """Return the text of the DCF of node `node_id` at `bitrate` bit/s, with `values` as ParameterValues.
 
     Values at the `relative` addresses are written as $NODEID plus an offset, so that the file is valid for other node
-    ids. ValueError if a value has no entry or does not fit its type.
+    ids. A value that has no entry or does not fit its type raises ValueError.
     """
     od = configured(od.for_node(node_id), values or {}, relative)
     commissioning = replace(od.commissioning, node_name=node_name or od.commissioning.node_name)
@@ -169,14 +169,14 @@ def write_dcf(
     *,
     node_name: str = "",
 ) -> None:
-    """Write `dcf_text` to a file, in UTF-8."""
+    """Write the DCF text of `dcf_text` to a file, in UTF-8."""
     Path(path).write_text(dcf_text(od, node_id, bitrate, values, node_name=node_name), encoding="utf-8", newline="")
 
 
 def configured(
     od: ObjectDictionary, values: Mapping[Address, Value], relative: Container[Address] = ()
 ) -> ObjectDictionary:
-    """Return a copy with `values` as ParameterValues; ValueError if one has no entry or does not fit its type.
+    """Return a copy with `values` as ParameterValues; raise ValueError for a value without an entry or of a wrong type.
 
     `relative` contains the addresses of values that depend on the node id.
     """
@@ -226,7 +226,7 @@ def _respelled(lines: _Lines) -> _Lines:
 
 
 def _compact_companions(od: ObjectDictionary) -> set[str]:
-    """Return the [xxxxName] and [xxxxValue] sections, whose content is written with the entries."""
+    """Return the names of the [xxxxName] and [xxxxValue] sections, whose content is written with the entries."""
     compact = [index for index, info in od.objects.items() if _get(info.texts, "compactsubobj")]
     return {f"{index:04x}{suffix}" for index in compact for suffix in ("name", "value")}
 
@@ -243,7 +243,7 @@ def _section(title: str, texts: Mapping[str, str]) -> Section:
 
 
 def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
-    """Return the device sections that differ from their text in the file and must be written from the dictionary."""
+    """Return the device sections that must be written from the dictionary, because the file has other or no values."""
     sections = {title.lower(): _section(title, texts) for title, texts in od.sections.items()}
     parsed = read_device(sections, None, Report(""))
     new_sections: dict[str, tuple[str, _Lines]] = {}
@@ -318,7 +318,7 @@ def _lists(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
-    """Yield title and lines of each object and subindex, in rising order."""
+    """Yield the section title and the lines of each object and subindex, in ascending order."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for index, subindex in od.entries:
         subindices.setdefault(index, []).append(subindex)
@@ -354,7 +354,7 @@ def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
 
 
 def _code_text(info: ObjectInfo) -> str:
-    """Return the text of ObjectType from the file, unless it has another meaning there."""
+    """Return the text of ObjectType from the file, unless it is a valid code other than that of the object."""
     text = _get(info.texts, "objecttype")
     try:
         number = parse_number(text)[0]
@@ -365,7 +365,7 @@ def _code_text(info: ObjectInfo) -> str:
 
 
 def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
-    """Return the lines of an entry: the text of the file if it still has the same value, else that of the field."""
+    """Return the lines of an entry: for each key the text of the file if the value is the same, else a new text."""
     section = _section("", entry.texts)
     reader = EntryReader(od.node_id, Report(""))
     name = section.get("parametername") or entry.name

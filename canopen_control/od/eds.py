@@ -92,10 +92,10 @@ TYPES: dict[tuple[int, int], tuple[DataType, ...]] = {
 } | {address: types for types, addresses in _SUBS_BY_TYPE.items() for address in addresses}
 
 
-# Checks of the dictionary against itself and the standards; nothing is changed. PDO defaults: CiA 301, 7.5.2.35 to
-# 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3; mandatory objects: CiA 301, 7.5.1; COB-IDs: CiA 301,
-# table 40; types of the drive profile: CiA 402-2 and -3 (the types of the file remain in use, because the device sends
-# them).
+# Checks of the dictionary for inconsistencies and deviations from the standards; nothing is changed. PDO defaults: CiA
+# 301, 7.5.2.35 to 7.5.2.38; number of subindices: 7.4.4 and CiA 306-1, 4.6.3.3; mandatory objects: CiA 301, 7.5.1;
+# COB-IDs: CiA 301, table 40; types of the drive profile: CiA 402-2 and -3 (the types of the file remain in use, because
+# the device uses them).
 
 
 _MANDATORY = {0x1000: "device type", 0x1001: "error register", 0x1018: "identity"}
@@ -115,12 +115,12 @@ _CODES_OF = {
         *(range(index, index + 1) for index in (0x6048, 0x6049, 0x604A, 0x60C2, 0x60C4)),
     ),
 }
-"""Object codes of objects with subindices in CiA 301 and CiA 402-2."""
+"""Object codes that CiA 301 and CiA 402-2 specify for objects with subindices."""
 _STRUCTURE_SUB = 0xFF  # describes the type of the object and is not counted (CiA 301, 7.4.4)
 
 
 def check_dictionary(od: ObjectDictionary, report: Report) -> None:
-    """Report all inconsistencies of `od`; `report` belongs to its file."""
+    """Report all inconsistencies of `od`; `report` is the report of the file."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
@@ -157,7 +157,7 @@ def _check_limits(entry: Entry, report: Report) -> None:
 
 
 def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
-    """Report a COB-ID that is missing or not allowed for a PDO, SYNC or EMCY; `node_id` replaces $NODEID."""
+    """Report a PDO, SYNC or EMCY COB-ID that is not allowed, and a PDO without one; `node_id` replaces $NODEID."""
     value = entry.value
     if not isinstance(value, int):
         if is_cob_id(*entry.address) and "defaultvalue" not in {key.lower() for key in entry.texts}:
@@ -190,7 +190,7 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
 
 
 def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
-    """Report an array that should be a record, and vice versa (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
+    """Report an array that should be a record, or the reverse (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
     place = f"0x{info.index:04X} ({clip(info.name)})"
     types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
     base = info.index
@@ -339,7 +339,7 @@ _TPDO = _Direction("TPDO", 0x1800, 0x1A00, 0x180)
 
 
 def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
-    """Add the PDO records that CompactPDO defines to `od`."""
+    """Add to `od` the PDO records that CompactPDO implies and that have no section of their own."""
     mask = od.device.compact_pdo & 0x3F
     if not mask:
         return
@@ -392,9 +392,9 @@ def _add_sub0(od: ObjectDictionary, index: int, count: int, access: str) -> None
 
 
 SUFFIXES = (".eds", ".dcf", ".xdd", ".xdc")
-"""Endings of the files that `read_eds` reads."""
+"""Suffixes of the files that `read_eds` reads."""
 MAX_BYTES = 32_000_000
-"""Maximum length of a file: the largest in use have a few MB."""
+"""Maximum length of a file in bytes: the largest in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
 _RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)
@@ -409,7 +409,7 @@ _REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerob
 
 @dataclass(frozen=True, slots=True)
 class EdsFile:
-    """Object dictionary of a file, with its issues."""
+    """Object dictionary read from a file, with the issues found in the file."""
 
     path: str
     od: ObjectDictionary
@@ -422,21 +422,21 @@ _cache: dict[str, tuple[_State, EdsFile]] | None = None
 
 
 def keep_files() -> None:
-    """Parse each file once from now on, while it is unchanged: for this process and its forks."""
+    """Cache each parsed file from now on, while the file is unchanged, for this process and its forks."""
     global _cache
     _cache = {} if _cache is None else _cache
 
 
 def forget_files() -> None:
-    """Undo `keep_files`."""
+    """Discard the cache of `keep_files`, and stop caching."""
     global _cache
     _cache = None
 
 
 def read_eds(path: str | Path, node_id: int | None = None) -> EdsFile:
-    """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and takes precedence over that of the file.
+    """Read the file at `path`; `node_id` (1 to 127) replaces $NODEID and overrides the node id in the file.
 
-    Raises EdsError if the file cannot be read or is not a CANopen EDS.
+    EdsError is raised if the file cannot be read or is not a CANopen EDS.
     """
     if _cache is None:
         return _read_file(path, node_id)
@@ -467,7 +467,7 @@ def _read_file(path: str | Path, node_id: int | None) -> EdsFile:
 
 
 def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
-    """Parse the bytes of a file; `name` is its name in issues and errors."""
+    """Parse the content of a file; `name` is the file name in issues and errors. EdsError as in `read_eds`."""
     report = Report(name)
     if _is_concise(data):
         text = "is a concise DCF: what is written to a device, and no EDS; give it as configuration_file in bus.yml"
@@ -487,7 +487,7 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
 
 
 def _is_concise(data: bytes) -> bool:
-    """Whether the bytes are a concise DCF: each size in it is consistent, which never holds for the text of an EDS."""
+    """Whether the bytes are a concise DCF: all sizes in it are consistent, which no text of an EDS achieves."""
     try:
         return bool(decode_concise(data))
     except ValueError:
@@ -523,9 +523,9 @@ def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
 
 @dataclass(slots=True)
 class _Reader:
-    """Conversion of object sections to objects and entries.
+    """Converter of the object sections of a file to objects and entries.
 
-    Objects are read before their subindices, in any order of the file.
+    Objects are read before their subindices, whatever the order in the file.
     """
 
     od: ObjectDictionary
@@ -538,7 +538,7 @@ class _Reader:
         self.entry_reader = EntryReader(self.od.node_id, self.report)
 
     def run(self) -> None:
-        """Read all object sections and keep the others."""
+        """Read all object sections, and store the texts of the other sections."""
         self.entry_reader.ranges.update(_range_types(self.sections))
         object_sections: list[tuple[int, int, Section]] = []  # subindex -1 denotes the object itself
         for name, section in self.sections.items():
@@ -652,7 +652,7 @@ class _Reader:
                 entries[index, subindex] = self.entry_reader.like(model, subindex, name, values_section, pair.key)
 
     def _compact_pairs(self, name: str, count: int) -> dict[int, Pair]:
-        """Return the entries of a [xxxxName] or [xxxxValue] section by subindex."""
+        """Return the pairs of an [xxxxName] or [xxxxValue] section, by subindex."""
         section = self.sections.get(name)
         if section is None:
             return {}

@@ -1,7 +1,7 @@
 """Sections, keys and entries of EDS and DCF files (CiA 306-1, 4.2 to 4.6).
 
-Accepted are UTF-8, UTF-16 and Windows-1252; CR, LF and CRLF, also mixed; a DOS end-of-file character; any case of
-sections and keys. Of duplicate sections or keys the first is used and the second is reported.
+The reader accepts UTF-8, UTF-16 and Windows-1252; LF, CR and CRLF, also mixed; a DOS end-of-file character; and any
+case of sections and keys. If a section or key is repeated, the first is used and the second is reported.
 
 Large files have hundreds of thousands of lines, nearly all of them plain. In a section of plain lines with different
 keys the line numbers are computed only on request; any other section is read line by line.
@@ -50,9 +50,9 @@ class Pair(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """Section of a file.
+    """Section of an EDS or DCF file.
 
-    `values` by lower-case key, `written` by the key as in the file, both in the order of the file.
+    `values` contains the texts by lower-case key, `written` by the key as in the file, both in the order of the file.
     """
 
     name: str  # in lower case
@@ -64,19 +64,19 @@ class Section:
     lines: dict[str, int] | None = None  # line of each lower-case key
 
     def get(self, key: str) -> str:
-        """Return the text of a lower-case key, empty if it is absent."""
+        """Return the text of a lower-case key, empty if the key is absent."""
         return self.values.get(key, "")
 
     def pair(self, key: str) -> Pair | None:
-        """Return the pair of a lower-case key, None if it is absent."""
+        """Return the pair of a lower-case key, None if the key is absent."""
         return Pair(self.spelled(key), self.values[key], self.line_of(key)) if key in self.values else None
 
     def spelled(self, key: str) -> str:
-        """Return the spelling of a lower-case key in the file."""
+        """Return a lower-case key as the file spells it."""
         return next(written for lower, written in zip(self.values, self.written, strict=True) if lower == key)
 
     def line_of(self, key: str) -> int:
-        """Return the line of a key, or that of the section if the key is absent."""
+        """Return the line of a lower-case key, or the line of the section if the key is absent."""
         return self.line_numbers().get(key, self.line)
 
     def line_numbers(self) -> dict[str, int]:
@@ -86,7 +86,7 @@ class Section:
         return self.lines
 
     def texts(self) -> dict[str, str]:
-        """Return the texts by the keys as in the file."""
+        """Return the texts by key, with the keys spelled as in the file."""
         return self.written
 
     def numbered(self) -> Iterator[Pair]:
@@ -100,13 +100,13 @@ class Section:
 
 
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
-    """Return the line of each key of a section of plain lines that begins in `line`."""
+    """Return the line of each key in the body of a section that contains only plain lines and begins in `line`."""
     numbered = enumerate(body.split("\n"), line + 1)
     return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _has_content(raw)}
 
 
 def _has_content(raw: str) -> bool:
-    """Whether a line has content: neither blank nor a comment."""
+    """Whether a line has content, which means that it is neither blank nor a comment."""
     line = raw.lstrip()
     return bool(line) and line[0] not in _COMMENT
 
@@ -115,7 +115,7 @@ Sections = dict[str, Section]
 
 
 def decode_text(data: bytes) -> tuple[str, str]:
-    """Return the text of a file and the name of its encoding; every byte string has one."""
+    """Decode a file; return the text and the name of the encoding. Every byte string can be decoded."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16", errors="replace"), "utf-16"
     if data[1:2] == b"\0" and data[:1] != b"\0":
@@ -129,7 +129,7 @@ def decode_text(data: bytes) -> tuple[str, str]:
 
 
 def read_number(section: Section, key: str, default: int, report: Report) -> int:
-    """Return the number of a lower-case key, or `default`; an empty or invalid text is reported."""
+    """Return the number of a lower-case key, or `default` if the key is absent; report an empty or invalid text."""
     if key not in section.values:
         return default
     number = _number(section, key, report, default)
@@ -137,7 +137,7 @@ def read_number(section: Section, key: str, default: int, report: Report) -> int
 
 
 def optional_number(section: Section, key: str, report: Report) -> int | None:
-    """Return the number of a lower-case key, or None; an empty or invalid text is reported."""
+    """Return the number of a lower-case key, or None; report an empty or invalid text."""
     return _number(section, key, report) if key in section.values else None
 
 
@@ -158,12 +158,12 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
 
 
 def clip(text: str) -> str:
-    """Return a text of the file, shortened for a message."""
+    """Return a text of the file, shortened to 60 characters for a message."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def split_sections(text: str, report: Report) -> Sections:
-    """Split the text of a file into sections; EdsError if it has none."""
+    """Split the text of a file into sections; raise EdsError if it has none."""
     splitter = _Splitter(report)
     before, *sections = f"\n{_with_plain_ends(text)}".split("\n[")
     number = splitter.read_lines(None, before.split("\n"), 0)
@@ -175,14 +175,14 @@ def split_sections(text: str, report: Report) -> Sections:
 
 
 def _with_plain_ends(text: str) -> str:
-    """Return the text with LF line ends; a DOS end-of-file character and padding zeros become blanks."""
+    """Return the text with LF line ends; DOS end-of-file characters, zeros and byte order marks become blanks."""
     for odd, plain in (("\r\n", "\n"), ("\r", "\n"), ("\x1a", " "), ("\0", " "), ("\ufeff", " ")):
         text = text.replace(odd, plain)
     return text
 
 
 def what_else(text: str) -> str:
-    """Return the format that the beginning of a text indicates, "" if it is unknown or may be an EDS."""
+    """Return the format indicated by the beginning of a text, "" if the format is unknown or may be an EDS."""
     begin = text[:1000].lstrip(_BLANK)
     return next((meaning for start, meaning in _NOT_CANOPEN if begin.startswith(start)), "")
 
@@ -196,7 +196,7 @@ def _why_none(text: str) -> str:
 
 
 class _Keys(dict[str, tuple[str, str]]):
-    """Cache of keys by the text before the equals sign: a file repeats few different ones thousands of times."""
+    """Cache of stripped and lower-case keys, by the text before the equals sign."""
 
     def __missing__(self, raw: str) -> tuple[str, str]:
         key = raw.strip()
@@ -207,7 +207,7 @@ class _Keys(dict[str, tuple[str, str]]):
 
 
 class _Splitter:
-    """State of the splitter: the sections so far, and the handling of lines that are not plain ``key=value``."""
+    """State of the splitting: the sections so far, and the report of lines that are not plain ``key=value``."""
 
     def __init__(self, report: Report) -> None:
         self.report = report
@@ -225,7 +225,7 @@ class _Splitter:
         return self.read_lines(section, lines, number + 1)
 
     def _read_plain(self, section: Section, lines: list[str]) -> bool:
-        """Read the lines of a section; return False without any effect if one of them is not plain."""
+        """Read the lines of a section; return False, without any effect, if one of the lines is not plain."""
         keys, values, written, count = self._keys, dict[str, str](), dict[str, str](), 0
         for line in lines:
             raw, equals, value = line.partition("=")
@@ -269,7 +269,7 @@ class _Splitter:
         section.line_numbers()[lower] = pair.line
 
     def open(self, line: str, number: int) -> Section:
-        """Open a section and return it; the content of a duplicate is discarded."""
+        """Open a section and return it; a repeated section is reported, and its content is discarded."""
         title, closed, rest = line[1:].partition("]")
         title, rest = title.strip(), rest.strip()
         if not closed or (rest and rest[0] not in _COMMENT):
@@ -283,20 +283,20 @@ class _Splitter:
         return section
 
     def stray(self, line: str, number: int) -> None:
-        """Report a line that is not part of a section or has no key."""
+        """Report a line that is outside of any section or has no key."""
         text = f"line {clip(line)!r} is not key=value in a section; ignored"
         self.report.warning(number, "stray-line", text)
 
     def repeated(self, pair: Pair, first: Pair) -> None:
-        """Report a duplicate key."""
+        """Report a repeated key."""
         lost = "with the same value" if pair.value == first.value else f"with {clip(pair.value)!r}, which is ignored"
         text = f"{clip(pair.key)} is repeated {lost}; line {first.line} counts"
         self.report.warning(pair.line, "key-repeated", text)
 
 
-# Entry of one section (CiA 306-1, 4.6.3). Errors are reported and replaced by the least harmful value: an unknown type
-# is treated as bytes of any length, an unreadable access is rw, swapped limits are dropped. A value that does not fit
-# its type is omitted; its text stays in the entry's `texts`.
+# Entry described by one section (CiA 306-1, 4.6.3). Errors are reported and replaced by the least harmful value: an
+# unknown type is treated as bytes of any length, an unreadable access is rw, swapped limits are dropped. A value that
+# does not fit its type is omitted; its text stays in the entry's `texts`.
 
 
 _TYPES: dict[int, DataType] = {int(data_type): data_type for data_type in DataType}
@@ -314,7 +314,7 @@ _VALUE_KEYS = ("defaultvalue", "parametervalue")
 
 
 class RangeType(NamedTuple):
-    """Manufacturer-specific data type: a basic type and the limits of its values."""
+    """Manufacturer-specific data type, defined by a basic type and the limits of the values."""
 
     base: DataType
     low: int | None
@@ -327,9 +327,9 @@ class _Limit(NamedTuple):
 
 
 class _Traits(NamedTuple):
-    """Attributes that entries with the same texts share.
+    """Attributes that are the same for all entries with the same texts.
 
-    `defaults` are texts of values that were read without an issue.
+    `defaults` contains the values that were parsed without an issue, by text.
     """
 
     data_type: DataType
@@ -348,10 +348,10 @@ _NO_VALUE = Parsed(None)
 
 @dataclass(frozen=True, slots=True)
 class EntryReader:
-    """Reader of entries; `node_id` replaces $NODEID, None if it is not known yet.
+    """Reader of the entries of a file; `node_id` replaces $NODEID, None if the node id is not known yet.
 
-    A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` are the
-    manufacturer-specific data types by index.
+    A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` contains
+    the manufacturer-specific data types by index.
     """
 
     node_id: int | None
@@ -360,7 +360,7 @@ class EntryReader:
     ranges: dict[int, RangeType] = field(default_factory=dict)
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
-        """Return the entry of `section`; `code` is its object code."""
+        """Return the entry that `section` describes; `code` is the object code."""
         traits = self._traits(section, code, (index, subindex))
         data_type, is_known, access, pdo_mappable, low, high, obj_flags, _ = traits
         default = self._parsed(section, "defaultvalue", traits) if is_known else _NO_VALUE
@@ -386,7 +386,7 @@ class EntryReader:
         )
 
     def like(self, model: Entry, subindex: int, name: str, values: Section | None = None, key: str = "") -> Entry:
-        """Return a copy of `model` for another subindex, with its default from a [xxxxValue] section, if any."""
+        """Return a copy of `model` for another subindex; if `values` is given, `key` in it contains the default."""
         parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
         default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
         return Entry(
@@ -565,7 +565,7 @@ _HIGHEST_KBITS = 10_000  # a larger Baudrate is in bit/s, a smaller one in kbit/
 
 
 def read_device(sections: Sections, node_id: int | None, report: Report) -> ObjectDictionary:
-    """Return the dictionary without its objects; `node_id` takes precedence over the commissioned one."""
+    """Return a dictionary with the device sections but no objects; `node_id` overrides the node id in the file."""
     od = ObjectDictionary(node_id=node_id)
     info = sections.get("deviceinfo")
     if info is None:
@@ -637,7 +637,7 @@ def _bitrate(section: Section, report: Report) -> int | None:
 
 
 def check_lists(od: ObjectDictionary, sections: Sections, report: Report) -> None:
-    """Compare the three object lists with the objects in the file."""
+    """Report differences between the three object lists and the objects in the file."""
     lists = [section for name in OBJECT_LISTS if (section := sections.get(name)) is not None]
     if not lists:
         report.warning(0, "list-missing", "there are no object lists; the object sections alone count")

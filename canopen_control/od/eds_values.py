@@ -1,8 +1,8 @@
-"""Numbers and values in EDS and DCF files (CiA 306-1, 4.4).
+"""Parser of numbers and values in EDS and DCF files (CiA 306-1, 4.4).
 
 Numbers are decimal, hexadecimal with 0x, or octal with a leading 0; $NODEID may be added. Other notations of vendors
-are accepted with an issue if they are unambiguous. A hexadecimal INTEGERn is the two's complement of its type. A REAL
-is decimal, or its IEEE 754 bits in hexadecimal.
+are accepted with an issue if they are unambiguous. A hexadecimal INTEGERn is the two's complement of the value. A REAL
+is decimal, or its IEEE 754 bits are in hexadecimal.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.
 
 
 class ValueIssue(NamedTuple):
-    """Unusual notation of a value that could be parsed."""
+    """Issue of an unusual notation that could nevertheless be parsed."""
 
     code: str
     severity: Severity
@@ -38,7 +38,7 @@ class ValueIssue(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """Parsed value, None if the text is empty; `relative` if it contained $NODEID."""
+    """Parsed value, None if there is no text; `relative` is True if the text contained $NODEID."""
 
     value: Value | None
     relative: bool = False
@@ -46,7 +46,7 @@ class Parsed(NamedTuple):
 
 
 class Number(NamedTuple):
-    """Integer of a text; `is_hex` if it may be a two's complement."""
+    """Parsed integer; `is_hex` is True if it may be a two's complement."""
 
     value: int
     is_hex: bool = False
@@ -65,12 +65,12 @@ _TWOS = ValueIssue("number-sign", Severity.WARNING, "taken as two's complement")
 
 
 def parse_number(text: str) -> Number:
-    """Return the number in `text`; ValueError if there is none."""
+    """Return the number in `text`; raise ValueError if the text is no number."""
     return _parse(text)
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
-    """Return the value of `text` as `data_type`; ValueError with a message if it is not one.
+    """Parse `text` as a value of `data_type`; raise ValueError with a message if it is not a valid one.
 
     $NODEID counts as 0 if `node_id` is None.
     """
@@ -91,7 +91,7 @@ def _whole(text: str, data_type: DataType, node_id: int | None) -> Parsed:
 
 
 def format_value(value: Value, data_type: DataType) -> str:
-    """Return the text of a value, such that `parse_value` returns the value."""
+    """Return the text of a value, from which `parse_value` returns the same value."""
     if isinstance(value, bytes):
         return value.hex(" ").upper()
     if data_type in REALS and isinstance(value, int | float):
@@ -111,7 +111,7 @@ def real_bits(value: float, data_type: DataType) -> str:
 
 
 def _parse(text: str) -> Number:
-    """Return the number; results are cached, because most lines of most files repeat a few texts."""
+    """Return the number in `text`; results are cached, because most lines of most files repeat a few texts."""
     return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
 
 
@@ -159,7 +159,7 @@ def _odd_number(text: str, issue: ValueIssue | None) -> Number:
 
 
 def _relative(text: str, node_id: int | None) -> Number:
-    """Return the sum of the parts of ``$NODEID+0x200``, in any order and case."""
+    """Return the sum of the parts of a text such as ``$NODEID+0x200``, in any order and case."""
     text = text.partition(";")[0]
     parts = [part.strip() for part in text.split("+", 4)]
     names = [part for part in parts if "$" in part]
@@ -227,7 +227,7 @@ def _text(text: str, data_type: DataType) -> Parsed:
 
 
 def _time(text: str, data_type: DataType) -> Parsed:
-    """Parse the 48 bits of a time: one number, or days and milliseconds as two."""
+    """Parse a 48-bit time, given as one number, or as two numbers for days and milliseconds."""
     parts = text.partition(";")[0].split()
     if len(parts) != _TWO:
         return _whole(text, data_type, None)

@@ -1,8 +1,8 @@
 """Issues of an EDS or DCF file, with severity and line.
 
 An issue never stops the reading. ERROR: a value is lost or contradicts another, so that the device cannot match the
-file. WARNING: something doubtful, with the interpretation chosen. NOTE: allowed or harmless. Scripts can rely on the
-codes; the texts may change.
+file. WARNING: something is doubtful; the text names the interpretation chosen. NOTE: allowed or harmless. Scripts can
+rely on the codes; the texts may change.
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ class Report:
     issues: list[Issue] = field(default_factory=list)
 
     def add(self, line: int, code: str, severity: Severity, text: str) -> None:
-        """Add an issue; line 0 stands for the file as a whole."""
+        """Add an issue; line 0 refers to the file as a whole."""
         self.issues.append(Issue(self.path, max(line, 1), code, severity, text))
 
     def error(self, line: int, code: str, text: str) -> None:
-        """Add an ERROR."""
+        """Add an issue of severity ERROR."""
         self.add(line, code, Severity.ERROR, text)
 
     def warning(self, line: int, code: str, text: str) -> None:
-        """Add a WARNING."""
+        """Add an issue of severity WARNING."""
         self.add(line, code, Severity.WARNING, text)
 
     def note(self, line: int, code: str, text: str) -> None:
-        """Add a NOTE."""
+        """Add an issue of severity NOTE."""
         self.add(line, code, Severity.NOTE, text)

@@ -1,8 +1,8 @@
 """Object dictionary of a node as plain data.
 
-Objects are addressed by (index, subindex); names are only for display, since one device in four uses a name twice.
-Types, access and mappability are those of the file, not of a profile (CiA 301, 7.4; CiA 306-1). The dictionary contains
-the data of the file, even if they are inconsistent; `check_dictionary` reports that.
+Objects are addressed by (index, subindex); names are only for display, since in one of four devices they are not
+unique. Types, access and mappability are those of the file, not of a profile (CiA 301, 7.4; CiA 306-1). The dictionary
+contains the data of the file, even if they are inconsistent; `check_dictionary` reports inconsistent data.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ class DataType(enum.IntEnum):
 
     @property
     def signed(self) -> bool:
-        """Whether the type is one of INTEGERn."""
+        """Whether the type is an INTEGERn type."""
         return self in _SIGNED
 
     @property
     def is_integer(self) -> bool:  # type: ignore[override, unused-ignore]  # int has a method of this name since 3.12
-        """Whether values are integers: BOOLEAN, INTEGERn, UNSIGNEDn and the two time types."""
+        """Whether the values are integers: BOOLEAN, INTEGERn, UNSIGNEDn and the two time types."""
         return self in _BITS and self not in _REALS
 
     @property
@@ -85,12 +85,12 @@ class DataType(enum.IntEnum):
 
     @property
     def minimum(self) -> int:
-        """Minimum of an integer type; 0 for other types."""
+        """Lowest value of an integer type; 0 for other types."""
         return _RANGES.get(self, (0, 0))[0]
 
     @property
     def maximum(self) -> int:
-        """Maximum of an integer type; 0 for other types."""
+        """Highest value of an integer type; 0 for other types."""
         return _RANGES.get(self, (0, 0))[1]
 
 
@@ -124,8 +124,8 @@ _TPDO = frozenset(("ro", "rw", "rwr", "const"))
 class Entry:
     """One subindex of an object.
 
-    `default` is DefaultValue and `parameter_value` the ParameterValue of a DCF, None if absent. A `relative` value is
-    written with $NODEID in the file: it includes the node id if the dictionary has one.
+    `default` is the DefaultValue and `parameter_value` the ParameterValue of a DCF, None if absent. A `relative` value
+    is written with $NODEID in the file; the node id is added to it if the dictionary has one.
     """
 
     index: int
@@ -148,22 +148,22 @@ class Entry:
 
     @property
     def address(self) -> Address:
-        """The pair (index, subindex)."""
+        """Address of the entry: the pair (index, subindex)."""
         return self.index, self.subindex
 
     @property
     def value(self) -> Value | None:
-        """Value after configuration: ParameterValue, else DefaultValue."""
+        """Value after configuration: the ParameterValue, else the DefaultValue, None without either."""
         return self.default if self.parameter_value is None else self.parameter_value
 
     @property
     def readable(self) -> bool:
-        """Whether SDO upload is allowed."""
+        """Whether the access type permits an SDO upload."""
         return self.access in _READABLE
 
     @property
     def writable(self) -> bool:
-        """Whether SDO download is allowed."""
+        """Whether the access type permits an SDO download."""
         return self.access in _WRITABLE
 
     @property
@@ -190,7 +190,7 @@ class ObjectInfo:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """Section [DeviceInfo]; numbers are None if absent."""
+    """Content of the section [DeviceInfo]; the identity numbers are None if they are absent."""
 
     vendor_name: str = ""
     vendor_number: int | None = None
@@ -212,7 +212,7 @@ class DeviceInfo:
 
 @dataclass(frozen=True, slots=True)
 class Commissioning:
-    """Section [DeviceComissioning] of a DCF, without node id and bit rate."""
+    """Content of the section [DeviceComissioning] of a DCF, without node id and bit rate."""
 
     node_name: str = ""
     network_number: int | None = None
@@ -225,7 +225,7 @@ class Commissioning:
 class ObjectDictionary:
     """Entries of a node, addressed by (index, subindex).
 
-    `bitrate` is in bit/s. `sections` contains the sections without a field, as in the file.
+    `bitrate` is in bit/s. `sections` contains the texts of the file's sections other than those of objects.
     """
 
     node_id: int | None = None
@@ -251,11 +251,11 @@ class ObjectDictionary:
         return len(self.entries)
 
     def get(self, index: int, subindex: int = 0) -> Entry | None:
-        """Return the entry, or None."""
+        """Return the entry at an address, None if it does not exist."""
         return self.entries.get((index, subindex))
 
     def add(self, entry: Entry) -> None:
-        """Add or replace an entry; a new index becomes an object."""
+        """Add or replace an entry; an object is created for a new index."""
         self.entries[entry.address] = entry
         if entry.index not in self.objects:
             scalar = ObjectCode.DOMAIN if entry.data_type is DataType.DOMAIN else ObjectCode.VAR
@@ -263,11 +263,11 @@ class ObjectDictionary:
             self.objects[entry.index] = ObjectInfo(entry.index, entry.name, code)
 
     def subindices(self, index: int) -> list[int]:
-        """Return the subindices of an object in rising order, empty if it is absent."""
+        """Return the subindices of an object in ascending order, empty if the object does not exist."""
         return sorted(sub for i, sub in self.entries if i == index)
 
     def find(self, name: str) -> Entry | None:
-        """Return the entry with this name, None if there is none or more than one.
+        """Return the entry with this name, None if there is no such entry or more than one.
 
         A sub-object may be named together with its object, ``Object.Sub``. Case is significant only if names differ in
         nothing else.
@@ -288,7 +288,7 @@ class ObjectDictionary:
         return entry.name, f"{info.name}.{entry.name}"
 
     def for_node(self, node_id: int) -> ObjectDictionary:
-        """Return a copy for `node_id`, which replaces $NODEID; one parsed file serves many nodes."""
+        """Return a copy for `node_id`, which replaces $NODEID, so that a file is parsed once for many nodes."""
         shift = node_id - (self.node_id or 0)
         entries = self.entries.copy()
         for address, entry in self.entries.items() if shift else ():
@@ -297,7 +297,7 @@ class ObjectDictionary:
         return replace(self, node_id=node_id, entries=entries, objects=dict(self.objects), sections=dict(self.sections))
 
 
-_RELATIVE = {  # flag of an entry: the field that it describes
+_RELATIVE = {  # flag of an entry: the field to which the flag belongs
     "relative": "default",
     "parameter_relative": "parameter_value",
     "low_relative": "low",

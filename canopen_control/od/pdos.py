@@ -26,7 +26,7 @@ _MULTIPLEXED = (254, 255)  # number of mapped objects of SAM- and DAM-MPDOs (CiA
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """Mapped object; `entry` is None if the dictionary lacks it, `source` is the mapping entry."""
+    """Mapped object; `entry` is None if the dictionary does not contain it, `source` is the entry with the mapping."""
 
     index: int
     subindex: int
@@ -36,13 +36,13 @@ class Mapped:
 
     @property
     def is_dummy(self) -> bool:
-        """Whether the object is a data type that fills a gap of an RPDO."""
+        """Whether the object is a dummy, a data type that fills a gap in an RPDO."""
         return 1 <= self.index <= 7 and self.subindex == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Pdo:
-    """Default of one PDO; `count` is the number of mapped objects in sub 0, None if absent."""
+    """Default configuration of one PDO; `count` is the number of mapped objects in subindex 0, None if absent."""
 
     number: int  # from 1
     is_rpdo: bool
@@ -66,12 +66,12 @@ class Pdo:
 
     @property
     def bits(self) -> int:
-        """Number of the 64 bits in use."""
+        """Number of mapped bits; more than 64 are an error."""
         return sum(mapped.bits for mapped in self.mapped)
 
 
 def pdo_of(index: int) -> tuple[str, int] | None:
-    """Return kind ("rpdo", "tpdo") and number of the PDO of a communication or mapping record.
+    """Return the kind ("rpdo" or "tpdo") and the number of the PDO to which a communication or mapping record belongs.
 
     The result is None for other objects.
     """
@@ -88,7 +88,7 @@ def is_cob_id(index: int, subindex: int) -> bool:
 
 
 def pdos_of(od: ObjectDictionary) -> list[Pdo]:
-    """Return all PDOs with a communication or mapping record, RPDOs first, by number."""
+    """Return all PDOs with a communication or mapping record: first the RPDOs, then the TPDOs, by number."""
     return list(_pdos(od))
 
 

@@ -1,8 +1,8 @@
-"""XDD and XDC files (CiA 311), the XML form of EDS and DCF: reader and writer.
+"""Reader and writer of XDD and XDC files (CiA 311), the XML forms of EDS and DCF.
 
-A file is converted to the sections of the equivalent EDS, with the lines of its elements, so that one reader and one
-set of checks serve both forms. An object has its type, access and values as attributes, or in the <parameter> of the
-device profile that its `uniqueIDRef` names, as CANopenNode's editor writes it; attributes take precedence.
+A file is converted to the sections of the equivalent EDS, with the lines of the XML elements, so that one reader and
+one set of checks suffice for both forms. An object has its type, access and values as attributes, or in the <parameter>
+of the device profile that its `uniqueIDRef` names, as CANopenNode's editor writes it; attributes take precedence.
 """
 
 from __future__ import annotations
@@ -113,27 +113,27 @@ class _Element:
     text: str = ""
 
     def descendants(self) -> Iterator[_Element]:
-        """Yield the elements below this one in the order of the file."""
+        """Yield all elements below this element, in the order of the file."""
         for child in self.children:
             yield child
             yield from child.descendants()
 
     def find(self, tag: str) -> _Element | None:
-        """Return the first descendant with this name, None if absent."""
+        """Return the first descendant with this tag, None if there is none."""
         return next((descendant for descendant in self.descendants() if descendant.tag == tag), None)
 
     def value_of(self, tag: str) -> str | None:
-        """Return the attribute `value` of a child with this name, None if absent."""
+        """Return the attribute `value` of the first child with this tag, None if absent."""
         return next((child.attributes.get("value") for child in self.children if child.tag == tag), None)
 
 
 def is_xml(text: str) -> bool:
-    """Whether a text begins like XML."""
+    """Whether a text begins like an XML document."""
     return text[:1000].lstrip(" \t\r\n\x00\ufeff").startswith("<")
 
 
 def xdd_sections(text: str, report: Report) -> Sections:
-    """Return a device description as the sections of an EDS; EdsError for another document."""
+    """Convert a device description to the sections of an EDS; raise EdsError for another kind of document."""
     root = _parse(text, report.path)
     if root.tag != _CONTAINER:
         raise EdsError(
@@ -158,7 +158,7 @@ def xdd_sections(text: str, report: Report) -> Sections:
 
 
 def _parse(text: str, path: str) -> _Element:
-    """Return the root element; EdsError for XML that is not well-formed, and for entities that it declares itself."""
+    """Return the root element; raise EdsError for XML that is not well-formed or has a DOCTYPE."""
     stack = [_Element("", 0, {})]
     parser = xml.parsers.expat.ParserCreate()
 
@@ -251,7 +251,7 @@ def _object_sections(root: _Element, parameters: Mapping[str, _Element], report:
 
 
 def _number(element: _Element, attribute: str, highest: int, report: Report) -> int | None:
-    """Return a hexadecimal index or subindex; None, and an error in the report, for an invalid one."""
+    """Return a hexadecimal index or subindex; report an error and return None if it is invalid."""
     text = element.attributes.get(attribute, "")
     try:
         number = int(text, 16)
@@ -264,7 +264,7 @@ def _number(element: _Element, attribute: str, highest: int, report: Report) -> 
 
 
 def _texts(element: _Element, parameters: Mapping[str, _Element], report: Report) -> dict[str, str]:
-    """Return the EDS keys of an object or subindex and its parameter."""
+    """Return the EDS keys and texts of an object or subindex, including those of its parameter."""
     reference = element.attributes.get("uniqueIDRef")
     texts = {}
     if reference is not None and (parameter := parameters.get(reference)) is not None:
@@ -301,7 +301,7 @@ def _of_parameter(parameter: _Element) -> dict[str, str]:
 
 
 def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
-    """Return the text of an XDD; with `configured` of an XDC, with node id, bit rate and parameter values."""
+    """Return the text of an XDD, or with `configured` of an XDC with node id, bit rate and parameter values."""
     device = od.device
     identity = (
         ("vendorName", device.vendor_name),
@@ -342,7 +342,7 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
 
 
 def _network_lines(od: ObjectDictionary, *, configured: bool) -> list[str]:
-    """Return the features of the device; with `configured` also its node id, bit rate and network."""
+    """Return the lines for the features of the device; with `configured` also for node id, bit rate and network."""
     device, commissioning = od.device, od.commissioning
     features = {
         "granularity": device.granularity,
@@ -442,7 +442,7 @@ def _written_objects(od: ObjectDictionary, *, configured: bool) -> Iterator[str]
 
 
 def _attribute(name: str, texts: Mapping[str, str]) -> str:
-    """Return an attribute for the keys of an EDS, in lower case."""
+    """Return the value of an XML attribute, converted from EDS `texts` with lower-case keys."""
     text, access = texts[_ATTRIBUTES[name].lower()], texts.get("accesstype", "").lower()
     if name == "PDOmapping":
         if text.strip() in ("", "0", "0x0"):
