@@ -1,7 +1,7 @@
-"""Identity of a node, its EDS file, and the comparison with bus.yml.
+"""Identity of a node, and comparisons with other devices, EDS files and bus.yml.
 
-Vendor and product decide which EDS a node has (0x1018:01 and 02); the revision only chooses among
-several. What is expected is what the boot would refuse (CiA 302-2), where 0 stands for anything.
+Vendor and product (0x1018:01 and 02) decide which EDS fits a node; the revision only chooses among several. As in the
+boot of a node (CiA 302-2), an expected value of 0 accepts any value.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FIELDS: Final[dict[str, tuple[Address, str]]] = {
     "revision_number": ((0x1018, 3), "revision"),
     "serial_number": ((0x1018, 4), "serial number"),
 }
-"""The numbers of an identity: field, object and label."""
+"""Numbers of an identity: object and label by field of `DeviceIdentity`."""
 NAME: Final[Address] = (0x1008, 0)
 TEXTS: Final[dict[str, Address]] = {"device_name": NAME, "hardware": (0x1009, 0), "software": (0x100A, 0)}
 OBJECTS: Final = {**{field: address for field, (address, _) in FIELDS.items()}, **TEXTS}
@@ -37,7 +37,7 @@ OBJECTS: Final = {**{field: address for field, (address, _) in FIELDS.items()}, 
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Identity that a device shows: 0x1000, 0x1018, and the names 0x1008 to 0x100A; None or "" for missing ones."""
+    """Identity that a device reports in 0x1000, 0x1018, and 0x1008 to 0x100A; None or "" for missing values."""
 
     device_type: int | None = None
     vendor_id: int | None = None
@@ -50,7 +50,7 @@ class DeviceIdentity:
 
     @classmethod
     def of(cls, numbers: Iterable[int | None], texts: Iterable[str | None] = (None, None, None)) -> DeviceIdentity:
-        """Return an identity from its numbers in the order of `FIELDS`, and its texts in that of `TEXTS`."""
+        """Return an identity from numbers in the order of `FIELDS`, and texts in the order of `TEXTS`."""
         device_type, vendor_id, product_code, revision_number, serial_number = numbers
         device_name, hardware, software = texts
         return cls(
@@ -58,11 +58,11 @@ class DeviceIdentity:
         )
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return why two devices are different products, whose parameters must not be exchanged."""
+        """Return differences of device type, vendor and product, with which parameters must not be exchanged."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
-        """Return differences within one product: revision and software; serial numbers always differ."""
+        """Return the differences of revision and software, which two devices of one product may have."""
         return self._differences(other, ("revision_number", "software"))
 
     def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
@@ -80,7 +80,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class KnownEds:
-    """EDS file and the identity in it."""
+    """EDS file with the identity that it contains."""
 
     path: Path
     vendor_id: int
@@ -89,20 +89,20 @@ class KnownEds:
 
 
 def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
-    """Return the identity from objects by address; refused ones are None."""
+    """Return the identity from uploaded bytes by address; None for missing objects."""
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
     return DeviceIdentity.of((_number(data.get(address)) for address, _ in FIELDS.values()), (text, None, None))
 
 
 def _number(data: object) -> int | None:
-    """Return an UNSIGNED32, the type of all `FIELDS`; None for other data."""
+    """Decode an UNSIGNED32, the type of all `FIELDS`; None for data of another length."""
     padded = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
     return None if padded is None else int.from_bytes(padded, "little")
 
 
 def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
-    """Read the identities of EDS files; the second list has the unreadable ones with the reason."""
+    """Read the identities of EDS files; the second list has the errors of unreadable files."""
     candidates, refused = [], []
     for path in paths:
         try:
@@ -117,7 +117,7 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
 
 
 def vendor_and_product(path: Path) -> tuple[int, int]:
-    """Return vendor and product of an EDS, 0 if missing; (0, 1) for an unreadable file."""
+    """Return the vendor and product in an EDS, 0 if missing; (0, 1) for an unreadable file."""
     try:
         od = read_eds(path).od
     except EdsError:
@@ -126,7 +126,7 @@ def vendor_and_product(path: Path) -> tuple[int, int]:
 
 
 def eds_number(od: ObjectDictionary, subindex: int) -> int:
-    """Return 0x1018 of an EDS: the default, else that of [DeviceInfo]; 0 if the file lacks the subindex."""
+    """Return a number of 0x1018 in an EDS: the default, else the one in [DeviceInfo]; 0 without the subindex."""
     if (entry := od.get(0x1018, subindex)) is None:
         return 0
     info = {1: od.device.vendor_number, 2: od.device.product_number, 3: od.device.revision_number}
@@ -134,7 +134,7 @@ def eds_number(od: ObjectDictionary, subindex: int) -> int:
 
 
 def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the best matching file, and a remark: another revision, or equally good files."""
+    """Return the EDS that matches best, or None, and a remark if the revision or product does not match exactly."""
     same = [
         eds
         for eds in candidates
@@ -150,13 +150,13 @@ def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple
 
 
 def _of_the_vendor(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the only file of the vendor without a product code."""
+    """Return the EDS of the vendor that has no product code, if there is exactly one, with a remark."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 
 
 def differences(identity: DeviceIdentity, expected: NodeIdentity) -> list[str]:
-    """Return the differences from `expected` in words; 0 in `expected` accepts any value."""
+    """Return the differences from `expected` as texts; a number of 0 in `expected` accepts any value."""
     texts = []
     for field, (_, label) in FIELDS.items():
         expected_number, has = getattr(expected, field), getattr(identity, field)

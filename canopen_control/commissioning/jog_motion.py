@@ -1,7 +1,7 @@
-"""Command of a jog, by held keys or for a motion with an end, within limits of speed, travel and torque; units.
+"""Command of a jog, either by held keys or for a motion with an end, within limits of speed, travel and current.
 
-Sans-IO, time is `now` in monotonic ns. The drive moves only while a key is held, or until the motion's own end; any
-other key, a limit, or a drive that is no longer enabled ends it. `ended` is the reason. Positions are those of the
+Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion; any
+other key, a limit, or the drive being no longer enabled ends the jog. `ended` is the reason. Positions are those of the
 drive's shaft since the start of the jog.
 """
 
@@ -30,7 +30,7 @@ _COUNTS: Final = 2.0  # of the position: fewer are the noise of one that stands
 
 
 class JogKind(Enum):
-    """Quantity that a jog commands."""
+    """Quantities that a jog can command; the values are names of command interfaces."""
 
     VELOCITY = "velocity"
     POSITION = "position"
@@ -38,7 +38,7 @@ class JogKind(Enum):
 
 
 class JogEnd(Enum):
-    """Reason for the end of a jog; those other than success are failures."""
+    """Reasons for the end of a jog; the values are texts for users."""
 
     NONE = ""
     REQUESTED = "ended by a key"
@@ -52,13 +52,13 @@ class JogEnd(Enum):
 
     @property
     def failed(self) -> bool:
-        """Whether a cause other than the user ended it."""
+        """Whether a limit of speed or current, or the state of the drive, ended the jog."""
         return self in (JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
 
 
 @dataclass(frozen=True, slots=True)
 class JogLimits:
-    """Limits: `speed` in rad/s, `travel` in rad in each direction, `current` in 1/1000 of the rated current."""
+    """Limits of `speed` in rad/s, `travel` in rad in each direction, and `current` in per mille of the rated one."""
 
     speed: float
     travel: float
@@ -70,7 +70,7 @@ _MAX_TRAVEL: Final = 10.0 * math.tau  # rad
 
 
 def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED) -> JogLimits:
-    """Return the limits of a motion; `speed` is that without an option. ConfigError for a unit without a scale."""
+    """Return the limits of a motion, `speed` being the default speed; ConfigError for a unit without a known scale."""
 
     def limit(quantity: Quantity | None, otherwise: float) -> float:
         return otherwise if quantity is None else abs(scale.si(quantity))
@@ -79,9 +79,9 @@ def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED)
 
 
 class JogMotion:
-    """Jog of `value` (rad/s, rad from the start, or per mille): by held keys, or for `seconds`.
+    """Jog by held keys, for `seconds`, or to a position; `value` is in rad/s, in rad from the start, or per mille.
 
-    `command` is the value to send; a position is None until the start is known.
+    `command` is the value to send; for a position it is None until the start position is known.
     """
 
     def __init__(self, kind: JogKind, value: float, limits: JogLimits, *, seconds: float | None, now: int) -> None:
@@ -100,12 +100,12 @@ class JogMotion:
 
     @property
     def by_keys(self) -> bool:
-        """Whether held keys move the drive."""
+        """Whether the drive moves only while a key is held."""
         return self._held
 
     @property
     def speed(self) -> float:
-        """Speed commanded by a held key."""
+        """Value commanded while a key is held, in rad/s or per mille."""
         return self._keys.speed
 
     @property
@@ -115,7 +115,7 @@ class JogMotion:
 
     @property
     def command(self) -> float | None:
-        """Value to send; 0 at rest, None for a position that is still unknown."""
+        """Value to send; 0 for no motion, None for a position while the start position is unknown."""
         if self.kind is JogKind.POSITION:
             return None if self._start is None else self._start + self._value
         if self.ended is not JogEnd.NONE:
@@ -126,9 +126,9 @@ class JogMotion:
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
     def nothing_turned(self, resolution: float) -> str | None:
-        """Return a sentence if no rotation of the shaft was measured, None otherwise.
+        """Return a sentence if no rotation of the shaft was measured, else None.
 
-        `resolution` of its position in rad.
+        `resolution` is that of the measured position, in rad.
         """
         if math.isnan(self._farthest):
             if self._fastest > 0.0:  # not for nan
@@ -147,7 +147,7 @@ class JogMotion:
         )
 
     def key(self, name: str, now: int) -> None:
-        """Process a key of `KeyDecoder`; every key ends a motion with an end."""
+        """Process a key from `KeyDecoder`; in a motion with an end, every key ends the motion."""
         if name == "focus-in":
             return
         if not self._held:
@@ -170,18 +170,18 @@ class JogMotion:
             self.end(JogEnd.REQUESTED)
 
     def tick(self, now: int) -> None:
-        """Process time: release a key that is not repeated, complete a motion with an end."""
+        """Advance the time: release a key that is no longer repeated, or end a motion after its duration."""
         self._keys.tick(now)
         if self._deadline is not None and now >= self._deadline:
             self.end(JogEnd.OVER)
 
     def next_deadline(self) -> int | None:
-        """Return when `tick` has something to do."""
+        """Return the time of the next `tick` that has an effect; None if there is none."""
         deadlines = [deadline for deadline in (self._keys.next_deadline(), self._deadline) if deadline is not None]
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Process the state of the drive: rad, rad/s, per mille, None if unknown."""
+        """Process the measured values in rad, rad/s and per mille, None if unknown; ends the jog at a limit."""
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
@@ -197,7 +197,7 @@ class JogMotion:
         self._check_travel(velocity)
 
     def end(self, why: JogEnd) -> None:
-        """End the jog; the first reason is kept."""
+        """End the jog with a reason; if the jog has ended already, the first reason is kept."""
         if self.ended is JogEnd.NONE:
             self.ended = why
         self._keys.stop()
@@ -208,7 +208,7 @@ class JogMotion:
         return self._sign if self._keys.velocities.moving else 0
 
     def _blocked(self, sign: int) -> bool:
-        """Return whether the travel in this direction is used up."""
+        """Whether the travel in this direction is used up."""
         return not math.isnan(self.travelled) and sign * self.travelled >= self.limits.travel
 
     def _check_travel(self, velocity: float | None) -> None:
@@ -226,6 +226,6 @@ class JogMotion:
             self.end(JogEnd.TRAVEL)
 
     def _bound(self) -> None:
-        """Limit the speed selected by keys."""
+        """Limit the speed that keys have selected."""
         most = self.limits.current if self.kind is JogKind.TORQUE else self.limits.speed
         self._keys.speed = self._keys.turn = min(self._keys.speed, most)

@@ -1,7 +1,7 @@
-"""Reader of the objects on screens, of all nodes in turn, at a rate that does not delay a robot.
+"""Reader that polls the objects on screens, for all nodes in turn, at a rate that does not delay a robot.
 
-One thread serves all screens of a process: an object on two screens is read once, and the rate is that of one verb. The
-object read longest ago is next. The thread ends when no screen needs it.
+One thread works for all screens of a process: an object on two screens is read once, and the rate is that of a single
+command. The object whose last reading is the oldest is next. The thread ends when no screen shows objects.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
 
 
-# The objects of one node of a running robot, for all screens of a process: its EDS, sessions, what was read last.
+# Objects of one node of a running robot, for all screens of a process: the EDS, sessions, and the last values.
 
 
 _TIMEOUT_S: Final = 2.0  # for the connection
 
 
 class NodeObjects:
-    """Node at `place` of the running robot `robot`; `source` is its name for writes, `connect` is for tests.
+    """Node of a running robot, with the last values of its objects; `source` names the writer in the robot's events.
 
-    `live` contains the last values of its objects, each with a number that grows with every change; `lost` is the
-    reason why they cannot be read.
+    `live` contains the last readings by address, with a number that increases with every change. `lost` is the reason
+    why objects cannot be read at present, else "". `connect` can be replaced in tests.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class NodeObjects:
         self._news = 0
 
     def dictionary(self) -> ObjectDictionary | None:
-        """Return the EDS of the node, read once; EdsError if it cannot be read. Blocks."""
+        """Return the EDS of the node, None without one; EdsError if it cannot be read. Blocks at the first call."""
         with self._reading:
             if not self._has_read:
                 self._od, self._has_read = dictionary_of(self.place), True
@@ -62,7 +62,7 @@ class NodeObjects:
 
     @contextlib.contextmanager
     def session(self) -> Iterator[NodeSession]:
-        """Open a session with the node on a separate connection. Blocks: use it on a thread."""
+        """Open a session with the node on a separate connection; blocks, so call it on a thread of its own."""
         od = self.dictionary()
         with (
             self._connect(self.robot, _TIMEOUT_S) as client,
@@ -71,7 +71,7 @@ class NodeObjects:
             yield session
 
     def keep(self, live: LiveObject) -> None:
-        """Store the value of an object, with a sequence number of its changes."""
+        """Store the reading of an object; the number of changes increases if the reading is different."""
         before = self.live.get(live.entry.address)
         if before is None or before[1] != live:
             self._news += 1
@@ -84,7 +84,7 @@ _IDLE_S: Final = 0.2  # while nothing is due
 
 
 class LiveReader:
-    """Reader of objects while a screen shows them; `clock` and `sleep` in s."""
+    """Thread that polls objects while a screen shows them; `clock` and `sleep` are in s."""
 
     def __init__(
         self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
@@ -96,7 +96,7 @@ class LiveReader:
         self._next_reads: dict[tuple[str, Address], float] = {}
 
     def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
-        """Set the objects of a node that a screen shows, none to stop."""
+        """Set which objects of a node a screen shows; an empty collection ends the polling for the screen."""
         with self._lock:
             scanned = tuple(entry for entry in entries if is_scanned(entry))
             if scanned:
@@ -108,11 +108,11 @@ class LiveReader:
                 self._thread.start()
 
     def soon(self, node: NodeObjects, entry: Entry) -> None:
-        """Read an object next, because it was written."""
+        """Read an object next, for instance because it was written."""
         self._next_reads.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
-        """Read until no screen shows objects; the body of the thread."""
+        """Poll until no screen shows objects; the target function of the thread."""
         try:
             self._read_all()
         except BaseException:  # the next user starts it again
@@ -135,7 +135,7 @@ class LiveReader:
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
-        """Return the next entry to read, None for the entry while none is due; None at the end."""
+        """Return the node and the entry to read next (entry None: nothing is due yet); None if no screen is left."""
         with self._lock:
             if not self._requests:
                 self._thread = None

@@ -1,8 +1,7 @@
 """Service session with one node: typed objects, identity, NMT state and CiA 402 states, over any SDO transport.
 
-Sans-IO except for `Transfers`, which a bare bus and a running robot implement (`cli/support/target.py`), and a
-dictionary in tests. Values have the types of the EDS (CiA 306), states are those of CiA 402. A session writes only on
-request.
+Sans-IO except for `Transfers`, which is implemented for a bare bus and for a running robot, and by a dictionary in
+tests. Values have the types of the EDS (CiA 306), states are those of CiA 402. A session writes only on request.
 """
 
 from __future__ import annotations
@@ -37,41 +36,42 @@ _DECIDING: Final = ("vendor_id", "product_code")  # vendor and product identify 
 
 
 class Transfers(Protocol):
-    """SDO transport to one node."""
+    """SDO transport to one node, with NMT commands where the transport allows them."""
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object; raises RemoteError or RemoteProtocolError."""
+        """Upload an object; RemoteError or RemoteProtocolError if that fails."""
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; RemoteError or RemoteProtocolError."""
+        """Download an object; RemoteError or RemoteProtocolError if that fails."""
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout of each answer in s; None: the default."""
+        """Set the timeout in s for an answer; None means the default."""
 
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command, on a bare bus only; DriveError if the node does not enter the state."""
 
     def nmt_state(self) -> NmtState | None:
-        """Return the last state of the node; None if unknown."""
+        """Return the last known NMT state of the node; None if unknown."""
 
     def taken_out(self) -> bool:
-        """Return whether no running robot uses the node; True on a bare bus."""
+        """Whether no running robot uses the node; True on a bare bus."""
 
     def progress(self) -> tuple[int, int | None]:
-        """Return the number of bytes transferred and the size; may be called from another thread."""
+        """Return the number of bytes transferred so far and the total, None if unknown; callable from any thread."""
 
     def pause(self, seconds: float) -> None:
-        """Let time pass: that of this computer, or of a simulation."""
+        """Wait for a time in s of this computer, or of a simulation."""
         time.sleep(seconds)
 
     def close(self) -> None:
-        """Close what the transfers have opened for themselves."""
+        """Close connections that the transport has opened itself."""
 
 
 class NodeSession:
-    """Session with one node: `name` in bus.yml or "", `od` its EDS or None, `robot` its transport, "" on a bare bus.
+    """Session with one node of a robot, or of a bus without a robot.
 
-    Without `od` it is the file `eds` of the node, read on first use (EdsError).
+    `name` is the node's name in bus.yml or "", `robot` the name of the robot or "" on a bare bus. `od` is the EDS of
+    the node, or None; if it is not given, the file `eds` is read on first use (EdsError).
 
     Every call may raise the errors of the node or the robot: RemoteProtocolError (SdoAbort, SdoTimeout) or RemoteError.
     """
@@ -96,12 +96,12 @@ class NodeSession:
 
     @functools.cached_property
     def od(self) -> ObjectDictionary | None:
-        """EDS of the node; None without one."""
+        """EDS of the node; None if there is none."""
         return None if self._eds is None else read_eds(self._eds, self.node_id).od
 
     @property
     def dictionary(self) -> ObjectDictionary:
-        """EDS of the node; ConfigError without one."""
+        """EDS of the node; raises ConfigError if there is none."""
         if self.od is None:
             raise ConfigError(f"{self}: no file describes its objects; give its EDS with --eds FILE")
         return self.od
@@ -117,11 +117,11 @@ class NodeSession:
         self.transfers.write(index, subindex, data)
 
     def read_value(self, entry: Entry) -> Value:
-        """Upload an object with the type of its entry; SdoLengthError for an answer with another length."""
+        """Upload an object and decode it with the entry's data type; SdoLengthError for an answer of another length."""
         return self.decoded(entry, self.read(entry.index, entry.subindex))
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
-        """Return uploaded bytes as a value of the entry's type; SdoLengthError for another length."""
+        """Decode uploaded bytes with the entry's data type; SdoLengthError for another length."""
         padded = fitted(data, entry.data_type)
         if padded is None:
             expected = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
@@ -129,7 +129,7 @@ class NodeSession:
         return decode(padded, entry.data_type)
 
     def write_value(self, entry: Entry, value: Value) -> None:
-        """Write a value with the type of its entry; ConfigError if it does not fit."""
+        """Encode a value with the entry's data type and download it; ConfigError if the value does not fit."""
         try:
             data = encode(value, entry.data_type)
         except ValueError as error:
@@ -149,7 +149,7 @@ class NodeSession:
     # -- identity
 
     def identity(self) -> DeviceIdentity:
-        """Read the device type, the identity (0x1018) and the names that the EDS has."""
+        """Read the device type, the numbers of 0x1018, and the names for which the EDS has objects."""
         numbers = [self.number(*address) for address, _ in FIELDS.values()]
         return DeviceIdentity.of(numbers, [self._text(*address) for address in TEXTS.values()])
 
@@ -166,7 +166,7 @@ class NodeSession:
         return " ".join(str(value).split())
 
     def identity_differences(self) -> list[str]:
-        """Return the differences that indicate another device than in the EDS; a revision alone does not."""
+        """Return the differences of vendor and product from the EDS; a different revision does not count."""
         texts = []
         for (index, subindex), label in (FIELDS[field] for field in _DECIDING):
             expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
@@ -175,20 +175,20 @@ class NodeSession:
                 texts.append(f"{label} 0x{expected:08X} in the EDS, {shown} found")
         return texts
 
-    # -- what it does
+    # -- states
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state; None if unknown."""
+        """Return the last known NMT state; None if unknown."""
         return self.transfers.nmt_state()
 
     def axes(self) -> range:
-        """Return the numbers of the axes of a CiA 402 drive; without an EDS the first is assumed."""
+        """Return the axis numbers of a CiA 402 drive; without an EDS only the first axis."""
         if self.od is None:
             return range(1)
         return range(axis_count({index for index, _ in self.od.entries}))
 
     def drive_states(self) -> dict[int, State | None]:
-        """Read the states by axis (0x6041): empty for other devices, None for an undefined statusword."""
+        """Read the CiA 402 states by axis, None for an undefined statusword; axes without a statusword are missing."""
         words = {
             axis: self.number(axis_index(STATUSWORD, axis), 0, DataType.UNSIGNED16)
             for axis in self.axes()
@@ -202,11 +202,11 @@ class NodeSession:
 
 
 def is_abort(error: CanopenError) -> bool:
-    """Return whether a node refused one object, directly or through a robot."""
+    """Whether an error means that a node aborted an SDO transfer, directly or through a robot."""
     return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
 
 
-# The SDO transfers of one node of a running robot: all go through the robot, the only client of the node's SDO server.
+# SDO transfers with one node of a running robot: all go through the robot, the only client of the node's SDO server.
 
 
 TIMEOUT_S: Final = 15.0  # with a robot that has other requests for the node waiting
@@ -215,9 +215,9 @@ _WATCH_S: Final = 2.0
 
 
 class RobotTransfers(Transfers):
-    """SDO transport to the node `node_id` through `robot`; `timeout` in s for each answer, None: that of bus.yml.
+    """SDO transport to a node through a running robot; `timeout` is in s for an answer, None for that of bus.yml.
 
-    `source` is the name in the robot's events about writes, None: that of this program.
+    `source` names the writer in the robot's events; None means the name of this program.
     """
 
     def __init__(
@@ -228,13 +228,13 @@ class RobotTransfers(Transfers):
         self._watching: RobotClient | None = None
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object."""
+        """Upload an object through the robot."""
         request = SdoRead(node=str(self._node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
         timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
         return self._robot.ask(request, timeout).data
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; ConfigError if it is longer than a robot accepts."""
+        """Download an object through the robot; ConfigError if the data are longer than a robot accepts."""
         if len(data) > MAX_OBJECT:
             raise ConfigError(
                 f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
@@ -251,25 +251,25 @@ class RobotTransfers(Transfers):
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout of each answer from now on."""
+        """Set the timeout in s for answers; None or 0 restores the initial timeout."""
         self._timeout = seconds or self._default_timeout
 
     def command(self, command: NmtCommand) -> None:
-        """Raise an error: the robot is the NMT master of its nodes, and must remove the node first."""
+        """Raise ControlError, because the robot is the NMT master of its nodes."""
         raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state of the node known to the robot."""
+        """Return the NMT state of the node as the robot reports it; None if unknown."""
         reading = self._reading()
         return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
 
     def taken_out(self) -> bool:
-        """Return whether the robot has removed the node; otherwise it boots the node again."""
+        """Whether the node was taken out of the robot, which would otherwise boot the node again."""
         reading = self._reading()
         return reading is not None and reading.taken_out
 
     def progress(self) -> tuple[int, int | None]:
-        """Request the progress on a separate connection; may be called from another thread."""
+        """Request the progress on a separate connection; (0, None) if that fails. Callable from any thread."""
         try:
             if self._watching is None:
                 self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
@@ -279,7 +279,7 @@ class RobotTransfers(Transfers):
         return progress_read.done, progress_read.total
 
     def close(self) -> None:
-        """Close the connection for the progress."""
+        """Close the separate connection for the progress."""
         if self._watching is not None:
             self._watching.close()
 
@@ -289,7 +289,7 @@ class RobotTransfers(Transfers):
 
 
 def dictionary_of(place: NodePlace) -> ObjectDictionary | None:
-    """Read the EDS of a node of a robot; None without one, EdsError if it cannot be read."""
+    """Read the EDS of a robot's node; None if the node has none, EdsError if the file cannot be read."""
     return read_eds(Path(place.eds), place.node_id).od if place.eds else None
 
 
@@ -297,6 +297,6 @@ def dictionary_of(place: NodePlace) -> ObjectDictionary | None:
 def session_with(
     robot: RobotClient, place: NodePlace, od: ObjectDictionary | None, *, source: str | None = None
 ) -> Iterator[NodeSession]:
-    """Open a session with a node of a running robot."""
+    """Open a session with a node of a running robot; `source` names the writer in the robot's events."""
     with contextlib.closing(RobotTransfers(robot, place.node_id, source=source)) as transfers:
         yield NodeSession(transfers, place.node_id, od, name=place.name, robot=robot.robot)

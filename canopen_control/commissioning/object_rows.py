@@ -1,4 +1,4 @@
-"""Objects of a node as text: EDS entry, value and meaning; for tables and pages."""
+"""Objects of a node as texts for tables and pages: EDS entry, unit, value and meaning; and edits of objects."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry, ObjectDictionary, Value
 
 
-# The units of the objects of CiA 301 and CiA 402-2 for output; "" if there is none or it is unknown.
+# Units of the objects of CiA 301 and CiA 402-2 in output; "" if there is none or the unit is unknown.
 #
-# Positions and velocities of a drive are in user-defined units, which are its counts unless 0x60A8 and 0x60A9 define
-# others; 0x60A9 can be revolutions per minute. The counts of a stepper are its microsteps.
+# Positions and velocities of a drive are in user-defined units, which are the drive's counts unless 0x60A8 and 0x60A9
+# define others; 0x60A9 can be revolutions per minute. The counts of a stepper are its microsteps.
 
 
 POSITION: Final = "counts"
@@ -79,7 +79,7 @@ _IN_REVOLUTIONS: Final = {VELOCITY: "rpm"}
 
 
 def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
-    """Return the unit of an object by its profile; of a velocity by 0x60A9 of the same axis."""
+    """Return the unit of an object, "" if unknown; for velocities, 0x60A9 of the axis decides about rpm or counts."""
     base, axis = objects.axis_of(index)
     unit = _UNITS.get(base, "")
     if subindex == 0 and (index, 1) in od:
@@ -93,11 +93,12 @@ def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
     return unit
 
 
-# Values as people write and read them: text to bytes by data type and back.
+# Conversion of values between bytes and text, by data type.
 #
-# A whole number is decimal, 0x, 0o or 0b, never cut: what the type cannot hold is refused. For a
-# signed type a 0x number of the type's full width is two's complement, as data sheets print it. Shown is the value of
-# the type, its bytes in hexadecimal, and the text where it is one; without a type both readings of a number are shown.
+# A whole number is decimal, 0x, 0o or 0b, and is never truncated: a number outside of the type's range is refused. For
+# a signed type, a 0x number of the type's full width is two's complement, as data sheets print it. The output shows the
+# value of the type, its bytes in hexadecimal, and printable text; without a type, a number is shown unsigned and
+# signed.
 
 
 _ALIASES: dict[str, DataType] = {
@@ -122,7 +123,7 @@ _SHOWN_BYTES = 64
 
 
 def parse_type(text: str) -> DataType:
-    """Return the type of `i32`, `INTEGER32` and so on; ConfigError with the existing types."""
+    """Return the data type named `i32`, `INTEGER32` and so on; the ConfigError lists the known names."""
     data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
     if data_type is None:
         raise ConfigError(
@@ -132,7 +133,7 @@ def parse_type(text: str) -> DataType:
 
 
 def parse_value(text: str, data_type: DataType) -> bytes:
-    """Return the bytes of `text`; ConfigError if the value does not fit the type."""
+    """Parse a text and return the encoded bytes; ConfigError if the value does not fit the type."""
     try:
         return encode(_value(text, data_type), data_type)
     except ValueError as error:
@@ -175,7 +176,7 @@ def _whole(text: str, data_type: DataType) -> int:
 
 
 def show(data: bytes, data_type: DataType | None) -> str:
-    """Return the value for people: decimal and hexadecimal, quoted text, or bytes."""
+    """Format a value for users: a number in decimal and hexadecimal, quoted text, or bytes."""
     if data_type is None:
         return _show_untyped(data)
     value = decode(data, data_type)
@@ -204,7 +205,7 @@ def _show_bytes(data: bytes) -> str:
 
 
 def _text_of(data: bytes) -> str:
-    """Return the bytes as text if they are valid text, else ""; trailing zeros are padding."""
+    """Return the bytes as text if they are printable ASCII, else ""; trailing zeros are padding."""
     body = data.rstrip(b"\0")
     if len(body) < _TEXT_BYTES or len(data) > _SHOWN_BYTES * 4 or not all(32 <= byte < 127 for byte in body):
         return ""
@@ -212,7 +213,7 @@ def _text_of(data: bytes) -> str:
 
 
 def printable(text: str) -> str:
-    """Return `text` with control characters escaped."""
+    """Return a text with non-printable characters escaped."""
     return "".join(letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in text)
 
 
@@ -224,13 +225,13 @@ def _count(data: bytes) -> str:
     return f"{len(data)} byte" if len(data) == 1 else f"{len(data)} bytes"
 
 
-# Which objects of a dictionary a word means: an address, a pattern of addresses or names, or a part of a name.
+# Selection of objects by words: an address, a pattern of addresses or names, or a part of a name.
 #
 #     0x6081  6081  0x1018:01     an object, or one subindex of it
 #     0x60*   *velocity*          patterns with * and ?, of addresses and of names
-#     velocity                    every name that has it in it
+#     velocity                    every name that contains the word
 #
-# What an object holds is compared to the default of the EDS; where that gives none nothing is known to have changed.
+# A value counts as changed if it differs from the default of the EDS; without a default the object counts as unchanged.
 
 
 _ADDRESS: Final = re.compile(r"(?:0x)?([0-9a-f]{4})(?::(?:0x)?([0-9a-f]{1,2}))?", re.IGNORECASE)
@@ -239,7 +240,7 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that match a word, or all, by address. ConfigError for a word without a match."""
+    """Return the entries that match any of the words, or all without words; ConfigError for a word without a match."""
     ordered = sorted(od, key=lambda entry: entry.address)
     patterns = list(words)
     if not patterns:
@@ -269,7 +270,7 @@ def _means(word: str, od: ObjectDictionary, entry: Entry) -> bool:
 
 
 def object_name(od: ObjectDictionary, entry: Entry) -> str:
-    """Return the name of an entry, with that of its object if it is one of several."""
+    """Return the name of an entry, preceded by the name of the array or record to which the entry belongs."""
     info = od.objects.get(entry.index)
     if info is None or info.code in SCALAR_CODES or info.name == entry.name:
         return entry.name
@@ -277,12 +278,12 @@ def object_name(od: ObjectDictionary, entry: Entry) -> str:
 
 
 def is_scanned(entry: Entry) -> bool:
-    """Whether a scan reads the object: readable, no DOMAIN, allowed by ObjFlags."""
+    """Whether a scan reads the object: it is readable, no DOMAIN, and ObjFlags allow it."""
     return entry.readable and entry.data_type is not DataType.DOMAIN and not entry.obj_flags & _NOT_IN_A_SCAN
 
 
 def has_changed(entry: Entry, value: Value) -> bool:
-    """Whether a writable object differs from its default; False if unknown."""
+    """Whether a writable object differs from its default in the EDS; False without a default."""
     if entry.default is None or not entry.writable:
         return False
     try:
@@ -291,7 +292,7 @@ def has_changed(entry: Entry, value: Value) -> bool:
         return value != entry.default
 
 
-# The bits of an object by name: statusword, controlword, error register, supported modes, digital inputs.
+# Named bits of objects: statusword, controlword, error register, supported drive modes, digital inputs.
 
 
 _STATUSWORD: Final = {
@@ -321,7 +322,7 @@ _ERROR_REGISTER: Final = 0x1001
 
 
 class NamedBit(NamedTuple):
-    """Bit with its meaning, and whether it is set."""
+    """Name of a bit, and whether the bit is set."""
 
     bit: int
     name: str
@@ -329,19 +330,19 @@ class NamedBit(NamedTuple):
 
 
 def axis_word(index: int) -> bool:
-    """Whether an object is a statusword or a controlword, with bits that depend on the mode."""
+    """Whether an object is a statusword or a controlword, whose bits depend on the mode."""
     return objects.axis_of(index)[0] in (objects.STATUSWORD, objects.CONTROLWORD)
 
 
 def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:
-    """Return the bits of a statusword; the meaning of bits 10, 12 and 13 depends on `mode`, a number or a name."""
+    """Return the bits of a statusword; `mode`, a number or a name, decides about the mode-specific bits 10, 12, 13."""
     number = OperationMode.__members__.get(mode) if isinstance(mode, str) else mode
     mode_bits = MODE_BITS.get(number) if number is not None else None
     return _named(word, {**_STATUSWORD, **(mode_bits.statusword if mode_bits is not None else {})})
 
 
 def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -> list[NamedBit]:
-    """Return the bits of an object with named bits; none for other objects."""
+    """Return the named bits of an object's value; an empty list for objects without named bits."""
     base = objects.axis_of(index)[0]
     if subindex or not isinstance(value, int):
         return []
@@ -362,12 +363,12 @@ def _named(value: int, names: Mapping[int, str]) -> list[NamedBit]:
 
 
 READS_PER_S: Final = 60.0
-"""How often a running robot is asked for an object at most: its own requests to the node never wait behind them."""
+"""Maximum rate in Hz of reading objects through a running robot, so that the robot's own requests are not delayed."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveObject:
-    """Entry with its value, or the reason `why` it has none; neither if it was not read."""
+    """Entry with its value, or the reason `why` it could not be read; value None and `why` "" if not read yet."""
 
     entry: Entry
     value: Value | None = None
@@ -375,12 +376,12 @@ class LiveObject:
 
     @property
     def changed(self) -> bool:
-        """Whether the value differs from the EDS's default."""
+        """Whether the value is known and differs from the default of the EDS."""
         return self.value is not None and has_changed(self.entry, self.value)
 
 
 class ObjectRow(Document, frozen=True, kw_only=True):
-    """Object in `objects --json`: texts of values, null if missing or unread."""
+    """Object in `objects --json`, with values as texts; null if missing or unread."""
 
     index: str
     subindex: int
@@ -397,7 +398,7 @@ class ObjectRow(Document, frozen=True, kw_only=True):
 
 
 def _row(od: ObjectDictionary, live: LiveObject, words: NodeWords) -> ObjectRow:
-    """Return an object with its value as text."""
+    """Return the row of an object."""
     entry, value = live.entry, live.value
     unit = unit_of(od, entry.index, entry.subindex)
     return ObjectRow(
@@ -417,18 +418,18 @@ def _row(od: ObjectDictionary, live: LiveObject, words: NodeWords) -> ObjectRow:
 
 
 def rows_of(od: ObjectDictionary, objects: Iterable[LiveObject], node_id: int) -> list[ObjectRow]:
-    """Return the rows of many objects of a node."""
+    """Return the rows of objects of one node."""
     words = NodeWords(NodeDescription("", node_id, od))
     return [_row(od, entry, words) for entry in objects]
 
 
 def _text(entry: Entry, value: Value, unit: str) -> str:
-    """Return a value on one line: decimal if it has a unit, other wide numbers in hexadecimal."""
+    """Return a value on one line, in decimal if it is an integer with a unit, else as in a DCF."""
     return str(value) if unit and isinstance(value, int) else printable(format_value(value, entry.data_type))
 
 
 def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
-    """Return the meaning of a number in addition to its digits; None without one."""
+    """Return the meaning of a number, without the digits; None if the number has no particular meaning."""
     if not isinstance(value, int):
         return None
     text = words.text(entry.index, entry.subindex, value)
@@ -447,10 +448,10 @@ def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
     return rest if head.startswith("0x") or head == str(value) else text
 
 
-# Edits of single objects by a person: what may be written, within which limits, and how it is undone.
+# Edits of single objects by a user: which objects may be written, within which limits, and how an edit is undone.
 #
-# An edit reads the value, writes, and reads back. An object that would move an axis is refused: such a motion would
-# have no dead man and no timeout. Undo is possible only while the object still has the written value.
+# An edit reads the value, writes, and reads back. An object that would move an axis is refused, because such a motion
+# would have no dead-man control and no timeout. An edit can be undone only while the object has the written value.
 
 
 _PROGRAM: Final = range(0x1F50, 0x1F58)
@@ -458,7 +459,7 @@ _MOST_EDITS: Final = 100
 
 
 def why_fixed(entry: Entry) -> str:
-    """Return the reason why a user cannot write an object, "" if it is writable."""
+    """Return the reason why a user must not write an object, "" if the object may be written."""
     if not entry.writable:
         return f"is {'constant' if entry.access == 'const' else 'read-only'}"
     if axis_of(entry.index)[0] in MOTION:
@@ -469,7 +470,7 @@ def why_fixed(entry: Entry) -> str:
 
 
 def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
-    """Return minimum and maximum by the EDS, else by the type; None without limits."""
+    """Return the minimum and maximum by the EDS, else by the data type; None where there is no limit."""
     is_integer = entry.data_type.is_integer
     low = entry.low if entry.low is not None else entry.data_type.minimum if is_integer else None
     high = entry.high if entry.high is not None else entry.data_type.maximum if is_integer else None
@@ -477,7 +478,7 @@ def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
 
 
 def limit_words(entry: Entry) -> str:
-    """Return the limits as text, "" without limits."""
+    """Return the limits of an object as text, "" without limits."""
     low, high = limits_of(entry)
     if low is not None and high is not None:
         return f"{low} to {high}"
@@ -485,7 +486,7 @@ def limit_words(entry: Entry) -> str:
 
 
 def parsed_value(entry: Entry, text: str) -> Value:
-    """Return the value of a text; ConfigError for a read-only object or a value beyond its limits."""
+    """Parse a value for an object; ConfigError if the object must not be written or the value exceeds the limits."""
     name = entry_label(entry)
     if why := why_fixed(entry):
         raise ConfigError(f"{name} {why}; nothing was written")
@@ -501,7 +502,7 @@ def parsed_value(entry: Entry, text: str) -> Value:
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """One write: the value `before` (None: unreadable), and the value after it."""
+    """Edit of an object: the value before (None if unreadable), and the value that was read back."""
 
     entry: Entry
     before: Value | None
@@ -509,19 +510,19 @@ class Edit:
 
     @property
     def words(self) -> str:
-        """Change in words."""
+        """Text with the object and the change of its value."""
         before = "" if self.before is None else f"{value_text(self.entry, self.before)} -> "
         return f"{entry_label(self.entry)}: {before}{value_text(self.entry, self.after)}"
 
 
 @dataclass(slots=True)
 class EditHistory:
-    """Edits of one node, the newest last."""
+    """Edits of the objects of one node, the newest last."""
 
     edits: list[Edit] = field(default_factory=list)
 
     def write(self, session: NodeSession, entry: Entry, text: str) -> Edit:
-        """Write a value and read it back; DriveError if the node stored another one."""
+        """Write a value and read it back; DriveError if the node then reports another value."""
         value = parsed_value(entry, text)
         before = session.read_value(entry) if entry.readable else None
         session.write_value(entry, value)
@@ -534,11 +535,11 @@ class EditHistory:
 
     @property
     def last(self) -> Edit | None:
-        """Newest edit that can be undone."""
+        """Newest edit that can be undone; None if there is none."""
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
-        """Undo the newest edit; DriveError if the value has changed since."""
+        """Undo the newest edit; DriveError if the value has changed since, ConfigError if there is nothing to undo."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: nothing was written here that could be undone")

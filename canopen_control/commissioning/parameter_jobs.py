@@ -1,7 +1,7 @@
-"""Work of the jobs at the parameters of a node: backup, comparison with a file, restore, clone.
+"""Jobs with the parameters of a node: backup, comparison with a file, restore, and clone.
 
-Each is given a session and the run that its user looks at, and returns the sentence at its end. What must not be is
-refused in the same words for every user.
+A job function gets a session and the run that the user watches, and returns the final sentence. Errors have the same
+text in all user interfaces.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """Result of a backup: number of parameters in the file, and those left out with the reason."""
+    """Result of a backup: the number of parameters in the file, and the left-out parameters with the reason."""
 
     node_id: int
     node: str | None
@@ -35,7 +35,7 @@ class BackupReport:
 
 
 def run_backup(session: NodeSession, run: JobRun, reached: Reached, name: str = "") -> str:
-    """Read all parameters twice and make the file `name` of them, by default that of the node."""
+    """Read all parameters twice and make a DCF of them; its name is `name`, by default the name of the node."""
     if unfinished := unfinished_words(session, reached):
         run.note(unfinished)
     name = name or f"{session.name or f'node{session.node_id}'}.dcf"
@@ -59,7 +59,7 @@ def _all_of(session: NodeSession, run: JobRun) -> tuple[ParameterSet, list[str]]
 
 @dataclass(frozen=True, slots=True)
 class DifferentParameter:
-    """Parameter that differs: values as in a DCF; None if one side lacks the object."""
+    """Parameter with different values, given as texts; None if one side lacks the object."""
 
     index: int
     subindex: int
@@ -70,7 +70,7 @@ class DifferentParameter:
 
 @dataclass(frozen=True, slots=True)
 class DiffReport:
-    """Result of a comparison: number of compared parameters, differences of the devices and of parameters."""
+    """Result of a comparison: number of compared parameters, and the differences of identities and parameters."""
 
     a: str
     b: str
@@ -79,7 +79,7 @@ class DiffReport:
     differences: list[DifferentParameter]
 
     def rows(self, why: Mapping[Address, str]) -> Iterator[tuple[str, str, str, str]]:
-        """Yield address, name and both values; `why` says for what reason a value is missing."""
+        """Yield address, name and both values of each difference; `why` has the texts for missing values by address."""
         for change in self.differences:
             missing = why.get((change.index, change.subindex), "-")
             place = f"0x{change.index:04X}:{change.subindex:02X}"
@@ -87,7 +87,7 @@ class DiffReport:
 
 
 def compared(a: ParameterSet, b: ParameterSet) -> DiffReport:
-    """Compare two sets of parameters."""
+    """Compare two parameter sets, including the identities of the devices."""
     changes = [
         DifferentParameter(
             change.entry.index,
@@ -103,7 +103,7 @@ def compared(a: ParameterSet, b: ParameterSet) -> DiffReport:
 
 
 def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
-    """Read the parameters of a file from the node and list the differences: address, name, file, node."""
+    """Read the parameters of a file from the node; list differences by address, with the values in file and node."""
     run.part(f"reading {session}", "objects")
     node, left_out = read_same(session, file, run.at)
     result = compared(file, node)
@@ -115,7 +115,7 @@ def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
 
 
 def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: RestoreOptions) -> str:
-    """Write and verify the parameters of a file; the run has failed if the node refused some."""
+    """Write the parameters of a file to the node and verify them; the run has failed if the node refused some."""
     like_file(session, file)
     if not options.any_node:
         refuse_other_drive(file, session)
@@ -133,14 +133,14 @@ def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: 
 def run_clone(
     session: NodeSession, run: JobRun, source: AbstractContextManager[NodeSession], options: RestoreOptions
 ) -> str:
-    """Read all parameters of another node, whose session `source` opens, and write them into this one."""
+    """Read all parameters of another node, whose session is `source`, and restore them in this node."""
     with source as other:
         parameters, _ = _all_of(other, run)
     return run_restore(session, run, parameters, replace(options, any_node=True))
 
 
 def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Use the dictionary of a complete file for a session without an EDS."""
+    """Return the session; if it has no EDS, it gets the object dictionary of the DCF."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     return session

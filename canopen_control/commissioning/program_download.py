@@ -1,9 +1,9 @@
 """Program download to a node: the sequence of CiA 302-3, as in the tools of CANopenNode, Lely and Zephyr.
 
-Sans-IO: `program_download` is a generator that yields the steps (read, write, pause, pre-operational) and gets their
-results. A write to 0x1F51 may be answered, or not, or be followed by a boot-up, since the node resets into its
-boot-loader and out of it; only what 0x1F51, 0x1F57 and 0x1F56 show afterwards counts. An interrupted transfer
-restarts with a fresh clear, from the first byte: no known device can resume.
+Sans-IO: `program_download` is a generator that yields actions (read, write, pause, pre-operational) and is sent their
+results. A write to 0x1F51 may or may not be answered, and a boot-up may follow, since the node resets into its
+boot-loader and out of it; only the later values of 0x1F51, 0x1F57 and 0x1F56 count. An interrupted transfer starts
+again with a clear, from the first byte: no known device can resume.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ _ERRORS: Final = {
 
 
 class DownloadStep(enum.Enum):
-    """States of a download; the value is its text."""
+    """Steps of a download; the values are texts for users."""
 
     ASKING = "asking what program it has"
     STOPPING = "stopping the program"
@@ -78,7 +78,7 @@ class DownloadStep(enum.Enum):
 
 
 class DownloadAct(enum.Enum):
-    """Kinds of actions requested by the generator."""
+    """Kinds of actions that the generator requests."""
 
     READ = "read"
     WRITE = "write"
@@ -88,9 +88,9 @@ class DownloadAct(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DownloadOrder:
-    """One action: an object with `data` to write, or a pause in `seconds`.
+    """Requested action: a read or write of an object, a pause of `seconds`, or NMT pre-operational.
 
-    `seconds` of an object are what each answer may take, 0: as long as ever.
+    For a read or write, `seconds` is the timeout of an answer; 0 means the default.
     """
 
     act: DownloadAct
@@ -102,7 +102,7 @@ class DownloadOrder:
 
 @dataclass(frozen=True, slots=True)
 class DownloadAnswer:
-    """Result of an act: the data read, or the abort or timeout."""
+    """Result of an action: the data read, or the error of an abort or a timeout."""
 
     data: bytes = b""
     error: CanopenError | None = None
@@ -110,7 +110,7 @@ class DownloadAnswer:
 
 @dataclass(slots=True)
 class DownloadProgress:
-    """Progress of a download: step, 0x1F56 and 0x1F52 before and after (None if missing)."""
+    """Progress of a download: step, and 0x1F56 and 0x1F52 before and after (None if missing)."""
 
     step: DownloadStep = DownloadStep.ASKING
     old: int | None = None
@@ -122,7 +122,7 @@ class DownloadProgress:
 
     @property
     def untouched(self) -> bool:
-        """Whether the node is unchanged, or the download is complete."""
+        """Whether an error leaves the program intact: before the first write, or after the end."""
         return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
 
 
@@ -131,7 +131,7 @@ Numbers: TypeAlias = Generator[DownloadOrder, DownloadAnswer, "int | None"]
 
 
 def flash_text(status: int) -> str:
-    """Return the error in 0x1F57 as text, "" without an error."""
+    """Return the status in 0x1F57 as text: "busy", an error, or "" if neither."""
     if status & 1:
         return "busy"
     code = status >> 1 & 0x7F
@@ -142,7 +142,7 @@ def flash_text(status: int) -> str:
 
 
 def refuse_no_program(image: bytes, name: str = "the program file") -> None:
-    """Raise ConfigError for an empty file, and for the EDS or DCF of a device."""
+    """Raise ConfigError for an empty file, and for an EDS or DCF."""
     if not image:
         raise ConfigError(f"{name} is empty; nothing was sent")
     if image.lstrip()[:1] in _TEXT and _DEVICE_FILE in image[:4096].lower():  # a program may have an EDS inside
@@ -150,9 +150,9 @@ def refuse_no_program(image: bytes, name: str = "the program file") -> None:
 
 
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Yield the actions of a download, each answered with its outcome; updates `progress`.
+    """Yield the actions of a download, and receive the outcome of each; updates `progress`.
 
-    Raises ConfigError where the node has no program download or the image is none, DriveError where it fails.
+    ConfigError if the node has no program download or the image is not a program, DriveError if the download fails.
     """
     refuse_no_program(image)
     number = options.number
@@ -198,7 +198,7 @@ def _ask(number: int, progress: DownloadProgress) -> Sequence:
 
 
 def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
-    """Stop and clear the program; each is confirmed by 0x1F51."""
+    """Stop and clear the program; DriveError if 0x1F51 does not confirm this."""
     progress.step = DownloadStep.STOPPING
     status = yield from _number(CONTROL, number)
     if status != STOP:
@@ -212,9 +212,9 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 
 
 def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
-    """Write 0x1F51 and wait until it shows an expected state; a refusal is repeated.
+    """Write 0x1F51 until the object shows an expected state; DriveError after `seconds`.
 
-    A node that resets is polled again soon: a boot-loader without a master starts the program again.
+    While a node resets, short timeouts are used: a boot-loader that sees no master starts the program again.
     """
     refusal, rounds, status = "", 0, None
     while seconds > 0.0:
@@ -242,7 +242,7 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
 
 
 def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
-    """Wait until the flash is not busy; return its error. A node without 0x1F57 reports none."""
+    """Wait until the flash is not busy; return the error as text, "" without an error or without 0x1F57."""
     seconds, pause = _BUSY_S, _SOON_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
@@ -280,7 +280,7 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
 
 
 def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Verify the date of the running program; a boot-loader may not have it."""
+    """Check the date of the running program, since a boot-loader may have no date; DriveError for another date."""
     progress.new_date = yield from _date()
     expected = options.expected_date
     if expected is not None and not expected.fits(progress.new_date):
@@ -289,7 +289,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
-    """Read 0x1F52; None for a missing or invalid date."""
+    """Read the date of the program from 0x1F52; None if the date is missing or invalid."""
     days = yield from _number(SOFTWARE_DATE, 1)
     if not days or not 0 < days <= _MOST_DAYS:
         return None
@@ -299,14 +299,14 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
-    """Read a number; None if the node lacks the object, _SILENT without an answer."""
+    """Read a number; None if the node aborts, `_SILENT` if it does not answer."""
     outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
     return int.from_bytes(outcome.data, "little")
 
 
-# Drives a program download through a service session, and judges the node before and after it.
+# Execution of a program download through a service session, with checks of the node before and after.
 
 
 _PROFILE: Final = 0xFFFF
@@ -314,12 +314,12 @@ _VENDOR: Final = FIELDS["vendor_id"][1]
 
 
 def is_loader(identity: DeviceIdentity) -> bool:
-    """Whether the node runs its boot-loader: a device without a profile (0x1000)."""
+    """Whether the node runs its boot-loader: its device type (0x1000) names no profile."""
     return not (identity.device_type or 0) & _PROFILE
 
 
 def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None:
-    """Raise ConfigError if the node is not the product of its EDS; a boot-loader may have its own code."""
+    """Raise ConfigError if the node is not the product of its EDS; for a boot-loader only the vendor is compared."""
     if session.od is None:
         return
     differences = session.identity_differences()
@@ -333,7 +333,7 @@ def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None
 
 
 def download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
-    """Load a program into the node and start it; bus errors are raised, see `program_download`."""
+    """Load a program into the node and start it; bus errors are raised, others as in `program_download`."""
     sequence = program_download(image, options, progress)
     outcome: DownloadAnswer | None = None
     while True:
@@ -346,7 +346,7 @@ def download(session: NodeSession, image: bytes, options: ProgramOptions, progre
 
 @dataclass(frozen=True, slots=True)
 class ProgramReport:
-    """Result of a download: 0x1F56 and, as dates, 0x1F52 before and after; None where the node has none."""
+    """Result of a download: 0x1F56 and 0x1F52 (as dates) before and after; None if the node lacks the object."""
 
     node_id: int
     program: int
@@ -360,7 +360,7 @@ class ProgramReport:
 
 
 def load_program(session: NodeSession, run: JobRun, image: bytes, options: ProgramOptions) -> str:
-    """Load a program, start it and check that it runs; DriveError with the state of the node if that failed."""
+    """Load a program, start it and check that it runs; DriveError with the step if that failed midway."""
     identity = session.identity()
     refuse_other_product(session, identity)
     if is_loader(identity):
@@ -398,7 +398,7 @@ def _program_text(number: int | None, date: str | None) -> str:
 
 @contextlib.contextmanager
 def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size: int) -> Iterator[None]:
-    """Report step and bytes from a separate thread while this one waits for the transfer."""
+    """Context in which a thread reports the step and the bytes of the transfer to the run."""
     over = threading.Event()
 
     def watch() -> None:
@@ -419,7 +419,7 @@ def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size
 
 
 def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:
-    """Return the state of an interrupted download and the next step."""
+    """Return a text with the failed step of a download, the reason, and what to do next."""
     reason = str(error) or "interrupted"
     warning = "" if isinstance(error, DriveError) else "the old program may be gone: "
     return f"{session}: {progress.step.value}: {reason}; {warning}the same command starts again"
@@ -441,7 +441,7 @@ def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
 
 
 def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
-    """Read or write, and return the data; the timeout is that of the order, if it has one."""
+    """Read or write an object and return the data read; the timeout is that of the order, if not 0."""
     session.transfers.be_patient(order.seconds or None)
     try:
         if order.act is DownloadAct.READ:
@@ -453,14 +453,14 @@ def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
 
 
 def _is_answer(error: CanopenError) -> bool:
-    """Whether the node refused, timed out or restarted; otherwise bus or robot failed."""
+    """Whether an error comes from the node (abort, timeout or restart), rather than from the bus or the robot."""
     kinds = (SdoTimeout, SdoRestarted, DriveError)
     is_timeout = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
     return is_timeout or isinstance(error, kinds) or is_abort(error)
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
-    """Return the identity with the new program; DriveError for a boot-loader or another device."""
+    """Return the identity under the new program; DriveError if the boot-loader runs or the product has changed."""
     after = session.identity()
     if is_loader(after):
         raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")

@@ -1,9 +1,9 @@
-"""Writes parameters into a node and verifies them, or restores the previous values.
+"""Writing of parameters to a node, with verification, or restoration of the previous values.
 
-What the node holds is read first; only what differs is written, in an order that devices accept. What it refuses is
-tried once more after all others (an object may depend on one that came later), then everything is read back: a value
-that the drive changed on its way in counts as refused. Where anything was refused, what was written is undone, unless
-the caller keeps it; so a refusal leaves the drive as it was. Nothing is stored but by `store`.
+The present values are read first; only different ones are written, in an order that devices accept. A refused parameter
+is written once more after all others, because it may depend on a later one. Then everything is read back: a value that
+the drive has changed counts as refused. If anything was refused, the written values are undone unless the caller keeps
+them, so that a refusal leaves the drive as it was. Only `store` writes to the non-volatile memory.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ if TYPE_CHECKING:
     ProgressCallback = Callable[[int, int], None]
 
 
-# In which order parameters are written, so that a device takes them (CiA 301, 7.5.2.35 to 38; CiA 402).
+# Order of writing parameters, so that a device accepts them (CiA 301, 7.5.2.35 to 38; CiA 402).
 #
-# What others depend on comes first: communication, then each PDO as a whole, the resolution of units, the motor,
-# limits, ramps, gains, the rest by index, the mode of operation, and 0x1020 last of all. Of a pair of limits the side
-# that widens the range comes first. A PDO is made invalid before anything of it is changed, its count is 0 while its
-# entries are written, and it is valid last if it is to be; bit 30 of its COB-ID is the device's own.
+# Objects on which others depend come first: communication, then the PDOs one after the other, the resolution of units,
+# the motor, limits, ramps, gains, the rest by index, the mode of operation, and finally 0x1020. Of a pair of limits,
+# the limit that widens the range comes first. A PDO is made invalid before it is changed, its count is 0 while its
+# entries are written, and it becomes valid last, if at all; bit 30 of its COB-ID stays as the device has it.
 
 
 _PDOS: Final = 1
@@ -81,7 +81,7 @@ _COB_ID: Final = 1
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """One download."""
+    """A single SDO download."""
 
     address: Address
     data: bytes
@@ -89,7 +89,7 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class RestoreGroup:
-    """Writes that belong together: one parameter, or the records of one PDO; `name` is for messages."""
+    """Writes that belong together: those of one parameter, or of the records of one PDO; `name` is for messages."""
 
     name: str
     writes: tuple[Write, ...]
@@ -98,9 +98,9 @@ class RestoreGroup:
 def restore_groups(
     od: ObjectDictionary, target: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> list[RestoreGroup]:
-    """Return the ordered writes that change a device from `current` to `target`.
+    """Return the writes, in order, that change a device from `current` to `target`; none if nothing differs.
 
-    Both are parameters of `od`; what `held` lacks is not written. Nothing where nothing differs.
+    Both mappings contain parameters of `od`; an address that `current` lacks is not written.
     """
     common = {address: value for address, value in target.items() if address in current}
     changed = {
@@ -120,7 +120,7 @@ def restore_groups(
 
 
 def _place(address: Address, target: Mapping[Address, Value], current: Mapping[Address, Value]) -> tuple[int, int, int]:
-    """Return rank, index and subindex order of a parameter."""
+    """Return the sort key of a parameter: rank, index, and subindex, negated if the upper limit has to come first."""
     index, subindex = address
     base, _ = o.axis_of(index)
     if base in _PAIRS:
@@ -133,7 +133,7 @@ def _place(address: Address, target: Mapping[Address, Value], current: Mapping[A
 def _pdo_writes(
     od: ObjectDictionary, kind: str, number: int, planned: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> Iterator[Write]:
-    """Yield the writes of one PDO: invalid, settings, count 0, entries, count, final COB-ID."""
+    """Yield the writes of one PDO: invalid COB-ID, settings, count 0, entries, count, and the final COB-ID."""
     communication, mapping = COMMUNICATION[kind] + number - 1, MAPPING[kind] + number - 1
     cob_id = communication, _COB_ID
     present = current.get(cob_id)
@@ -166,7 +166,7 @@ def _mapping_writes(
     target: Mapping[Address, Value],
     current: Mapping[Address, Value],
 ) -> Iterator[Write]:
-    """Yield a whole mapping; with a fixed count only the differing entries."""
+    """Yield the writes of a whole PDO mapping; only the different entries if the count is not among the parameters."""
     if count not in target:
         for address in slots:
             if not same_value(od[address], target[address], current[address]):
@@ -187,7 +187,7 @@ _POLL_S: Final = 0.2
 
 
 class RestoreStep(enum.Enum):
-    """Steps of a restore."""
+    """Steps of a restore; the values are texts for users."""
 
     READING = "reading what the drive holds"
     WRITING = "writing"
@@ -197,7 +197,7 @@ class RestoreStep(enum.Enum):
 
 
 def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: NodeSession) -> list[str]:
-    """Return differences of revision and software; ConfigError for another product."""
+    """Return the differences of revision and software; ConfigError if the parameters belong to another product."""
     if strangers := parameters.identity.strangers(identity):
         raise ConfigError(
             f"{parameters.where} belongs to another product than {session}: {', '.join(strangers)}; nothing was written"
@@ -206,7 +206,7 @@ def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: No
 
 
 def refuse_moving(session: NodeSession) -> None:
-    """Raise DriveError if an axis has, or may have, torque: an enabled drive must not be reconfigured."""
+    """Raise DriveError if an axis has, or may have, torque, because an enabled drive must not be reconfigured."""
     if powered := session.powered_axes():
         axes = "" if powered == [0] else f" (axis {', '.join(map(str, powered))})"
         raise DriveError(f"{session} is enabled{axes}; nothing was written: disable it first, `axis disable`")
@@ -214,11 +214,11 @@ def refuse_moving(session: NodeSession) -> None:
 
 @dataclass(slots=True)
 class Restore:
-    """One restore of `target` into the node of `session`, with the types of `od`.
+    """Restore of the values `target` in the node of `session`, with the data types of `od`.
 
-    `keep_held` is called with the present values before the first write, and may refuse. `run` may end with an error
-    of the bus or the node in the middle; `step`, `written` and `planned` then show the progress. `verified` has the
-    parameters whose values were read back; `undone` is True if all previous values were restored.
+    `keep_held` is called with the present values before the first write, and may raise an error. `run` may raise an
+    error of the bus or the node at any point; `step`, `written` and `planned` then show the progress. `verified` is the
+    number of values that were read back correctly; `undone` is True if the drive has all its previous values.
     """
 
     session: NodeSession
@@ -235,9 +235,9 @@ class Restore:
     undone: bool = False
 
     def run(self, *, keep: bool = False) -> bool:
-        """Write and verify; return whether all values match.
+        """Write the differing parameters and verify all; return whether nothing was refused.
 
-        With `keep` accepted values stay if others were refused.
+        With `keep`, the accepted values stay in the drive even if other values were refused.
         """
         entries = [self.od[address] for address in self.target]
         self.held, left_out = read_values(self.session, entries)
@@ -257,7 +257,7 @@ class Restore:
         return not self.refused
 
     def _write(self, groups: list[RestoreGroup]) -> list[tuple[RestoreGroup, str]]:
-        """Write the groups, and refused ones a second time; return those refused twice."""
+        """Write the groups, and refused groups again; return the groups that were refused twice, with the reasons."""
         self.planned = len(groups)
         failed: list[tuple[RestoreGroup, str]] = []
         for _ in range(2):
@@ -273,7 +273,7 @@ class Restore:
         return failed
 
     def _write_group(self, group: RestoreGroup) -> str | None:
-        """Write a group; return the refusal. A PDO with a refused mapping stays invalid."""
+        """Write a group; return the reason of a refusal, or None. A PDO with a refused mapping stays invalid."""
         for write in group.writes:
             try:
                 self.session.write(*write.address, write.data)
@@ -284,7 +284,7 @@ class Restore:
         return None
 
     def _prove(self, failed: Mapping[str, str]) -> None:
-        """Read all values back; a different one was refused or changed by the drive."""
+        """Read all values back; a different value was refused or changed by the drive, and is added to `refused`."""
         self.step = RestoreStep.VERIFYING
         values, left_out = read_values(self.session, [self.od[address] for address in self.held])
         self.refused += [f"{name}: {why}" for name, why in failed.items()]
@@ -300,7 +300,7 @@ class Restore:
                 self.refused.append(f"{name}: asked {target_text}, the drive has {has}")
 
     def _undo(self) -> None:
-        """Write the previous values back."""
+        """Write the previous values back, and add those that could not be written to `refused`."""
         self.step = RestoreStep.UNDOING
         now, _ = read_values(self.session, [self.od[address] for address in self.held])
         for group in restore_groups(self.od, self.held, now):
@@ -313,9 +313,10 @@ class Restore:
 
 
 def store(session: NodeSession) -> None:
-    """Store all parameters (0x1010:01 with its signature), and wait until the drive answers again.
+    """Store all parameters in the drive (0x1010:01 with the signature "save"), and wait until the drive answers again.
 
-    A drive that writes its flash may be silent meanwhile. ConfigError for one that cannot store, else what it answers.
+    A drive that writes its flash may not answer for some time. ConfigError if the drive has no such object, DriveError
+    if it stays silent.
     """
     if _STORE not in session.dictionary:
         raise ConfigError(f"{session} has no 0x1010:01, so it cannot store; the values are lost with the power")
@@ -336,14 +337,14 @@ def _wait_for_answer(session: NodeSession) -> None:
     raise DriveError(f"{session}: no answer {_STORE_S:g} s after the store command; do not switch it off yet")
 
 
-# What a drive held before a change, as a DCF in the user's state folder that outlasts this process.
+# Values of a drive before a change, as a DCF in the user's state folder, which survives the end of the process.
 #
-# A drive is known by vendor, product and serial number, one without serial number by the bus or robot that it is on.
-# The file is a backup like any other, so `restore` takes it as well.
+# A drive is identified by vendor, product and serial number; without a serial number, also by its bus or robot. The
+# file is a backup like any other, so that `restore` accepts the file too.
 
 
 class KeptParameters:
-    """File with previous values of the node of `session`, in a folder of the state folder."""
+    """DCF file with previous values of a session's node, in a subfolder of the user's state folder."""
 
     def __init__(self, folder: str, session: NodeSession, identity: DeviceIdentity, channel: str = "") -> None:
         self._session, self._identity = session, identity
@@ -354,16 +355,16 @@ class KeptParameters:
 
     @property
     def parameters(self) -> ParameterSet | None:
-        """Previous values stored in the file, None without it."""
+        """Previous values in the file; None if there is no file."""
         return read_backup(self.path, self._session.node_id) if self.path.is_file() else None
 
     def read(self) -> Mapping[Address, Value]:
-        """Return the stored values."""
+        """Return the values in the file, by address; an empty mapping if there is no file."""
         parameters = self.parameters
         return {} if parameters is None else parameters.values
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Store values in place of the previous ones; ConfigError if that fails."""
+        """Write values to the file, replacing its content; ConfigError if that fails."""
         session = self._session
         listed = {address: value for address, value in values.items() if address in od}
         parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
@@ -383,23 +384,23 @@ class KeptParameters:
             ) from None
 
     def forget(self) -> None:
-        """Delete the stored values."""
+        """Delete the file with the values."""
         self.path.unlink(missing_ok=True)
 
 
-# The journal of a restore: the values of a node before it, as a DCF on the disk, to revert a restore that was killed.
+# Journal of a restore: the previous values of the node as a DCF on disk, for undoing a restore that was killed.
 #
-# It is written before the first value, and removed when all values are verified or reverted. A remaining journal means
-# that a restore was interrupted, by SIGKILL or a power failure of the computer: the same command continues, since only
-# differences are written; restoring the journal itself reverts the node. A value in an earlier journal is older than
-# the present value of the node, and is kept.
+# The journal is written before the first value, and removed when all values are verified or undone. A remaining journal
+# means that SIGKILL or a power failure of the computer interrupted a restore: the same command then continues, since
+# only differences are written; restoring the journal itself undoes the restore. If an earlier journal exists, its
+# values are older than the present ones of the node, and are kept.
 
 
 _FOLDER: Final = "restores"
 
 
 class RestoreJournal:
-    """Journal of the node of `session`; `reached` is the verb's access to the node."""
+    """Journal of a restore of a session's node; `reached` tells how the command line reaches the node."""
 
     def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
         self._session, self._reached = session, reached
@@ -409,7 +410,7 @@ class RestoreJournal:
 
     @property
     def unfinished(self) -> str:
-        """Return a sentence about an interrupted earlier restore and the next step; "" without one."""
+        """Sentence about an interrupted earlier restore and the possible next commands; "" without one."""
         if self._old is None:
             return ""
         return (
@@ -419,16 +420,16 @@ class RestoreJournal:
 
     @property
     def undo_words(self) -> str:
-        """Return the command that restores the previous values."""
+        """Start of a sentence, with the command that restores the previous values."""
         return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
 
     def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
-        """Store the previous values before writing; ConfigError, before any write, if they cannot be stored."""
+        """Store the previous values before the first write; ConfigError if they cannot be stored."""
         old = {} if self._old is None else self._old.values
         self._stored.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
-        """Delete the stored values after a verified restore or its undo; those of other restores stay."""
+        """Delete the journal after a verified or undone restore; older values of other parameters stay in the file."""
         if restore.refused and restore.undone:
             remaining: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:
@@ -447,17 +448,17 @@ class RestoreJournal:
 
 
 def unfinished_words(session: NodeSession, reached: Reached) -> str:
-    """Return a sentence about an interrupted restore of a node, "" without one; checks its identity first."""
+    """Return a sentence about an interrupted restore of this very device, "" if there was none."""
     if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
         return ""
     return RestoreJournal(session, session.identity(), reached).unfinished
 
 
-# Writes a parameter set into a node as `restore` and `clone` do: checks before, state meanwhile, report after.
+# Restore of a parameter set as `restore` and `clone` do it: checks before, PRE-OPERATIONAL meanwhile, a report after.
 #
-# Nothing is written into another product, into another drive of the kind by mistake, into an axis with torque, or into
-# a node that a running robot controls. The node is PRE-OPERATIONAL meanwhile, so that no PDO acts on what is half
-# written.
+# Nothing is written to another product, by mistake to another drive of the same product, to an axis with torque, or to
+# a node that a running robot controls. The node is PRE-OPERATIONAL meanwhile, so that no PDO is processed with a half
+# written configuration.
 
 
 _SHOWN: Final = 8  # of what was written, where a restore was interrupted, and of what is never written
@@ -465,9 +466,9 @@ _SHOWN: Final = 8  # of what was written, where a restore was interrupted, and o
 
 @dataclass(frozen=True, slots=True)
 class RestoreReport:
-    """Result of a restore; `refused` and `protected` name objects with the reason.
+    """Result of a restore; `refused` and `protected` are texts with the name of an object and the reason.
 
-    `foreign` are objects of the file that no restore writes: read-only ones, commands, live values.
+    `foreign` are objects of the file that no restore writes: read-only objects, commands, process values.
     """
 
     source: str
@@ -481,7 +482,7 @@ class RestoreReport:
     stored: bool
 
     def words(self, session: NodeSession) -> str:
-        """Return the sentence at the end."""
+        """Return the final sentence about the result."""
         if self.refused:
             end = "the drive is as it was" if self.undone else "what it took is kept, and not stored"
             return f"{session}: {len(self.refused)} parameters refused; {end}"
@@ -490,7 +491,7 @@ class RestoreReport:
 
 
 def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
-    """Refuse the backup of another drive at another node; for a replacement at the same node it is allowed."""
+    """Raise ConfigError for a backup with another node id and another serial number than those of the node."""
     if file.node_id == session.node_id:
         return
     serial = session.identity().serial_number
@@ -504,7 +505,7 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
 def protected(
     od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
 ) -> dict[Address, str]:
-    """Return the protected parameters with the reason; ConfigError for a glob without a match."""
+    """Return the parameters that must not be written, with the reason; ConfigError for a glob that matches none."""
     reasons: dict[Address, str] = {}
     used: set[str] = set()
     for address in addresses:
@@ -528,7 +529,11 @@ def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
 
 @contextlib.contextmanager
 def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
-    """Context with the node PRE-OPERATIONAL and without torque; DriveError if that fails."""
+    """Context in which the node is PRE-OPERATIONAL and without torque; DriveError if that is impossible.
+
+    On exit a node that was OPERATIONAL is started again, if `starts_again`. Through a robot, the node must be taken
+    out.
+    """
     refuse_moving(session)
     state = session.nmt_state()
     again = state if starts_again else None
@@ -563,10 +568,10 @@ def guarded_restore(
     note: Callable[[str], None],
     progress: Callable[[int, int], None] | None = None,
 ) -> RestoreReport:
-    """Write `source` into the node and verify it.
+    """Write the parameters of `source` to the node, with all checks, and verify them.
 
-    `note` gets remarks before the first write, `progress(done, of)` the progress. ConfigError and DriveError if it is
-    refused; DriveError with the written parameters if it was interrupted.
+    `note` gets remarks before the first write; `progress` gets the number of written groups and the total. ConfigError
+    or DriveError if a check refuses; DriveError with the written parameters if the restore was interrupted.
     """
     identity = session.identity()
     for line in check_device(source, identity, session):
@@ -600,7 +605,7 @@ def guarded_restore(
 
 @contextlib.contextmanager
 def _with_partial_report(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
-    """Report the written values of an interrupted restore."""
+    """Convert an interruption during a restore to a DriveError that names the parameters already written."""
     try:
         yield
     except (CanopenError, KeyboardInterrupt) as error:
@@ -620,5 +625,5 @@ def _interrupted(restore: Restore, journal: RestoreJournal, error: BaseException
 
 
 def first_of(names: Sequence[str]) -> str:
-    """Return the first names of a long list, as text."""
+    """Join the first `_SHOWN` names of a list, with "..." if there are more."""
     return ", ".join(names[:_SHOWN]) + (", ..." if len(names) > _SHOWN else "")

@@ -1,4 +1,4 @@
-"""Scope at work: signals by their names, samples into the memory, captures out, for a verb and for pages."""
+"""Scope for the command line and for pages: finds the signals by name, samples them and yields captures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ _TIMEOUT_S: Final = 2.0
 
 
 def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCapture:
-    """Return the memory for a number of signals, followed by that of `faults` statuswords; ConfigError."""
+    """Return the capture memory for a number of signals; ConfigError for invalid options.
+
+    For a trigger on faults the signals are followed by `faults` statuswords.
+    """
     if not signals:
         raise ConfigError("choose at least one signal")
     if signals > MOST_SIGNALS:
@@ -54,9 +57,9 @@ def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCap
 
 
 class Scope:
-    """Scope of the signals `texts`; `sessions` are those of their nodes, `client` the robot of these, if any.
+    """Scope of the signals named by `texts`; ConfigError for a signal that does not exist.
 
-    ConfigError for a signal that does not exist.
+    `sessions` are the sessions of the named nodes, `client` is connected to the robot, None on a bare bus.
     """
 
     def __init__(
@@ -86,9 +89,9 @@ class Scope:
         self._before = self._source.cycles()
 
     def looks(self, ended: Callable[[], bool]) -> Iterator[list[Shot]]:
-        """Yield the captures since the last look, again and again, until complete or `ended`.
+        """Yield the new captures repeatedly, until all are complete or `ended` returns True.
 
-        A capture in progress is kept at the end, a waiting one dropped.
+        A capture in progress is then completed with the samples so far; samples before a trigger are dropped.
         """
         while not (self.capture.done or ended()):
             for moment, row in self._source.samples(_LOOK_S):
@@ -101,7 +104,7 @@ class Scope:
         yield self.capture.take()
 
     def cycle_words(self) -> str:
-        """Return the number of cycles of the robot since the start, and of missed ones; "" without a robot."""
+        """Return a text with the cycles, and the missed cycles, of the robot since the start; "" without a robot."""
         after = self._source.cycles()
         if self._before is None or after is None:
             return ""
@@ -112,10 +115,10 @@ _FAULT: Final = Condition.FAULT.value
 
 
 class ScopeRun:
-    """Scope at a node of a running robot for all pages; `connect` is for tests.
+    """Scope at a node of a running robot, shared by all pages; `connect` can be replaced in tests.
 
-    It has a connection of its own, writes nothing, and goes on when the page that began it is closed, since a trigger
-    may be awaited for days; it keeps `KEPT` shots.
+    The scope has its own connection and writes nothing. It continues when the page that started it is closed, since a
+    trigger may occur days later. The last `KEPT` captures are stored.
     """
 
     def __init__(
@@ -136,15 +139,15 @@ class ScopeRun:
         self._ending = threading.Event()
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread of the scope."""
         threading.Thread(target=self.run, name="page scope", daemon=True).start()
 
     def end(self) -> None:
-        """End the run: a capture in progress is kept, a waiting one dropped."""
+        """Request the end: a capture in progress ends with the samples so far, samples before a trigger are dropped."""
         self._ending.set()
 
     def run(self) -> None:
-        """Capture until complete or ended; body of the thread."""
+        """Capture until complete or ended; the target function of the thread."""
         try:
             with ExitStack() as stack:
                 session = stack.enter_context(self._desk.session())

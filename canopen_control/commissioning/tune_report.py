@@ -1,4 +1,4 @@
-"""Results of a tuning run: text, JSON, and its record or frequency response as CSV or PNG."""
+"""Results of a tuning run as text and as JSON, and the record or the frequency response as CSV or PNG."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.tune_run import TuneRecord, TuneRequest, TuneSample
 
 
-# Step response metrics: delay, rise time, overshoot, settling time, steady-state error, ripple, ITAE.
+# Metrics of a step response: delay, rise time, overshoot, settling time, steady-state error, ripple, ITAE.
 #
-# Rise is from 10 to 90 % of the step, settling is into a band around the final value for the rest of the record, the
-# final value is the mean of its last fifth. Times are seconds since the step was commanded, so they include the dead
-# time of the bus; between two samples the response is a straight line.
+# The rise is from 10 to 90 % of the step; settling is into a band around the final value for the rest of the record;
+# the final value is the mean of the last fifth. Times are seconds since the step was commanded, so they include the
+# dead time of the bus; between two samples the response is interpolated linearly.
 
 
 BAND: Final = 0.02  # of the step
@@ -39,10 +39,10 @@ _LEAST: Final = 0.2  # of the step has to arrive, else there is nothing to measu
 
 @dataclass(frozen=True, slots=True)
 class StepMetrics:
-    """Metrics of a step from `before` to `target` that settled at `final`; times in s, `settling` None if it did not.
+    """Metrics of a step to `target` that settled at `final`; times in s, `settling` is None if it did not settle.
 
-    `overshoot` is a part of what was reached, `error` what is missing, `ripple` the root mean square around the final
-    value and `itae` the integral of time times absolute error; in the unit of the response.
+    `overshoot` is a fraction of the reached step, `error` the missing part, `ripple` the root mean square around the
+    final value and `itae` the integral of time times absolute error, the last three in units of the response.
     """
 
     target: float
@@ -57,9 +57,9 @@ class StepMetrics:
 
 
 def step_metrics(times: Sequence[float], values: Sequence[float], target: float, *, band: float = BAND) -> StepMetrics:
-    """Measure the response to a step from 0 to `target` at time 0; earlier samples give the initial value.
+    """Measure the response to a step to `target` at time 0; earlier samples give the initial value.
 
-    DriveError where it did not follow.
+    DriveError if there are too few samples, or the response does not follow the step.
     """
     before = [value for time, value in zip(times, values, strict=True) if time < 0.0]
     rows = [(time, value) for time, value in zip(times, values, strict=True) if time >= 0.0]
@@ -90,7 +90,7 @@ def step_metrics(times: Sequence[float], values: Sequence[float], target: float,
 
 
 def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
-    """Return the time at which a level is first crossed."""
+    """Return the time at which the response first reaches a level, interpolated linearly."""
     last: tuple[float, float] | None = None
     for time, share in shares:
         if share >= level:
@@ -102,7 +102,7 @@ def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
 
 
 def _settling(shares: Sequence[tuple[float, float]], band: float) -> float | None:
-    """Return the time after which it stays within the band; None if it leaves it near the end of the record."""
+    """Return the time after which the response stays within the band; None if it leaves the band near the end."""
     outside = [place for place, (_, share) in enumerate(shares) if abs(share - 1.0) > band]
     if not outside:
         return shares[0][0]
@@ -121,7 +121,7 @@ CSV, PICTURE = ".csv", ".png"
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
-    """Return the result; DriveError for an unusable record. The record is saved first."""
+    """Return the lines of the result, and write the output file if any; DriveError if the record is unusable."""
     if output is not None and request.test is not TuneTest.BODE:
         _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
     if request.test is TuneTest.STEP:
@@ -144,9 +144,9 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Results of a test for programs: rad/s, s, Hz, dB, degrees, torques in per mille; None for other tests.
+    """Results of a test for programs, in rad/s, s, Hz, dB, degrees and per mille of torque; None for other tests.
 
-    `no_gains` is the reason why nothing is proposed; `velocity_i` is that of `gains`, `bandwidth` that of `bode`.
+    `no_gains` is the reason why no gains are proposed; `velocity_i` belongs to `gains`, `bandwidth` to `bode`.
     """
 
     test: str
@@ -163,7 +163,7 @@ class Findings:
 
 
 def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
-    """Return the results for programs; DriveError as `report`."""
+    """Return the results for programs; DriveError if the record is unusable."""
     result = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
     if request.test is TuneTest.STEP:
         return replace(result, step=step_of(record, request.height(scale)))
@@ -179,7 +179,7 @@ def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findi
 
 
 def bode_picture(bode: Bode) -> bytes:
-    """Draw gain and phase over the frequency, as PNG."""
+    """Draw gain and phase over the frequency, as a PNG."""
     bandwidth = bode.bandwidth()
     frequencies = [point.frequency for point in bode.points]
     rows = [
@@ -190,7 +190,7 @@ def bode_picture(bode: Bode) -> bytes:
 
 
 def record_picture(record: TuneRecord) -> bytes:
-    """Draw commanded and measured values over time, as PNG."""
+    """Draw commanded and measured values over time, as a PNG."""
     times = [record.seconds(sample) for sample in record.samples]
     rows = [
         ("command", times, [sample.command for sample in record.samples]),
@@ -201,7 +201,7 @@ def record_picture(record: TuneRecord) -> bytes:
 
 
 def bode_of(record: TuneRecord, request: TuneRequest) -> Bode:
-    """Return the frequency response of a record; DriveError without reliable points."""
+    """Return the frequency response of a record; DriveError if no point is reliable."""
     return frequency_response(*_pairs(record), record.period, low=request.band[0])
 
 
@@ -213,7 +213,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
-    """Return commanded and measured values of each cycle; missing ones are interpolated."""
+    """Return the commanded and the measured velocities of all cycles; those of missing cycles are interpolated."""
     cycles = [sample.cycle for sample in record.samples]
     commands, speeds = [sample.command for sample in record.samples], list(map(_speed, record.samples))
     return filled(cycles, commands), filled(cycles, speeds)
@@ -226,7 +226,7 @@ def _speed(sample: TuneSample) -> float:
 
 
 def step_of(record: TuneRecord, height: float) -> StepMetrics:
-    """Measure the step of a record, from the cycle that commanded it."""
+    """Measure the step in a record, from the cycle in which the step was commanded; DriveError if it never was."""
     begin = next((sample for sample in record.samples if sample.command), None)
     if begin is None:
         raise DriveError("the step was never commanded")
@@ -242,7 +242,7 @@ def step_of(record: TuneRecord, height: float) -> StepMetrics:
 
 
 def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
-    """Yield the metrics of a step."""
+    """Yield the lines with the metrics of a step."""
     settled = "never" if metrics.settling is None else f"{metrics.settling * 1e3:.0f} ms"
     yield f"rise (10 to 90 %)   {metrics.rise_time * 1e3:.0f} ms, {metrics.delay * 1e3:.0f} ms after the command"
     yield f"overshoot           {metrics.overshoot:.1%}"
@@ -252,7 +252,7 @@ def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
 
 
 def identified(record: TuneRecord) -> PlantModel:
-    """Identify the plant of a record, by the measured torque, else by the commanded one."""
+    """Identify the plant from a record, by the measured torque if all samples have it, else by the commanded torque."""
     has_effort = all(sample.effort is not None for sample in record.samples)
     cycles = 1 + record.samples[-1].cycle - record.begin if record.samples else 0
     speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # of a cycle that was lost
@@ -264,7 +264,7 @@ def identified(record: TuneRecord) -> PlantModel:
 
 
 def plant_lines(plant: PlantModel) -> Iterator[str]:
-    """Yield the identified plant, in per mille of the rated torque."""
+    """Yield the lines with the identified plant, in per mille of the rated torque."""
     yield f"inertia             {plant.inertia:.4g} per mille s^2/rad"
     yield f"viscous friction    {plant.viscous:.4g} per mille s/rad"
     yield f"Coulomb friction    {plant.coulomb:.4g} per mille"
@@ -273,12 +273,12 @@ def plant_lines(plant: PlantModel) -> Iterator[str]:
 
 
 def proposed(plant: PlantModel, request: TuneRequest) -> CascadeGains:
-    """Return gains for the requested crossover and margin."""
+    """Return gains for the requested crossover and phase margin; ConfigError if there are none."""
     return design_velocity_loop(plant, request.crossover, request.margin, request.loop_delay)
 
 
 def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
-    """Yield the proposed gains, or the reason why there are none."""
+    """Yield the lines with the proposed gains, or with the reason why there are none."""
     try:
         gains = proposed(plant, request)
     except ConfigError as error:
@@ -294,7 +294,7 @@ def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
 
 
 def record_csv(record: TuneRecord) -> str:
-    """Return the record as CSV: s, rad, rad/s, per mille; empty for unknown values."""
+    """Return the record as CSV in s, rad, rad/s and per mille; unknown values are empty."""
 
     def text(value: float | None) -> str:
         return "" if value is None else f"{value:.9g}"

@@ -1,7 +1,7 @@
-"""Loop of a tuning run: commands of an excitation, cycle by cycle, and the record of the response.
+"""Loop of a tuning run: sends an excitation cycle by cycle, and records the response.
 
-As in `jog_run`, each command ends with this connection, and every exit from `run` requests
-the stop and waits until the drive is disabled. Samples have the number of their cycle, so lost ones are counted.
+As for a jog, commands expire when the connection ends, and `run` always requests a stop at the end and waits until the
+drive is disabled. Samples have a cycle number, so that lost cycles are counted.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import RobotPush
 
 
-# What a tuning run commands now: an excitation within limits of travel, speed and current, and why it ended.
+# Command of a tuning run: an excitation within limits of travel, speed and current, and the reason of its end.
 #
-# Sans-IO, time is `now` in monotonic nanoseconds. The run ends by itself if the remaining travel is no longer than the
-# stopping distance, above the speed limit, above the current limit for `PEAK_S`, and if the drive is no longer enabled;
-# nothing is commanded then. A torque accelerates a free shaft without limit: `STEERED` of the excitation pushes it,
-# both ways in turn as the identification of friction needs it, and back as soon as half of the travel or of the speed
-# is used up.
+# Sans-IO; times are monotonic nanoseconds. The run ends by itself if the remaining travel is not longer than the
+# stopping distance, above the speed limit, above the current limit for `PEAK_S`, or when the drive is no longer
+# enabled; the command is 0 then. A torque accelerates a free shaft without limit. Therefore an additional torque of
+# `STEERED` times the peak pushes the shaft, alternately in both directions, which the identification of friction needs,
+# and back as soon as half of the travel or of the speed limit is reached.
 
 
 STEERED: Final = 0.6  # of the peak of the excitation
@@ -55,7 +55,7 @@ _HALF: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class TuneSample:
-    """Sample of one cycle: number, command, and measured rad, rad/s, per mille."""
+    """Sample of one cycle: cycle number, command, and measured position (rad), velocity (rad/s), torque (per mille)."""
 
     cycle: int
     command: float
@@ -66,14 +66,14 @@ class TuneSample:
 
 @dataclass(slots=True)
 class TuneRecord:
-    """Samples of a run in order, `period` in s; `lost` counts cycles without a sample."""
+    """Samples of a run in order of time; `period` is in s, `lost` counts the cycles without a sample."""
 
     period: float
     samples: list[TuneSample] = field(default_factory=list)
     lost: int = 0
 
     def put(self, sample: TuneSample) -> None:
-        """Add the next sample; a second one of the same cycle is ignored."""
+        """Add the next sample; a sample of the same or an earlier cycle is ignored."""
         last = self.samples[-1] if self.samples else None
         if last is not None:
             if sample.cycle <= last.cycle:
@@ -83,18 +83,18 @@ class TuneRecord:
 
     @property
     def begin(self) -> int:
-        """The cycle of the first sample."""
+        """Number of the first sample's cycle; 0 without samples."""
         return self.samples[0].cycle if self.samples else 0
 
     def seconds(self, sample: TuneSample) -> float:
-        """Return the time of a sample since the first one."""
+        """Return the time in s between the first sample and this sample."""
         return (sample.cycle - self.begin) * self.period
 
 
 class TuneMotion:
-    """Run of an `excitation` by velocity or torque (`kind`).
+    """Motion of an excitation by velocity or torque, as given by `kind`.
 
-    The drive stops at `deceleration` in rad/s^2, 0: at once.
+    The drive stops with `deceleration` in rad/s^2; 0 means a stop without distance.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class TuneMotion:
 
     @property
     def command(self) -> float:
-        """Command to send in rad/s or per mille; 0 after the end."""
+        """Command to send in rad/s or per mille of the rated torque; 0 after the end."""
         if self.ended is not JogEnd.NONE:
             return 0.0
         value = self._excitation.at((self._now - self._begin) * 1e-9)
@@ -121,7 +121,7 @@ class TuneMotion:
 
     @property
     def elapsed(self) -> float:
-        """Elapsed time in s."""
+        """Time in s since the start."""
         return (self._now - self._begin) * 1e-9
 
     @property
@@ -130,13 +130,13 @@ class TuneMotion:
         return self._way
 
     def tick(self, now: int) -> None:
-        """Advance the time."""
+        """Advance the time; ends the run when the excitation is over."""
         self._now = now
         if now - self._begin >= self._excitation.seconds * 1e9:
             self.end(JogEnd.OVER)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Update the measured values: rad, rad/s, per mille, None if missing."""
+        """Update the measured values in rad, rad/s and per mille, None if unknown; end the run beyond a limit."""
         if not enabled:
             self.end(JogEnd.STATE)
         self._check_current(current)
@@ -153,7 +153,7 @@ class TuneMotion:
         self._steer()
 
     def end(self, why: JogEnd) -> None:
-        """End the commands; the first reason is kept."""
+        """End the commands with a reason, unless they have ended already."""
         if self.ended is JogEnd.NONE:
             self.ended = why
 
@@ -166,13 +166,13 @@ class TuneMotion:
             self.end(JogEnd.CURRENT)
 
     def _stopping(self) -> float:
-        """Return the stopping distance in rad, as far as it leads away from the start."""
+        """Return the stopping distance in rad; 0 while the shaft moves towards the start."""
         if not self._deceleration or self._speed * self._way <= 0.0:
             return 0.0
         return self._speed * self._speed / (2.0 * self._deceleration)
 
     def _steer(self) -> None:
-        """Choose the direction of an additional torque: alternating, and back after half of the travel."""
+        """Choose the direction of the additional torque: alternating, and back beyond half of a limit."""
         elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
         self._pushed = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
         way, speed = self._way / self.limits.travel, self._speed / self.limits.speed
@@ -192,7 +192,7 @@ _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded an
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
-    """Yield the next item within a timeout, and all queued ones."""
+    """Wait for the next message until a timeout; yield that message and all queued ones."""
     for message in client.messages(timeout):
         yield message
         break
@@ -200,16 +200,16 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
 
 
 def torque_index_of(axis: int) -> int:
-    """Return the torque object of an axis: 0x6077 plus the axis's offset."""
+    """Return the index of the torque actual value of an axis (0x6077 for the first axis)."""
     return axis_index(TORQUE_ACTUAL, axis)
 
 
 class TuneRun:
-    """One excitation of a drive; `run` returns the record, or raises DriveError with the reason of its end.
+    """Execution of one excitation on a drive; `run` returns the record.
 
-    `progress` is called repeatedly with the elapsed seconds; its exception ends the run after the stop.
-    `effort_unit` is how many per mille of the rated torque the unit of its effort is, None if unknown: then its
-    torque is that of the object `torque_index`, if a TPDO carries it.
+    `progress` is called repeatedly with the elapsed seconds; if it raises, the drive is stopped and the error passed
+    on. `effort_unit` converts the joint's effort to per mille of the rated torque. If it is None, the torque is taken
+    from the object `torque_index`, if a TPDO contains that object.
     """
 
     def __init__(
@@ -235,7 +235,7 @@ class TuneRun:
         self._torque: float | None = None
 
     def run(self) -> TuneRecord:
-        """Enable, excite, stop and disable."""
+        """Enable the drive, excite, stop and disable; DriveError if the run ended early, for instance at a limit."""
         with RobotClient.connect(self._drive.robot) as client:
             try:
                 motion, record = self._begin(client)
@@ -252,11 +252,11 @@ class TuneRun:
         return record
 
     def leave(self) -> None:
-        """End the run at the next sample: the drive is stopped and disabled, without a result."""
+        """Request the end of the run: the drive is stopped and disabled, and there is no result."""
         self._page_closed = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
-        """Choose the mode, enable, and return the motion, which starts now."""
+        """Choose the mode and enable the drive; return the motion, whose time starts now, and an empty record."""
         node, joint = self._drive.node, self._drive.joint
         if self._drive.mode:
             choose_mode(
@@ -273,7 +273,7 @@ class TuneRun:
         return motion, TuneRecord(period)
 
     def _first(self, client: RobotClient) -> float:
-        """Return the cycle period from the first sample."""
+        """Return the cycle period in s from the first sample; DriveError if no sample arrives."""
         deadline = time.monotonic() + _WAIT_S
         while time.monotonic() < deadline:
             for message in client.messages(_WAIT_S):
@@ -302,7 +302,7 @@ class TuneRun:
         self._keep_torque(record)
 
     def _take_torque(self, data: ProcessData) -> None:
-        """Store the torque of a TPDO in the sample of the previous cycle."""
+        """Remember the drive's torque if the process data contain it."""
         for mapped in data.nodes.get(self._drive.node, ()):
             if (mapped.index, mapped.subindex) == (self._torque_index, 0):
                 self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
@@ -312,7 +312,7 @@ class TuneRun:
             record.samples[-1] = replace(record.samples[-1], effort=self._torque)
 
     def _take(self, sample: StateSample, motion: TuneMotion, record: TuneRecord) -> None:
-        """Check a sample and store it."""
+        """Check a sample against the limits and add it to the record."""
         self._sample = sample
         joint, axis = sample.joints.get(self._drive.joint), axis_reading(sample, self._drive)
         enabled = axis is None or axis.enabled
@@ -329,31 +329,31 @@ class TuneRun:
         self._has_torque = torque is not None
 
     def _command(self, client: RobotClient, motion: TuneMotion) -> None:
-        """Send the command, and request the current if samples do not contain it."""
+        """Send the command; read the current by SDO if samples contain no torque."""
         if not self._has_torque:
             self._current.ask(client)
         if not self._sender.send(client, motion.command):
             motion.end(JogEnd.STATE)
 
 
-# Request for a tuning run: the test, its excitation within the limits, and the text to confirm.
+# Request for a tuning run: the test, its excitation within the limits, and the text that the user confirms.
 
 
 # Excitation signals for tuning and identification: step, logarithmic chirp, pseudo-random binary sequence (PRBS).
 #
-# Sans-IO: a signal is a function of the seconds since it began, in the unit of what is commanded (rad/s, or per mille
-# of the rated torque). A chirp and a PRBS rise and fall over `RAMP_S`, so that neither begins nor ends with a blow; a
-# step is one, which is what is measured. Each is zero at its end and behind it.
+# Sans-IO: a signal is a function of the seconds since its start, in the unit of the command (rad/s, or per mille of the
+# rated torque). A chirp and a PRBS fade in and out over `RAMP_S`, so that neither begins nor ends with a jolt. All
+# signals are zero at and after their end.
 
 
 RAMP_S: Final = 0.2
 LEAD_S: Final = 0.3  # of standstill before a step, by which its beginning is known
 _TAPS: Final = {7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
-"""Feedback of shift registers whose sequence is the longest there is, 2**bits - 1."""
+"""Feedback taps of shift registers, by number of bits, that generate the longest possible sequence, 2**bits - 1."""
 
 
 class Excitation(Protocol):
-    """Excitation signal; `seconds` is its length, `peak` its largest magnitude."""
+    """Excitation signal as a function of time."""
 
     @property
     def seconds(self) -> float:
@@ -361,26 +361,26 @@ class Excitation(Protocol):
 
     @property
     def peak(self) -> float:
-        """Maximum magnitude of the commands in either direction."""
+        """Largest magnitude of the signal."""
 
     def at(self, seconds: float) -> float:
-        """Return the excitation at a time after its start."""
+        """Return the value at a time in s after the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepExcitation:
-    """Zero for `LEAD_S`, then `height` until the end."""
+    """Step: zero for `LEAD_S`, then `height` until the end."""
 
     height: float
     seconds: float
 
     @property
     def peak(self) -> float:
-        """Peak value."""
+        """Magnitude of the step."""
         return abs(self.height)
 
     def at(self, seconds: float) -> float:
-        """Return 0 or the height."""
+        """Return 0 or the height, at a time in s."""
         return self.height if LEAD_S <= seconds < self.seconds else 0.0
 
 
@@ -388,8 +388,8 @@ class StepExcitation:
 class Chirp:
     """Sine of `amplitude` around `bias` whose frequency rises exponentially from `low` to `high` Hz.
 
-    The bias keeps a motor turning one way, so that friction does not change its sign (Coulomb friction is not a linear
-    system). Frequencies are above 0.
+    The bias keeps the motor turning in one direction, so that friction does not change its sign (Coulomb friction is
+    not linear). Frequencies must be above 0.
     """
 
     amplitude: float
@@ -400,11 +400,11 @@ class Chirp:
 
     @property
     def peak(self) -> float:
-        """Sum of the bias and the amplitude."""
+        """Sum of the magnitudes of bias and amplitude."""
         return abs(self.bias) + abs(self.amplitude)
 
     def at(self, seconds: float) -> float:
-        """Return the value at a time."""
+        """Return the value at a time in s, including the fade-in and fade-out."""
         span = self.seconds - 2.0 * RAMP_S
         rate = math.log(self.high / self.low) / span
         since = min(max(seconds - RAMP_S, 0.0), span)
@@ -414,7 +414,7 @@ class Chirp:
 
 @dataclass(frozen=True, slots=True)
 class Prbs:
-    """Pseudo-random sequence `bias` plus or minus `amplitude`, from a shift register of `bits`, `hold` s per bit."""
+    """Pseudo-random binary sequence around `bias`, from a shift register of `bits` bits; a value lasts `hold` s."""
 
     amplitude: float
     hold: float
@@ -428,11 +428,11 @@ class Prbs:
 
     @property
     def peak(self) -> float:
-        """Sum of the bias and the amplitude."""
+        """Sum of the magnitudes of bias and amplitude."""
         return abs(self.bias) + abs(self.amplitude)
 
     def at(self, seconds: float) -> float:
-        """Return the value at a time."""
+        """Return the value at a time in s, including the fade-in and fade-out; 0 outside of the duration."""
         if not 0.0 <= seconds < self.seconds:
             return 0.0
         bit = self._sequence[int(seconds / self.hold) % len(self._sequence)]
@@ -440,12 +440,12 @@ class Prbs:
 
 
 def _envelope(seconds: float, length: float) -> float:
-    """Return the fade-in factor of a signal, from 0 to 1."""
+    """Return the fade-in and fade-out factor of a signal of `length` s, from 0 to 1."""
     return max(0.0, min(1.0, seconds / RAMP_S, (length - seconds) / RAMP_S))
 
 
 def _maximum_length(bits: int) -> tuple[int, ...]:
-    """Return the sequence of a shift register that starts with ones, as 1 and -1."""
+    """Return one period of a shift register's sequence, with values 1 and -1; all bits are 1 at the start."""
     register, bits_out = [1] * bits, []
     for _ in range((1 << bits) - 1):
         bits_out.append(1 if register[-1] else -1)
@@ -464,7 +464,7 @@ _SHORTEST: Final = 2.0 * RAMP_S + LEAD_S + 0.2
 
 
 class TuneTest(enum.Enum):
-    """Kinds of tests."""
+    """Kinds of tuning tests; the values are texts for users."""
 
     STEP = "step"
     BODE = "frequency response"
@@ -478,9 +478,9 @@ class TuneTest(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class TuneRequest:
-    """Test: `speed` of a step, `torque` of an identification in per mille, `signal` of a frequency response.
+    """Test to run: `speed` of a step, `torque` of an identification in per mille, `signal` of a frequency response.
 
-    `period` of the cycle in s, `crossover` in rad/s, `margin` in rad, `loop_delay` in s are for the proposal.
+    `period` is the cycle in s. `crossover` in rad/s, `margin` in rad and `loop_delay` in s are for the proposed gains.
     """
 
     test: TuneTest
@@ -495,21 +495,21 @@ class TuneRequest:
 
     @property
     def kind(self) -> JogKind:
-        """Commanded quantity."""
+        """Quantity that the test commands: a torque for an identification, else a velocity."""
         return JogKind.TORQUE if self.test is TuneTest.IDENTIFY else JogKind.VELOCITY
 
     @property
     def band(self) -> tuple[float, float]:
-        """Frequencies of a frequency response in Hz, up to slightly above a third of the sampling rate."""
+        """Lowest and highest frequency of a chirp in Hz; the highest is above a third of the sampling rate."""
         return _LOW_HZ, _BEYOND * HIGHEST / self.period
 
     def height(self, scale: JogScale) -> float:
-        """Return the step in rad/s."""
+        """Return the height of the step in rad/s; only for a step."""
         assert self.speed is not None
         return scale.si(self.speed)
 
     def excitation(self, scale: JogScale) -> Excitation:
-        """Return the signal."""
+        """Return the excitation signal of the test."""
         if self.test is TuneTest.STEP:
             return StepExcitation(self.height(scale), self.seconds + LEAD_S)
         if self.test is TuneTest.IDENTIFY:
@@ -519,7 +519,7 @@ class TuneRequest:
         return Chirp(_AMPLITUDE, _BIAS, *self.band, self.seconds)
 
     def check(self, limits: JogLimits, scale: JogScale) -> None:
-        """Raise ConfigError for a test beyond the limits, or too short for a result."""
+        """Raise ConfigError if the test exceeds the limits, or is too short for a result."""
         if self.seconds < _SHORTEST:
             raise ConfigError(f"{self.seconds:g} s are too short for a {self.test.value}; {_SHORTEST:g} s at least")
         if self.kind is JogKind.TORQUE:
@@ -534,7 +534,7 @@ class TuneRequest:
             )
 
     def words(self, scale: JogScale) -> str:
-        """Excitation in words."""
+        """Return the excitation as text."""
         if self.test is TuneTest.STEP:
             return f"a step to {scale.velocity_words(self.height(scale))} for {self.seconds:g} s"
         if self.test is TuneTest.IDENTIFY:
