@@ -92,7 +92,7 @@ def set_filters(sock: CanSocket, filters: bytes) -> None:
 
 
 def bind_to(sock: CanSocket, name: str, filters: bytes) -> None:
-    """Bind to the interface with this name, which may be a new one, or to `ALL_INTERFACES`; may raise OSError.
+    """Bind to the interface `name`, which may have been created again, or to `ALL_INTERFACES`; may raise OSError.
 
     When an interface is removed the kernel drops the filters too, so that they must be set again.
     """
@@ -106,7 +106,7 @@ def ask_stamps(sock: CanSocket) -> None:
 
 
 def interface_of(address: object) -> str:
-    """Return the interface of a frame from its source address."""
+    """Return the name of an interface from the source address of a frame, "" if there is none."""
     return str(address[0]) if isinstance(address, tuple) and address else ""
 
 
@@ -185,7 +185,7 @@ def _refuse_down(name: str, interface: Path) -> None:
 
 
 def _number(path: Path, base: int) -> int:
-    """Return the number in a file of sysfs; -1 if the file is missing and the value is unknown."""
+    """Return the number in a file of sysfs, -1 if the file cannot be read."""
     try:
         return int(path.read_text(), base)
     except (OSError, ValueError):

@@ -229,7 +229,7 @@ class Chunk(NamedTuple):
 
 
 def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
-    """Split whole records at their stamps; records before the first stamp continue the chunk `before`."""
+    """Yield the chunks of records, split at the stamps; records before the first stamp continue `before`."""
     at_ns, own, begin, mark = before.next_ns, before.own, 0, -1
     if data.startswith(MARK):  # the usual case
         _, kind, at_ns = _STAMP.unpack_from(data)

@@ -48,7 +48,7 @@ def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _shown(od: ObjectDictionary, index: int) -> bool:
-    """Whether a TPDO can carry an object."""
+    """Whether an object exists and can be mapped to a TPDO."""
     entry = od.get(index, 0)
     return entry is not None and entry.tpdo_mappable
 

@@ -131,7 +131,7 @@ def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: floa
 
 
 def _sides(robot: CheckedRobot) -> Iterator[Finding]:
-    """Compare positions and axes of the wheels with the controller's kinematics."""
+    """Find left wheels that are on the right side, and wheels whose axis points to the right."""
     geometry, description = robot.geometry, robot.description
     if geometry is None or description is None:
         return
@@ -264,7 +264,7 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
 
 
 def _unplaced(text: str, path: str) -> str:
-    """Return a sentence without its leading path, if that is the path of the finding."""
+    """Return an error text without its leading path, if this is the path of the finding."""
     head, colon, rest = text.partition(": ")
     return rest if colon and Path(head).resolve() == Path(path).resolve() else text
 

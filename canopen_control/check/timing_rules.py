@@ -88,7 +88,7 @@ class CheckedRobot:
     configured: dict[str, Controller] = field(default_factory=dict)
 
     def severity(self, name: str) -> Severity:
-        """Return the severity of a controller's finding: error, or warning if another controller is selected."""
+        """Return the severity of a controller's finding: WARNING if others were selected, otherwise ERROR."""
         waits = (self.chosen or self.mock) and self.started is not None and name not in self.started
         return Severity.WARNING if waits else Severity.ERROR
 
@@ -166,7 +166,7 @@ def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Findin
 
 
 def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Compare the rate of controllers with the rate at which drives evaluate set-points."""
+    """Find controllers so slow that each CSP set-point is sent with several SYNCs."""
     line = 0 if control is None else control.manager_lines.get("update_rate", 0)
     joints = [axis.joint for axis in axes if axis.mode is OperationMode.CSP]
     if control is None or not line or not joints:

@@ -1,4 +1,4 @@
-"""Send values to a controller at 10 Hz until Ctrl-C, then zero; position joints keep their last target.
+"""Send values to a controller at 10 Hz until Ctrl-C, then zero; position joints hold their current position.
 
 Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others keep their values. When the command
 ends, they go to their safe values.

@@ -1,4 +1,4 @@
-"""Write files for other tools: `export dbc` the PDO layout of a robot, `export csv` a recording as a table.
+"""Write files for other tools: the PDO layout of a robot as DBC, or a recording as a CSV table.
 
 Exit codes: 0 written; 1 the disk is full; 2 wrong usage, or no such file or robot.
 """

@@ -1,4 +1,4 @@
-"""Turn one drive by hand, with its EDS and nothing else.
+"""Turn one drive by hand, which needs only the EDS of the drive.
 
 On a bare bus (--can CHANNEL --eds FILE) the drive is configured as `init` would do it, booted, supervised, enabled and
 moved slowly; at the end it is stopped along its ramp and disabled. Nothing is stored in it. A drive of a running robot
@@ -130,7 +130,7 @@ def _request(args: argparse.Namespace) -> _Request:
 def _running(
     args: argparse.Namespace, request: _Request, name: str | None, stack: contextlib.ExitStack
 ) -> tuple[JogDrive, JogScale]:
-    """Return a drive of a running robot, with the scale of its joint."""
+    """Return a drive of a running robot, and the scale of the joint that it moves."""
     mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[request.kind]
     return running_drive(args, name, mode, stack)
 

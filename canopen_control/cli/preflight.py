@@ -269,7 +269,7 @@ class Jog:
         return PreflightStep("jog", passed, text)
 
     def stop(self) -> PreflightStep:
-        """Jog all joints that turned, press STOP, and measure the time to standstill.
+        """Jog all joints that have passed, press STOP, and measure the time until the drives are disabled.
 
         Joints that are commanded by position move back towards the start of their jog.
         """

@@ -197,7 +197,7 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
 
 
 def _refuse_used_bus(recording: Source, channel: str) -> None:
-    """Raise ConfigError if a robot runs, a master is heard, or a node of the recording is present."""
+    """Raise ConfigError if a robot runs on the bus, or a master or a node of the recording is active."""
     from canopen_control.cli.support.target import robot_on
 
     if (owner := robot_on(channel)) is not None:

@@ -174,7 +174,7 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_file_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the files of a robot and their reading."""
+    """Declare the options that select the files of a robot, and how strictly they are read."""
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of the robot's xacro")
     parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
@@ -221,7 +221,7 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
 
 
 def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options for the kind of drives and the active controllers."""
+    """Declare the options that select real drives or mock hardware, and the active controllers."""
     parser.add_argument("--real", action="store_true", help="use real drives; start no virtual ones")
     parser.add_argument("--mock", action="store_true", help="use mock hardware: no drives and no bus")
     parser.add_argument(
@@ -383,7 +383,7 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError for an unknown personality, or one that no drive of this run can have."""
+    """Raise ConfigError if --like names no personality, or if the run starts no virtual drives."""
     from canopen_control.personality import read_personality
     from canopen_control.virtual.quirks import quirks_of
 
@@ -404,7 +404,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
-    """Return the plant file of the drives, None without one; ConfigError for errors in it or conflicting options."""
+    """Return the plant file of --plant, or None; ConfigError for an error in the file or a conflicting option."""
     if getattr(args, "plant", None) is None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):

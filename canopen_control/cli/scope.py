@@ -133,7 +133,7 @@ class SignalReport:
 
 @dataclass(frozen=True, slots=True)
 class ShotReport:
-    """Capture, as --json prints it; each sample is a time in s, relative to the trigger, and the signal values."""
+    """Capture, as --json prints it; a sample is a time in s, from the trigger or the start, and the signal values."""
 
     triggered: float | None
     signals: list[SignalReport]

@@ -182,7 +182,7 @@ def _add_served(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate; return 1 if an invariant was violated or the robot never ran, else 0."""
+    """Simulate a robot, a world or a campaign; return 1 if an invariant was violated, 130 if interrupted, else 0."""
     try:
         if args.world is not None and not names_robot(args):
             return _run_world(args)
@@ -244,7 +244,7 @@ def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
 
 
 def _at_most(speed: float | None) -> float | None:
-    """Return the speed relative to real time, None for the maximum."""
+    """Return the highest speed as a multiple of real time, None if there is no limit."""
     return None if speed == math.inf else speed
 
 
@@ -310,7 +310,7 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
 
 def _run_campaign(args: argparse.Namespace) -> int:
-    """Simulate many seeds; return 1 if an invariant was violated, else 0."""
+    """Simulate many seeds, and return the exit code of the campaign."""
     with quick_start():
         from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
         from canopen_control.simulation.random_schedule import known_faults

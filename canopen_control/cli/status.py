@@ -82,7 +82,7 @@ def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 
 
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
-    """Return the causes of events; events at one place within a second that share a clause have one cause."""
+    """Return the causes of events: different kinds of events at one place that share a clause have one cause."""
     causes: list[_Cause] = []
     reported: set[tuple[float, str]] = set()  # each axis of a node reports its loss, in one cycle
     for event in events:
@@ -419,7 +419,7 @@ def _terminal_size() -> os.terminal_size:
 
 
 def _within(lines: list[str], height: int) -> list[str]:
-    """Return at most `height` lines; the last one counts the omitted ones."""
+    """Return at most `height` lines; if lines are omitted, the last line contains their number."""
     if len(lines) <= height:
         return lines
     return [

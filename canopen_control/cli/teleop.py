@@ -355,4 +355,4 @@ class RosTarget:
         return [f"nothing subscribes to {self._topic} yet" if alone else f"a program subscribes to {self._topic}"]
 
     def close(self) -> None:
-        """Do nothing: the owner closes the graph."""
+        """Do nothing, because the caller closes the ROS graph."""

@@ -73,7 +73,7 @@ def bus_text(robot: NewRobot) -> str:
 
 
 def remark(text: str, words: str) -> str:
-    """Return a line with a comment at the common column."""
+    """Return a line of YAML with a comment that begins at the common column; no comment if `words` is empty."""
     return f"{text:<{_COLUMN}} # {words}" if words else text
 
 

@@ -163,7 +163,7 @@ class NewRobot:
 
     @property
     def is_bus_alone(self) -> bool:
-        """Whether a description would be empty: there is neither a drive nor a signal."""
+        """Whether the robot has neither a drive nor a signal, and so no description and no controllers."""
         return not any(node.drive is not None or node.signals for node in self.nodes)
 
 

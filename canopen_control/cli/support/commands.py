@@ -2,8 +2,8 @@
 
 Repeated commands end with this process; a command with `--once` ends after its timeout. Drives that are being enabled
 are awaited; if nothing can move, the command ends with the robot's sentence and exit code 1. The end of a command
-causes no new motion: a velocity or an effort becomes zero. A position or
-a target keeps the commanded value, since zero would be a new target.
+causes no new motion: a velocity or an effort becomes zero. A position
+is not set to zero, which would be a new target; when the connection closes, the joint holds its actual position.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> in
 
 @contextlib.contextmanager
 def _where_nothing_moves() -> Iterator[None]:
-    """Ignore a refusal while the drives are disabled, because no motion needs an end."""
+    """Context that ignores the refusal of a command while drives are disabled, since nothing moves then."""
     try:
         yield
     except RemoteError as error:
@@ -116,7 +116,7 @@ def ask_for_controllers(robot: str | None) -> Sequence[ControllerReading]:
 
 
 def values_at_the_end(controllers: Sequence[ControllerReading], name: str, values: list[float]) -> list[float] | None:
-    """Return the values that end a command: the commanded value for a position or target, otherwise 0.
+    """Return the last values of a command: the commanded value for a position or target, otherwise 0.
 
     All are 0 if the controller is unknown or takes another number of values. None for outputs, which have safe values.
     """

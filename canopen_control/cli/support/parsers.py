@@ -69,7 +69,7 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 def _width() -> int:
-    """Return the width of help like argparse, without importing shutil: every parser creates such a formatter."""
+    """Return the width of help texts as argparse does, but without the import of shutil, which takes time."""
     try:
         return int(os.environ.get("COLUMNS", "")) - 2
     except ValueError:

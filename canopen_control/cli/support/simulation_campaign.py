@@ -60,7 +60,7 @@ class CampaignDocument:
 
 
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
-    """Run seeds, shrink failing ones, print the result; return 1 after a breach, 130 after Ctrl-C, else 0.
+    """Run seeds, shrink failing ones, print the result; return 1 after a breach or error, 130 after Ctrl-C.
 
     A robot that does not run even without failures is reported once, and no seed is run; then 1.
     """
