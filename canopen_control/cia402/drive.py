@@ -387,7 +387,7 @@ class DriveMachine:
             self.next_update = _AT_ONCE
 
     def hold_in_switched_on(self, on: bool = True) -> None:
-        """Wait before OPERATION_ENABLED, or continue, so that several axes are enabled in one cycle."""
+        """Hold the drive in SWITCHED_ON, or release it, so that several axes are enabled in one cycle."""
         if on is not self.held_in_switched_on:
             self.held_in_switched_on = on
             self.next_update = _AT_ONCE

@@ -118,7 +118,7 @@ class AxisStatus:
         self._blind_since = None
 
     def node_lost(self, now: int) -> None:
-        """Reset after the node was lost."""
+        """Reset after the node was lost, so that the mode is written again after the next boot."""
         self._by_sdo.end()
         self._blind_since = now
         if self._mode is not None:

@@ -192,7 +192,7 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the possible modes of a command interface, those with a target in bus.yml first."""
+    """Return the possible modes of a command interface; modes with a target in bus.yml come first."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
 

@@ -187,7 +187,7 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
 
 
 def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
-    """Return the rows of a state, and those that are valid in every state: fault reset, and a halt that is stored.
+    """Return the rows of a state together with the rows of every state: fault reset, and a halt that is stored.
 
     The added rows do not change the state.
     """

@@ -294,7 +294,7 @@ class SimulatedSystem(ComponentLifecycle):
             self._engine.act(world_act)
 
     def reset(self, keyframe: str) -> None:
-        """Reset the joints to their start at rest, or to a key frame of the engine; ControlError without such one."""
+        """Reset the joints to their start, or to a key frame of the engine; ControlError if it is unknown."""
         if self._engine is not None:
             self._engine.reset(keyframe)
         elif keyframe:
@@ -310,7 +310,7 @@ class SimulatedSystem(ComponentLifecycle):
             joint.mode = ""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError for two interfaces of one joint, or one that a motor lacks."""
+        """Raise ControlError for two interfaces of one joint, or one that no motor has."""
         modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:

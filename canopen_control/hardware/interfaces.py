@@ -173,7 +173,7 @@ class HardwareComponent(Protocol):
         ...
 
     def deactivate(self) -> None:
-        """Stop all motion."""
+        """Stop all motion and enter INACTIVE."""
         ...
 
     def cleanup(self) -> None:
@@ -391,8 +391,8 @@ class ComponentLifecycle(ABC):
 
     @abstractmethod
     def _begin(self) -> None:
-        """Start to read states."""
+        """Start to read states; called by `configure`."""
 
     @abstractmethod
     def _rest(self) -> None:
-        """Stop all motion."""
+        """Stop all motion; called by `deactivate`."""

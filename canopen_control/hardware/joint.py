@@ -87,7 +87,7 @@ class JointParts:
 
     @property
     def scale(self) -> Scale:
-        """Conversion between device units and SI."""
+        """Conversion between device units and SI units for this axis."""
         return self.axis.scale
 
     @property
@@ -561,7 +561,7 @@ class JointDrive(JointParts):
             self.stop(self._now)
 
     def _is_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive stays in a mode that does not serve the claimed interface."""
+        """Whether an enabled drive stays in a mode that cannot follow the claimed interface."""
         claimed, restored = self.claimed, event.restored
         if not event.enabled or claimed in (None, TARGET):
             return False

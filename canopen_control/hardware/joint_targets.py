@@ -458,7 +458,7 @@ class EffortTarget(_ScaledTarget):
         return self._axis.scale.eff_to_dev
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Set the torque to zero."""
+        """Set the torque to zero; return True at once."""
         self.hold()
         return True
 
@@ -525,7 +525,7 @@ class PositionTarget(_PositionTarget):
         self._go(here, self._towards(here, self._count_of(value, here), period), period)
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp the target to standstill at the drive's deceleration."""
+        """Ramp the target at the drive's deceleration; return True once the target is at standstill."""
         self.value = _NAN
         if self._speed == 0.0:
             return True

@@ -244,7 +244,7 @@ _CLIENT_GONE: Final = "the action client that sent it is gone"
 
 
 class GoalAnswer(Protocol):
-    """Answer of the robot to a goal."""
+    """Answer of the robot to a goal: accepted, or refused with a reason."""
 
     @property
     def accepted(self) -> bool:
@@ -258,17 +258,17 @@ class GoalAnswer(Protocol):
 
     @property
     def feedback_rate(self) -> float:
-        """Rate of feedback in Hz."""
+        """Maximum rate of feedback to the client in Hz."""
         ...
 
     @property
     def outlives_client(self) -> bool:
-        """Whether the goal continues after its client is gone."""
+        """Whether the goal continues after its client has left the graph."""
         ...
 
 
 class ActionResult(Protocol):
-    """Result of a goal."""
+    """Result of the robot for a goal that has ended."""
 
     @property
     def state(self) -> str:
@@ -339,11 +339,11 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     def send(
         self, sender: TrajectorySender, goal: RosMessage, answer: Callable[[V | None, str | None], object]
     ) -> None:
-        """Send a goal to the robot; ValueError with the reason if it is invalid."""
+        """Send a goal to the robot; `answer` is called with the verdict or an error. ValueError for an invalid goal."""
 
     @abstractmethod
     def refused(self, verdict: V | None, text: str) -> RosMessage:
-        """Return the result of a refused goal."""
+        """Return the result message of a refused goal; `verdict` is None if the robot has not answered."""
 
     @abstractmethod
     def asks_for_end(self) -> Request[E]:
@@ -351,7 +351,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return the request that cancels the goal of a connection."""
+        """Return the request that cancels a connection's goal; `why` is None if the client requested it."""
 
     @abstractmethod
     def failed(self, text: str) -> E:
@@ -425,7 +425,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
     def close(self) -> None:
-        """Remove the action server; goals end with a result for their clients."""
+        """Remove the action server; active goals are aborted, and their clients get a result."""
         for followed in list(self._goals.values()):
             self._end(followed, self.failed("the ROS bridge leaves, and the goal ends with it"))
         self._ros.call(self._server.destroy)
@@ -433,7 +433,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     # ------------------------------------------------------------------------------------------ goals that are followed
 
     def on_state(self, state: StateSample) -> None:
-        """Send feedback, and check whether the clients are still present."""
+        """Send feedback for the newest goal, and cancel goals whose clients are gone."""
         sample = self._samples.of(state).get(self._controller)
         followed = self._followed(state)
         if followed and sample is not None and sample.executing:
@@ -442,7 +442,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
                 handle.publish_feedback(self.feedback(sample))
 
     def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
-        """Return the active goals, and check whether their clients are still present."""
+        """Return the accepted goals; every `_WATCH_S`, cancel goals whose clients are gone."""
         followed = [goal for goal in self._goals.values() if goal.verdict is not None]
         if followed and not self._watched <= state.time < self._watched + _WATCH_S:  # a clock may be set back
             self._watched = state.time
@@ -450,12 +450,12 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         return followed
 
     def _handle(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
-        """Return the handle of a goal if feedback is due."""
+        """Return rclpy's handle of a goal if feedback is due at `time` in s, else None."""
         handle = self._server.known(followed.uuid)
         return handle if handle is not None and followed.wants_feedback(time) else None
 
     def _watch(self, followed: list[FollowedGoal[V]]) -> None:
-        """End the goals whose clients are gone."""
+        """Cancel the goals whose clients are gone, except goals that outlive their clients."""
         watched = [goal for goal in followed if goal.verdict is not None and not goal.verdict.outlives_client]
         present = self._clients.present() if watched else set()
         for goal in watched:

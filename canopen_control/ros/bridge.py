@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Split the program's arguments from those of ROS (`--ros-args ...`)."""
+    """Split the arguments of the program from the arguments of ROS (`--ros-args ...`), and parse the former."""
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
     parser = argparse.ArgumentParser(prog="python -m canopen_control.ros.bridge", description="Show a robot to ROS 2.")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")

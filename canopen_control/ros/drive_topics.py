@@ -70,7 +70,7 @@ class DriveTopics(Endpoint):
             self._joint_states.publish(self._joints(state, [axis.joint for axis in axes]))
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an EMCY message of this node."""
+        """Publish an event if it is an EMCY message of this node."""
         if event.node == self._view.name and event.kind.startswith("emcy"):
             self._emcy.publish(self._emergency(event))
 
@@ -181,7 +181,7 @@ class ProxyNode(Endpoint):
             part.on_state(state)
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an EMCY message."""
+        """Publish an event if it is an EMCY message of the node."""
         for part in self._parts:
             part.on_event(event)
 

@@ -30,7 +30,7 @@ COMMANDER: Final = "ros"  # sender of commands, in the robot's status
 
 
 class Ros(Protocol):
-    """Context of an endpoint.
+    """Context of an endpoint: access to its ROS node and to the session of the robot.
 
     `command` passes a command to the robot; `warn` logs a message at most once per second. Both may be called from any
     thread.
@@ -100,7 +100,7 @@ def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | No
 
 
 class NewSamples(Generic[S]):
-    """Filter that passes each sample of a kind once, so that every publication of a controller gives one message."""
+    """Filter that passes each sample of a kind only once, so that a topic has one message per publication."""
 
     def __init__(self, kind: type[S]) -> None:
         self._kind = kind

@@ -150,7 +150,7 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Newest value by name; `put` may be called from any thread, `take` only from the thread that `put` wakes."""
+    """Newest value by name; any thread may call `put`, only the reading thread `take`."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns

@@ -166,7 +166,7 @@ class LaserScans(Endpoint):
 
 
 class GroundTruth(Endpoint):
-    """Publisher of `ground_truth`, created with the first true pose that can be given in the odometry frame."""
+    """Publisher of `ground_truth`, created with the first true pose that is known in the odometry frame."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros

@@ -62,7 +62,7 @@ class Call(Generic[R_co]):
 
 
 class ServerObserver(Protocol):
-    """Observer of the requests that a server accepts, except those that only read."""
+    """Observer of the accepted requests of a server, except requests that only read."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
         """Process an accepted request, by method name and undecoded parameters."""

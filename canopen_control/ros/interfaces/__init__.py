@@ -78,13 +78,13 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of 
 
 
 def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
-    """Return a message with those of the values for which its type has a field in the installed ROS."""
+    """Create a message with the values for which the message type has a field in the installed ROS."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
-    """Set those of the values for which the message's type has a field in the installed ROS."""
+    """Set the values for which the message type has a field in the installed ROS."""
     field_types = message.get_fields_and_field_types()
     for name, value in values.items():
         if name in field_types:

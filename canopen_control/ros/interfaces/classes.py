@@ -128,7 +128,7 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
 def action_class(
     name: str, class_of: Callable[[str], type], service_of: Callable[[str], type], supports: Callable[[], Supports]
 ) -> type:
-    """Return the class of an action; `class_of` returns its message classes, `service_of` those of its two services.
+    """Return the class of an action; `class_of` returns message classes, `service_of` service classes.
 
     The types for cancelling and for the status are common to all actions, and are installed.
     """

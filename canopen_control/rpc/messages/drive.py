@@ -78,7 +78,7 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
 
 @DRIVE.method("faults", Effect.READS)
 class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
-    """List the faults that can be injected into the node; those of inputs and axes depend on the kind of node."""
+    """List the faults that can be injected into the node; the faults of inputs and axes depend on the node."""
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
@@ -198,7 +198,7 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
-    """True pose of a simulated base in the world frame at a monotonic time in ns, in m and rad.
+    """True pose of a simulated base in the world frame, in m and rad; `time_ns` is a monotonic time.
 
     `heading` is not wrapped, `z` is the height above the floor at the start, `roll` and `pitch` are as in REP 103:
     positive to the right side and to the front down.

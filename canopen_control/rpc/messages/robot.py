@@ -111,9 +111,9 @@ class SdoRead(Request[SdoData], frozen=True, kw_only=True):
 
 
 class SdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Download an object; downloads that move an axis are refused while a stop is latched. An event names the client.
+    """Download an object; downloads that move an axis are refused while a stop is latched.
 
-    `source` is the name of the sender in this event, the name of the client's program if it is null.
+    An event of the robot names the sender: `source`, or the client's program if it is null.
     """
 
     node: NodeName
@@ -380,7 +380,7 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
 
 @ROBOT.method("controllers", Effect.READS)
 class ListControllers(Request[tuple[ControllerReading, ...]], frozen=True, kw_only=True):
-    """List the loaded controllers; with `all` also those in ros2_controllers.yaml that are not loaded."""
+    """List the loaded controllers; with `all` also unloaded controllers in ros2_controllers.yaml."""
 
     all: bool = False
 

@@ -46,10 +46,10 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
 
 
 class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
-    """Odometry of a steered base, and its wheels from right to left (control_msgs/SteeringControllerStatus).
+    """Odometry of a steered base with the states of its wheels (control_msgs/SteeringControllerStatus).
 
-    The units are rad and rad/s; unknown values are null. Either positions or velocities of the traction wheels are
-    measured.
+    Wheels are in the order from right to left, in rad and rad/s; unknown values are null. Either positions or
+    velocities of the traction wheels are measured.
     """
 
     traction_positions: list[float | None] = []

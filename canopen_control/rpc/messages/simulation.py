@@ -68,7 +68,7 @@ class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
 
 
 class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
-    """Simulate a number of cycles of a paused simulation with the active commands; answered afterwards."""
+    """Simulate `steps` cycles of a paused simulation with the active commands, and answer afterwards."""
 
     steps: Annotated[int, msgspec.Meta(ge=1, le=MAX_STEPS)]
 
