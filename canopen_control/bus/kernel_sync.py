@@ -66,7 +66,7 @@ class KernelSync:
         return None
 
     def start(self, period_us: int) -> None:
-        """Let the kernel send a frame every `period_us`, the first one at once; BusError if it refuses."""
+        """Let the kernel send a frame every `period_us`, the first at once; BusError if the kernel refuses."""
         self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
 
     def _set_up(self, period_us: int, flags: int) -> None:

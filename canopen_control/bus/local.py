@@ -268,7 +268,7 @@ def join_local(name: str, label: str = "") -> LocalPort:
 
 
 def _not_open(name: str) -> BusNotOpen:
-    """Return the error for a ``local:`` bus that is not open; it lists the open ones."""
+    """Return the error for a ``local:`` bus that is not open, with a list of the open buses."""
     return BusNotOpen(f"local:{name}", [f"local:{socket_name}" for socket_name in list_sockets("bus")])
 
 

@@ -100,7 +100,7 @@ class Port(Protocol):
 
 
 def whole_records(records: Records) -> int:
-    """Return the number of records; LocalProtocolError if the last one is incomplete."""
+    """Return the number of records; LocalProtocolError if the last record is incomplete."""
     size = len(records)
     if size % RECORD_SIZE:
         raise LocalProtocolError(f"{size} bytes are not a whole number of {RECORD_SIZE}-byte records")
@@ -209,7 +209,7 @@ class WakeDescriptor:
 
 
 def _open_wake() -> tuple[int, int]:
-    """Return descriptors to read and to write: an eventfd(2), which takes a third of the time, or a pipe."""
+    """Return descriptors for reading and writing: of an eventfd(2), which is faster, or of a pipe."""
     if sys.platform == "linux":
         event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         return event, event

@@ -282,7 +282,7 @@ class PythonCanPort:
         return record
 
     def _write(self, record: bytes) -> None:
-        """Send one frame, with retries for about a second; then it is too old, and dropped with the queue."""
+        """Send one frame, with retries for about a second; then drop this frame and all queued frames."""
         (frame,) = frames_of(record)
         message = message_of(frame, 0.0)
         for _ in range(int(1 / _RETRY_S)):

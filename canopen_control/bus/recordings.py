@@ -242,7 +242,7 @@ _UNREADABLE = (
 
 
 class RecordedFrame(NamedTuple):
-    """Recorded frame and its time in Unix ns; some formats store only us."""
+    """Recorded frame, and its time in Unix ns, which some formats store in whole microseconds."""
 
     time_ns: int
     frame: CanFrame

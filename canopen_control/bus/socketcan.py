@@ -90,7 +90,7 @@ class SocketCanPort:
     # -- receiving
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Let the kernel deliver only these identifiers and error frames; if there are too many, all 11-bit ones."""
+        """Let the kernel deliver only error frames and these identifiers; too many mean all 11-bit identifiers."""
         identifiers = frozenset(can_ids)
         if identifiers == self._identifiers or self._closed:
             return

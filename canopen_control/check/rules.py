@@ -433,7 +433,7 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
-    """Whether the keys of a joint's node have an error, or may have if the joint gives a node id."""
+    """Whether the node of a joint has keys with errors, or may have such keys if the joint names a node id."""
     unreadable = {} if robot.bus is None else robot.bus.unreadable
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
     return name in unreadable or (name is None and any(str(unread) in (node_id, "0") for unread in unreadable.values()))

@@ -201,7 +201,7 @@ def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | Non
 
 
 def command_timeouts(manager: ControllerManager) -> dict[str, dict[str, float]]:
-    """Return the command timeouts by joint and loaded controller, in s; unlimited ones are left out."""
+    """Return the command timeouts in s by joint and loaded controller; unlimited commands are left out."""
     timeouts: dict[str, dict[str, float]] = {}
     for name in manager.states:
         controller = manager.get(name)

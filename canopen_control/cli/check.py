@@ -48,7 +48,7 @@ class FrameShare(Document, frozen=True):
 
 
 class BudgetDocument(Document, frozen=True, kw_only=True):
-    """Bus load in one cycle; `bits` has no stuff bits, `worst_bits` all possible ones, `load` is from 0 to 1."""
+    """Bus load: `bits` per cycle without stuff bits, `worst_bits` with the maximum, average `load` from 0 to 1."""
 
     bitrate: int
     period_s: float

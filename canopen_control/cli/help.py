@@ -1,4 +1,4 @@
-"""Show the most used verbs, all verbs, or the help of one verb or of one of its actions.
+"""Show the most used verbs, all verbs, or the help of a verb or an action.
 
 --man prints the man page of the program or of a verb, as in `canopen-control help run --man | man -l -`.
 """

@@ -217,7 +217,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
 
 
 def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
-    """Assign the given EDS without a product code, if there is only one, to devices of that vendor without an EDS."""
+    """If exactly one given EDS has no product code, assign it to the devices of that vendor that have no EDS."""
     from canopen_control.commissioning.identity import vendor_and_product
 
     without = [(file, vendor) for file in files for vendor, product in [vendor_and_product(file)] if not product]

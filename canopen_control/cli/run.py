@@ -533,7 +533,7 @@ class _EventPrinter(RobotObserver):
         self._booted: set[str] = set()
 
     def event(self, event: Event) -> None:
-        """Print an event, unless a live table prints it or its level is too low."""
+        """Print an event, unless a live table prints the event, or the level is too low."""
         from canopen_control.cli.support.output import ENDS, is_printed
 
         session = self._session

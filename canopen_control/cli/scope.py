@@ -82,7 +82,7 @@ def read_overlay(text: str) -> NamedShot:
 
 
 def numbered(path: Path, number: int, *, several: bool) -> Path:
-    """Return the path for a capture: `path`, or if there are several, `path` with `number` (from 1) in its name."""
+    """Return the path for a capture; if there are several, `number` (from 1) is appended to the name."""
     return path.with_name(f"{path.stem}_{number}{path.suffix}") if several else path
 
 

@@ -51,7 +51,7 @@ _PLACE = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTA
 
 
 class _Cause:
-    """Cause of warnings or errors at one node or bus; `clauses` are the parts of its sentence by key."""
+    """Cause of warnings or errors at one node or bus; `clauses` are the parts of the sentence, by key."""
 
     def __init__(self, who: str, event: RobotEvent, clauses: dict[str, str], stopping: str) -> None:
         self.who, self.level, self.kinds = who, event.level, {event.kind}
@@ -67,7 +67,7 @@ class _Cause:
 
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
-    """Return one line per cause in `events`, without the errors that are already shown as `current`, by node."""
+    """Return one line for each cause in `events`; errors in `current` (by node name) are omitted."""
     folded: list[_Cause] = []
     for cause in _gather(events):
         same = next((previous for previous in folded if _same_cause(previous, cause)), None)

@@ -266,7 +266,7 @@ class TeleopRobot:
 
 
 def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
-    """Return the controller `name`, or else the only active one that can drive; ConfigError if there is none."""
+    """Return the controller `name`, or the only active controller to drive with; ConfigError if there is none."""
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
         if not matching:

@@ -1,4 +1,4 @@
-"""Play a trajectory on a joint trajectory controller, cancel the active one, or record one.
+"""Play a trajectory on a joint trajectory controller, cancel the active trajectory, or record a new one.
 
 A file is YAML or JSON in the shape of trajectory_msgs/JointTrajectory: `joint_names`, and `points` with `positions`
 and optionally `velocities` and `accelerations`, each with its `time_from_start` in seconds or as `sec` and `nanosec`.

@@ -88,7 +88,7 @@ def running_drive(
 
 
 def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
-    """Read a drive on a bare bus; return it with its own units. ConfigError or DriveError if it must not move."""
+    """Read a drive on a bare bus, with the drive's own units; ConfigError or DriveError if it must not move."""
     from canopen_control.cli.init import ask_drives
     from canopen_control.scaffold.new_robot import Device
 
@@ -189,7 +189,7 @@ def read_like(session: NodeSession, file: ParameterSet) -> Side:
 
 
 def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
-    """Read both sides of a comparison, files or nodes; of a node only the objects of the file on the other side."""
+    """Read both sides of a comparison, files or nodes; from a node only the objects of a file on the other side."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
     parameters = []
     for word, file, other_file in zip((a, b), files, reversed(files), strict=True):

@@ -197,7 +197,7 @@ class BusTransfers(Transfers):
         return self._bus.client(self._node_id).progress
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command; if the node sends heartbeats, wait until one shows the expected state."""
+        """Send an NMT command, and wait for a heartbeat with the expected state if the node sends heartbeats."""
         seconds = _RESET_S if command in RESETS else _MUTE_S if self._mute else _NMT_S
         for result in self._bus.command(command, self._node_id, seconds):
             if isinstance(result, NmtUnconfirmed) and result.state is not None:
