@@ -216,7 +216,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """Missing answer of an SDO server whose node is in NMT state STOPPED, without SDO (CiA 301, table 38)."""
+    """Missing answer of an SDO server whose node is STOPPED, an NMT state without SDO (CiA 301, table 38)."""
 
     hint = "its heartbeat says NMT STOPPED, where a node answers no SDO; `nmt preop` or `nmt start` ends that"
 
@@ -225,7 +225,7 @@ class SdoStopped(SdoTimeout):
 
 
 class SdoRestarted(RemoteProtocolError):
-    """Boot-up of a node during an SDO transfer, which failed because of that."""
+    """Boot-up of a node during an SDO transfer, so that the transfer failed."""
 
     def __init__(self, node_id: int, index: int, subindex: int, name: str = "") -> None:
         self.index, self.subindex = index, subindex
@@ -269,7 +269,7 @@ class HeartbeatLost(RemoteProtocolError):
 
 
 class DriveError(CanopenError):
-    """Command that a drive does not or cannot execute."""
+    """Error of a drive, such as a command that the drive does not execute."""
 
 
 class UnsupportedMode(DriveError):
@@ -349,7 +349,7 @@ _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper",
 
 
 def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
-    """Return `, did you mean 'x'?` for the most similar known name, else if `listed` a list of the known names, or "".
+    """Return a suggestion `, did you mean 'x'?`, else a list of the known names if `listed`, else "".
 
     The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
     """

@@ -273,7 +273,7 @@ def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
 
 
 def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Send NMT start until a heartbeat or TPDO confirms OPERATIONAL, at most `NMT_TRIES` times; BootError T."""
+    """Send NMT start, at most `NMT_TRIES` times, until a heartbeat or TPDO confirms OPERATIONAL; else BootError T."""
     yield NextStep("start")
     if not plan.supervision_ns and not plan.tpdos:
         yield SendNmt(NmtCommand.START)  # nothing could confirm the state
@@ -288,7 +288,7 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
 def _answered(
     plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an optional number, None if refused; BootError with `letter` without an answer or for a wrong length."""
+    """Read an optional number; None if refused, BootError with `letter` if there is no valid answer."""
     try:
         return (yield from transfers.number(index, subindex, signed=signed))
     except (SdoTimeout, SdoLengthError) as error:
@@ -373,7 +373,7 @@ class BootTask:
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`, None if not needed; 0 for now, since a TPDO may have been received."""
+        """Return the time of the next `tick`: 0 for now, because a TPDO may have come; None if not needed."""
         if self._hears_tpdos:
             return 0
         return self._deadline if isinstance(self._waiting, _WAITS) else None
@@ -424,7 +424,7 @@ class BootTask:
         self._resume(now, lambda: self._generator.send(value))
 
     def _resume(self, now: int, go_on: Callable[[], Request]) -> None:
-        """Resume the generator by `go_on` until its next wait or its end."""
+        """Resume the generator by calling `go_on`, and continue until the next wait or the end of the generator."""
         self._waiting = None
         try:
             request = go_on()

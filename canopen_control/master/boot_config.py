@@ -112,7 +112,7 @@ def matches(write: PlannedWrite, current: bytes | None) -> bool:
 
 
 def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
-    """Return the writes of a group that are required, in order, for the `current` values; [] without a difference."""
+    """Return the writes of a group that are required, in order, for the `current` values; [] if nothing differs."""
     final = final_values(group)
     different = {
         address for address, write in final.items() if not write.compare or not matches(write, current.get(address))
@@ -202,7 +202,7 @@ def release_cob_ids(
 def configure_pdo(
     plan: NodePlan, group: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one PDO; if refused, use the node's configuration if possible. BootError J."""
+    """Read, compare, write and verify one PDO; if refused, use the node's own configuration, else BootError J."""
     current: Held = {}
     try:
         for address in reads_of(group):
@@ -321,7 +321,7 @@ def _verify(
 def _refused(
     plan: NodePlan, planned: Sequence[PlannedWrite], current: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Use a refused PDO as configured in the node, or leave the PDO invalid; BootError J if it is needed."""
+    """Use a refused PDO as configured in the node; if that is not possible, BootError J for a needed PDO."""
     pdo = planned[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:

@@ -86,7 +86,7 @@ def bits_of(length: int) -> tuple[int, int]:
 
 
 def budget_of(config: BusConfig, period_ns: int) -> Budget:
-    """Return the bus load of process data for a cycle of `period_ns`."""
+    """Return the frames of a bus with their rates, for a cycle of `period_ns`."""
     unbounded: list[str] = []
     shares = list(_shares(config, period_ns, unbounded))
     return Budget(tuple(shares), config.master.baudrate * 1000, period_ns, tuple(unbounded))
@@ -112,7 +112,7 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
 
 
 def _tpdo(name: str, node: NodeConfig, layout: PlannedPdo, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
-    """Yield a TPDO with its rate: every n-th SYNC, or at most once per inhibit time and cycle; none on request only."""
+    """Yield a TPDO with its rate per cycle; a TPDO that is sent only on request is left out."""
     kind, title = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
         return

@@ -94,7 +94,7 @@ class ReceivedPdo:
         self.count += 1
 
     def use(self, layout: PlannedPdo, planned: Sequence[MappedObject]) -> None:
-        """Use another COB-ID or mapping, because the node keeps its own; `layout` must contain the `planned` objects.
+        """Use the COB-ID and mapping that the node has kept; `layout` must contain the `planned` objects.
 
         `values` remain in the order of the `planned` objects.
         """
@@ -227,7 +227,7 @@ class SentPdo:
         self._carry(outputs)
 
     def use(self, layout: PlannedPdo, outputs: Sequence[Output]) -> None:
-        """Use another COB-ID or mapping, because the node keeps its own; `outputs` are the mapped objects."""
+        """Use the COB-ID and mapping that the node has kept; `outputs` are the mapped objects."""
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
@@ -345,7 +345,7 @@ class ProcessImage:
             self._outputs[node_id, *copy] = output
 
     def put_before(self, node_id: int, index: int, output: Output) -> None:
-        """Let `output()` return another output for an object with subindex 0; its RPDOs are not changed."""
+        """Let the method `output` return the given output for object `index`; the RPDOs are not changed."""
         self._of_axes[node_id, index, 0] = output
 
     def collect(self, sync: bytes = b"") -> bytes:

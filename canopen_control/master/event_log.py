@@ -70,7 +70,7 @@ def _span(seconds: float) -> str:
 
 
 def _few(event: Event) -> int:
-    """Return how many repetitions of an event are reported one by one before they are summarised."""
+    """Return how many occurrences of an event are reported one by one before they are summarised."""
     good_news = event.level is Level.INFO and not event.kind.startswith(_MACHINES)
     return FEW if good_news or event.kind in _ACTS else 1
 
@@ -87,7 +87,7 @@ class _Repeated:
         self.until = event.time + self.window_ns
 
     def sum(self) -> Event:
-        """Return one event that stands for all occurrences."""
+        """Return one event for all occurrences, with the total count."""
         if self.count == self.event.count:
             return self.event
         return replace(self.event, count=self.count, since=self.since, details=None)

@@ -128,7 +128,7 @@ class NodePlan:
         return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
     def carried(self, pdos: Sequence[PlannedPdo]) -> set[tuple[int, int]]:
-        """Return the addresses mapped by PDOs of the node, for every axis that shares an object."""
+        """Return the addresses of all objects in PDOs; an object that axes share has an address for each axis."""
         carried = {(mapped.index, mapped.subindex) for pdo in pdos for mapped in pdo.objects}
         shared = {} if self.motors is None else self.motors.shared
         return carried.union(*(shared.get(address, ()) for address in carried))
@@ -514,7 +514,7 @@ def _plan_reactions(builder: PlanBuilder) -> None:
 
 
 def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
-    """Whether a node, configured by the plan, detects the loss of the master; warn if its timeout is too short."""
+    """Whether a node, configured by the plan, detects the loss of the master; warn if the timeout is too short."""
     if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
         return True
     consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
@@ -574,7 +574,7 @@ def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -> None:
-    """Plan the COB-ID object `index` of a service, if the node has that; `why` completes the messages."""
+    """Plan the COB-ID of a service (object `index`), if the node has that object; `why` completes the messages."""
     if (index, 0) not in builder.od:
         return
     listed = builder.listed_value(index)

@@ -390,7 +390,7 @@ class PlanBuilder:
         return None
 
     def downloaded_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the number that a file, or the `sdo:` list for PDO records, writes to an object; None if none."""
+        """Return the number that a file (for PDO records also the `sdo:` list) writes to an object, else None."""
         data = self._downloaded.get((index, subindex))
         entry = self.od.get(index, subindex)
         signed = entry is not None and entry.data_type.signed

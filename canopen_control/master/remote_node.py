@@ -292,7 +292,7 @@ class RemoteNode:
         self._retry_at = None
 
     def command(self, command: NmtCommand, now: int, *, boot: bool = False) -> None:
-        """Send a user's NMT command; unless NMT start, the node is then unused until started, or booted with `boot`."""
+        """Send a user's NMT command, which takes the node out of use, except NMT start or a reset with `boot`."""
         self._send_command(command)
         if command is NmtCommand.START:
             self.begin_boot(now)
@@ -325,7 +325,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _on_silence(self, age_ns: int, now: int) -> None:
-        """Process a missing heartbeat; for a node taken out of use it is only reported."""
+        """Process a missing heartbeat, which is only reported for a node taken out of use."""
         self.nmt_state = None
         lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
         if self.is_taken_out:

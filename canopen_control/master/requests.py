@@ -144,7 +144,7 @@ class BootTransfers:
             return None
 
     def held(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an object for comparison, None if refused or, with a warning, of another length; SdoTimeout."""
+        """Upload an object to compare; None if refused or, with a warning, if the length is unexpected. SdoTimeout."""
         try:
             return (yield from self.try_read(index, subindex))
         except SdoLengthError as error:

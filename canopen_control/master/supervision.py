@@ -117,7 +117,7 @@ class EmcyGate:
         return True
 
     def summary(self, now: int) -> int:
-        """Return the number of suppressed messages after the end of the second, and reset it; 0 for none."""
+        """Return the number of suppressed messages after the end of the second, and clear the counter; 0 for none."""
         if not self.held or now - self._window < _SECOND:
             return 0
         count, self.held = self.held, 0

@@ -430,11 +430,11 @@ class ApiServer(RobotObserver):
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
     def _keeps(self, connection: Connection) -> bool:
-        """Whether a connection may stay idle: it has a subscription, or a command that ends when it closes."""
+        """Whether a connection may stay idle: it has a subscription, or a command that ends with the connection."""
         return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
-        """Raise ControlError if no further permanent connection is allowed; requests such as `stop` need the rest."""
+        """Raise ControlError if too many connections are permanent, since `stop` and the like need the others."""
         if (
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
@@ -444,7 +444,7 @@ class ApiServer(RobotObserver):
     # ------------------------------------------------------------------------------------------- what is pushed
 
     def after_cycle(self, now: int) -> None:
-        """Schedule the messages that subscribers are due, to be sent before the next cycle."""
+        """Schedule due messages to subscribers, to be sent between this cycle and the next."""
         del now
         robot, watched = self._robot, self._subscriptions
         if robot.events.waiting or (
@@ -535,7 +535,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return the values of a twist in the controller's order; ControlError if the controller cannot follow it."""
+        """Return the values of a twist in the controller's order; ControlError if the controller cannot use them."""
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:

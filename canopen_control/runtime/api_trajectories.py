@@ -214,7 +214,7 @@ class TrajectoryMethods(RobotObserver):
 
 
 class _Promise:
-    """Heartbeat that a connection must send at least every `within_ns`; `last_heartbeat` is its last time in ns.
+    """Heartbeat that a connection must send at least every `within_ns`, received last at `last_heartbeat` in ns.
 
     It applies while `life`, the command timeout of the controller, belongs to the connection.
     """

@@ -1,4 +1,4 @@
-"""Assembly of a robot from its configuration files into buses, nodes, hardware components and joints.
+"""Assembly of a robot's buses, nodes, hardware components and joints from its configuration files.
 
 No channel is opened and nothing moves. Buses are created only if the description uses them; a tag without an
 implementation is refused with its line.
@@ -82,7 +82,7 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
 
 
 def _mapping(node: Node, key: str) -> list[tuple[str, Node]]:
-    """Return the entries of a mapping node; report any other kind of node, as an error that says to write `key`."""
+    """Return the entries of a mapping node; report an error that asks for `key` if the node is not a mapping."""
     if node.kind != "mapping":
         node.error(f"write {key}")
     return node.items()
@@ -95,7 +95,7 @@ def _parameters(root: Node) -> list[Node]:
 
 
 def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
-    """Report a joint that the description does not have, or that has no such command interface."""
+    """Report a joint that is missing in the description or has no such command interface."""
     if joint not in commands:
         place.error(f"no joint {joint!r} in the description's <ros2_control>{nearest(joint, commands)}")
     elif interface not in commands[joint]:
@@ -157,7 +157,7 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
 
 
 def _world(path: Path) -> WorldDescription:
-    """Read a world file without robots; RobotConfigError if the file has robots of its own."""
+    """Read a world file for a single robot; RobotConfigError if the file has robots of its own."""
     from canopen_control.physics.scene_file import read_world_description
 
     world = read_world_description(path)

@@ -100,7 +100,7 @@ def axes_of(
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
-    """Add the joints with the same base or controlword; return all, with a sentence that names the added ones or ""."""
+    """Add the joints with the same base or controlword; return all joints, and a sentence about added joints or ""."""
     complete = with_partners(joints)
     notes = [
         f"{' and '.join(each.joint for each in (joint, *joint.partners))} are motors behind one controlword: "

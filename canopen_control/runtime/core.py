@@ -302,7 +302,7 @@ class RobotCore:
         return self.needed.hint or enable_hint(waiting)
 
     def _boot_error(self) -> str | None:
-        """Return the error text of the first required node that is not ready and has one; None if there is none."""
+        """Return the error of a required node that is not ready; None if no such node has an error."""
         errors = (node.error for node in self.nodes.values() if node.config.required and not node.ready)
         return next((error for error in errors if error), None)
 
@@ -356,7 +356,7 @@ class RobotCore:
             raise
 
     def shutdown(self, why: str) -> None:
-        """Start to stop the robot: ramp to zero, disable the drives, leave the buses; a second call does nothing."""
+        """Begin to stop the robot: ramp to zero, disable the drives, leave the buses; a second call does nothing."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             return
         now = self.reactor.now()
@@ -445,7 +445,7 @@ class RobotCore:
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client; `why` is the predicate of the client in the event text."""
+        """End the commands of a disconnected client; `why`, such as "is gone", completes the event text."""
         self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:

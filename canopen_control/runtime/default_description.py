@@ -121,7 +121,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield name, node, axis and "" for each new joint of a drive without one, or the reason against the joint."""
+    """Yield joint name, node and axis of each drive axis that no joint names, and the problem with it or ""."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}
@@ -142,7 +142,7 @@ def _is_named(node: NodeConfig, description: UrdfDescription) -> bool:
 
 
 def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2ControlSystem:
-    """Return a <ros2_control> tag with a joint for each axis, with the command interface `target`."""
+    """Return a <ros2_control> tag in which every axis is a joint with the command interface `target`."""
     states = {interface: InterfaceInfo(interface) for interface in (POSITION, VELOCITY, EFFORT)}
     target = {TARGET: InterfaceInfo(TARGET)}
     joints = tuple(

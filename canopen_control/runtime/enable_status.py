@@ -116,7 +116,7 @@ class DriveEnableStatus(EnableStatus):
 
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Return whether a required node is not ready or stale, or a drive is in fault."""
+    """Return whether a required node is not ready or has an overdue TPDO, or a drive is in fault."""
     for node in nodes:  # no generator expressions, for speed: called for each state sample
         if (not node.ready or node.stale) and node.config.required:
             return True
@@ -257,7 +257,7 @@ class MandatoryNodes(RobotObserver):
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError for controllers that command axes while a mandatory node is missing or STOP is latched."""
+        """Raise ControlError for controllers with commands while a mandatory node is missing or STOP is latched."""
         names = list(controllers)
         self._latch.check_controllers(names)
         for name in names:

@@ -45,7 +45,7 @@ class TruePoseTracker:
         self._odom = None
 
     def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
-        """Process a true pose and the odometry at the same time; `odometry` is (controller name, pose) or None."""
+        """Process a true pose, with the odometry of that time as (controller name, pose), or None without odometry."""
         name, pose = (None, None) if odometry is None else odometry
         if name is not None and (self._odom is None or name != self._controller):
             self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
@@ -66,7 +66,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
-    """Return name and pose of the active base controller, extrapolated by `ahead_ns` (-0.2 s to 0); None if none."""
+    """Return name and pose of the active base controller, extrapolated by `ahead_ns` (-0.2 s to 0), else None."""
     ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)
@@ -97,7 +97,7 @@ class TruePoseQuery:
         self._closed = False
 
     def start(self) -> None:
-        """Start to query; if no drive knows the pose of a base, every drive is queried only once."""
+        """Start querying; if no drive knows the pose of a base, every drive is queried only once."""
         if not self._closed:
             self._drives = iter(self._names)
             self._try_next()
@@ -142,6 +142,6 @@ class TruePoseQuery:
             client.close()
 
     def close(self) -> None:
-        """Stop to query, and disconnect."""
+        """Stop querying, and disconnect."""
         self._closed, self._drives = True, iter(())
         self._leave()

@@ -196,7 +196,7 @@ class _Reading:
         return used
 
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
-        """Read an included launch file; return the names of the including file's arguments that it uses."""
+        """Read an included launch file; return which arguments of the including file are used there."""
         name = None if include.file is None else launch.resolved(include.file)
         place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name

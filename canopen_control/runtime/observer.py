@@ -18,7 +18,7 @@ class RobotObserver:
         """Process a reported event."""
 
     def running(self) -> None:
-        """React to the end of the start, when the robot runs; called once."""
+        """React to the completed start of the robot; called once."""
 
     def stopped(self) -> None:
         """React to the stop of the robot; called once."""

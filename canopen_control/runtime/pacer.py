@@ -140,7 +140,7 @@ class Pacer:
         return self._timer is not None
 
     def newly_missed(self, now: int) -> int:
-        """Return the number of missed edges that are not reported yet, and 0 within a second of the last report."""
+        """Return the number of missed edges that are not reported yet, or 0 within a second of the last report."""
         missed = self.missed - self.reported
         if not missed or now < self._tell_at:
             return 0

@@ -160,7 +160,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
 
 
 def _copied_from(description: UrdfDescription) -> Iterator[str]:
-    """Yield the path of the description if its text equals the written copy, unlike that of a xacro file."""
+    """Yield the path of the description if the file is the written URDF itself, and not a xacro file."""
     path = Path(description.path)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == description.urdf_xml:

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 # SYNC that the kernel or a node of the bus sends, and that the cycle follows.
 #
 # The kernel's SYNC is received like any frame (a frame sent by one socket reaches all others), and the edges of the
-# cycle are half a period later (`SyncPhase`): the answers of the drives arrive in the first half, and the frames of
-# the cycle are sent in the second half, before the next SYNC, at which the drives apply them. With `sync_order: first`
-# the edges are an eighth of a period after SYNC, which leaves seven eighths to a process that is late. Without SYNC
-# the cycle continues by its own clock, the SYNC task is set up again, and that is reported.
+# cycle are placed after the SYNC (`SyncPhase`): an eighth of a period later, which leaves seven eighths to a process
+# that is late, or with `sync_order: last` half a period later, after the answers of the drives. The frames of the cycle
+# are sent before the next SYNC, at which the drives apply them. Without SYNC the cycle continues by its own clock, the
+# SYNC task is set up again, and that is reported.
 #
 # The kernel measures each period from the end of its transmission, so that its SYNC period is too long by its latency
 # of some us. The excess is measured from the received SYNCs and subtracted from the period passed to the kernel.
@@ -61,7 +61,7 @@ class SyncTask(Protocol):
         """Change the period of a running task without an additional SYNC; BusError if that fails."""
 
     def close(self) -> None:
-        """Stop to send SYNC."""
+        """Stop sending SYNC."""
 
 
 class _Excess:
@@ -270,7 +270,7 @@ class RobotBus:
         return self._followed is not None
 
     def unserved_syncs(self) -> int:
-        """Return how many followed SYNCs since the last call came without new RPDOs before them."""
+        """Return how many SYNCs of another producer since the last call had no cycle of their own."""
         if self._followed is None:
             return 0
         syncs, self._syncs = self._followed.count - self._syncs, self._followed.count
@@ -434,7 +434,7 @@ class RobotBus:
         self._send(self._take())
 
     def release_nodes(self) -> None:
-        """Reset the communication of all nodes, so that they no longer consume the heartbeat of this master."""
+        """Reset the communication of the nodes, if allowed, so that they no longer consume the master's heartbeat."""
         for node in self.network.nodes.values():
             if node.config.boot.reset_communication:  # no reset with `reset_communication: false`
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)

@@ -90,7 +90,7 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """Requester of simulation steps, who is notified when they are complete."""
+    """Interface of a request for simulation steps, which is notified when the steps are complete."""
 
     def settle(self, error: str | None) -> None:
         """Process the completion of the steps, or the reason `error` why they were not completed."""
@@ -132,7 +132,7 @@ class RobotClock:
         self.paused = True
 
     def resume(self) -> None:
-        """Resume the paused clock; the request for remaining steps fails."""
+        """Resume the paused clock; a pending step request fails."""
         if self.paused:
             self._end("the simulation goes on: the steps that were left are no longer wanted")
             self.paused, self._resumed, self._steps = False, True, 0
@@ -164,7 +164,7 @@ class RobotClock:
         return True
 
     def take_step(self, edge: int) -> bool:
-        """Advance the clock by one period if a step is pending; return whether that was so."""
+        """Advance the clock by one period if a requested step is pending; return False if there is none."""
         if not self._steps:
             return False
         self._steps -= 1

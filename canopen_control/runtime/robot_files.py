@@ -276,7 +276,7 @@ def _heeded(
 def _refuse_missing(
     launch: str | None, launched: Launched | None, no_bus: Sequence[str], missing: Sequence[str], *, needed: bool
 ) -> NoReturn:
-    """Raise RobotConfigError that lists the missing files, in other words for a `launch` file given without a folder.
+    """Raise RobotConfigError that lists the missing files; a `launch` file without a folder changes the wording.
 
     If a bus is not `needed`, because other files of the robot were found, a missing bus.yml is not listed.
     """

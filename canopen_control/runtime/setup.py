@@ -158,7 +158,7 @@ class RobotSetup:
 
     @property
     def phase_ns(self) -> int:
-        """Delay of the cycle after a followed SYNC in ns: half a period, or an eighth with `sync_order: first`."""
+        """Delay of the cycle after a followed SYNC in ns: an eighth of a period, or half with `sync_order: last`."""
         followed = (self.buses[name] for name, choice in self.sync.items() if choice.sender in _OTHERS)
         closely = any(bus.master.follows_closely for bus in followed)
         return self.cycle_ns // (8 if closely else 2)

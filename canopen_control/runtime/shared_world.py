@@ -81,7 +81,7 @@ def read_shared(world: Path) -> list[SharedRobot]:
 
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
-    """Read one robot of a world file, whose name is a folder next to that file or as for `find_robot`."""
+    """Read one robot of a world file: a folder next to that file, else a robot that `find_robot` finds."""
     beside = world.parent / start.robot
     config = str(beside) if beside.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]

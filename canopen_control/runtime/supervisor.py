@@ -111,7 +111,7 @@ class Supervisor:
         """Names of child processes that have ended unexpectedly, with the consequence, until restarted."""
 
     def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
-        """Start a virtual drive for every node in bus.yml: one process each, or in this process on an in-process bus.
+        """Start virtual drives for all nodes in bus.yml, in separate processes, or in this one for an in-process bus.
 
         With a `plant` file, all drives run in one process, since they move the same simulated robot. `like` is the
         personality of the drives.
@@ -224,7 +224,7 @@ class Supervisor:
         self._check_ready()
 
     def _continue_without_ready(self, child: Child) -> None:
-        """Stop to wait for a child; if the process of all drives fails without a message, wait for its end."""
+        """Stop waiting for a child; if the process of all drives fails without a message, wait for its end."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
             self._arrived(child)
 
@@ -443,7 +443,7 @@ def hosts_virtual_drives(setup: RobotSetup) -> bool:
 
 
 class Silence:
-    """Measurement of how long a child has been silent, counted only while this process was on time. Monotonic ns."""
+    """Duration of a child's silence, counted only while this process was on time; all times are in monotonic ns."""
 
     def __init__(self, now: int) -> None:
         self._looked, self._heard_at = now, -1
@@ -460,7 +460,7 @@ class Silence:
 
 
 class Restarts:
-    """Restart policy of a child process, without I/O; `given_up` is set after too many restarts. Monotonic ns."""
+    """Restart policy of a child process; `given_up` is set after too many restarts, times are in monotonic ns."""
 
     def __init__(self) -> None:
         self.given_up = False
