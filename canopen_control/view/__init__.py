@@ -1,6 +1,6 @@
-"""Browser view of a robot: 3D scene, plots, events and STOP on a page served by this computer.
+"""Browser view of a robot: a page with 3D scene, plots, events and STOP, served by this computer.
 
-It is a process of its own and a client of the runtime. Only this subpackage imports NiceGUI.
+The view runs in a separate process and is a client of the runtime. Only this subpackage imports NiceGUI.
 """
 
 from __future__ import annotations
@@ -13,6 +13,6 @@ __all__ = ["require_view"]
 
 
 def require_view() -> None:
-    """Raise ConfigError with the command to type if NiceGUI is missing; does not import it."""
+    """Raise ConfigError with the install command if NiceGUI is missing; NiceGUI itself is not imported."""
     if importlib.util.find_spec("nicegui") is None:
         raise ConfigError("the browser view needs NiceGUI: pip install 'canopen-control[view]'")

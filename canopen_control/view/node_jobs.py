@@ -1,7 +1,7 @@
 """Jobs at one node, shared by all pages: short requests on threads, and one long job at a time. No toolkit.
 
-Each request has its own connection, so that STOP and the stream of the state never wait behind it. A long job continues
-when the page that started it is closed; every page shows its progress, and any page can end it.
+A request has its own connection, so that STOP and the state samples never wait behind the request. A long job continues
+when the page that started it is closed; every page shows the progress, and any page can end the job.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 class NodeJobs(NodeObjects):
-    """Jobs of the node at `place` of the running robot `robot`; `history` are the writes of all pages."""
+    """Jobs and object edits at one node of a running robot; `history` contains the edits of all pages."""
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
@@ -45,22 +45,22 @@ class NodeJobs(NodeObjects):
         self._editing = threading.Lock()
 
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
-        """Return the result of `work` with a session of the node, on a thread; raises its errors."""
+        """Run `work` with a session of the node on a thread and return the result; raises the errors of `work`."""
         return await in_thread(partial(self.with_session, work))
 
     def with_session(self, work: Callable[[NodeSession], T]) -> T:
-        """Return the result of `work` with a session of the node; blocks, for threads."""
+        """Run `work` with a session of the node and return the result; blocks, so call it on a thread."""
         with self.session() as session:
             return work(session)
 
     # ------------------------------------------------------------------------------------ single objects
 
     async def write(self, entry: Entry, text: str) -> Edit:
-        """Write an object from the user's text; CanopenError with the reason of a refusal."""
+        """Write an object from the user's text; CanopenError with the reason if the write is refused."""
         return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
 
     async def undo(self) -> Edit:
-        """Undo the newest write; CanopenError with the reason if it is not possible."""
+        """Undo the newest edit; CanopenError with the reason if that is impossible."""
         return await in_thread(partial(self._edit, self.history.undo))
 
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:
@@ -69,15 +69,15 @@ class NodeJobs(NodeObjects):
         with self._editing:
             return self.with_session(change)
 
-    # ------------------------------------------------------------------------------------ what takes long
+    # ------------------------------------------------------------------------------------ long jobs
 
     @property
     def busy(self) -> bool:
-        """Whether a job runs."""
+        """Whether a job is running."""
         return self.work is not None and not self.work.over
 
     def begin(self, work: JobRun, function: Callable[[NodeSession, JobRun], str]) -> str | None:
-        """Start a job on a thread; `function` returns the final sentence. Returns the reason if it cannot start."""
+        """Start a job on a thread; `function` returns its final sentence. Return the reason if the job cannot start."""
         if self.work is not None and self.busy:
             return f"{self.place.name} is busy: {self.work.title}; wait for its end"
         self.work = work

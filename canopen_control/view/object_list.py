@@ -1,4 +1,4 @@
-"""Objects of a node for the page: rows, values and search; without the toolkit."""
+"""Objects of a node for the page, as rows with values and with a search; without the toolkit."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _MODE = (0x6061, 0)
 
 
 def address_text(address: Address) -> str:
-    """Return an address in the form of the page."""
+    """Return an address as text for the page, such as 0x1018:01."""
     return f"0x{address[0]:04X}:{address[1]:02X}"
 
 
 class ObjectList:
-    """Objects of the dictionary `od` of a node; `sent` is the sequence number up to which a page was updated."""
+    """Objects of a node for one page; remembers which values the page has received."""
 
     def __init__(self, od: ObjectDictionary, node_id: int) -> None:
         self._od, self._node_id = od, node_id
@@ -41,7 +41,7 @@ class ObjectList:
 
     @property
     def rows(self) -> list[TreeRow]:
-        """All objects by address."""
+        """Rows of all objects, sorted by address."""
         entries = list(self._entries.values())
         rows = rows_of(self._od, [LiveObject(entry) for entry in entries], self._node_id)
         return [
@@ -63,27 +63,27 @@ class ObjectList:
         ]
 
     def _record(self, entry: Entry) -> str:
-        """Return the name of the record or array of an entry, "" without one."""
+        """Return the name of the record or array of an entry, "" if the entry is a single object."""
         info = self._od.objects.get(entry.index)
         return "" if info is None or info.code in SCALAR_CODES else info.name or f"0x{entry.index:04X}"
 
     def entry(self, address: str) -> Entry | None:
-        """Return the object of an address in the page's form."""
+        """Return the entry at an address such as 0x1018:01; None if there is none."""
         return self._entries.get(address)
 
     def entries(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return the existing objects with these addresses."""
+        """Return the entries at these addresses; unknown addresses are ignored."""
         return [self._entries[address] for address in addresses if address in self._entries]
 
     def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return the objects and the displayed mode, on which some bits of a word depend."""
+        """Return these entries; if a statusword or controlword is among them, add 0x6061 for its mode-specific bits."""
         selected = self.entries(addresses)
         mode = self._entries.get(address_text(_MODE))
         has_axis = any(axis_word(entry.index) for entry in selected)
         return [*selected, mode] if has_axis and mode is not None and mode not in selected else selected
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
-        """Return the matching addresses (None for all), and a message if there are none."""
+        """Return the matching addresses (None for all) and "", or no addresses and an error text."""
         if not (words := text.split()):
             return None, ""
         try:
@@ -92,12 +92,12 @@ class ObjectList:
             return [], str(error)
 
     def news(self, live: Mapping[Address, tuple[int, LiveObject]]) -> dict[str, ObjectWords]:
-        """Return the values that have changed since the last update."""
+        """Return the values that have changed since the last call, by address."""
         since, self._sent = self._sent, max((number for number, _ in live.values()), default=self._sent)
         return self._words(live, [value for number, value in live.values() if number > since])
 
     def known(self, live: Mapping[Address, tuple[int, LiveObject]], addresses: Iterable[str]) -> dict[str, ObjectWords]:
-        """Return the values of these objects."""
+        """Return the known values of these objects, by address."""
         present = [self._entries[address].address for address in addresses if address in self._entries]
         return self._words(live, [live[address][1] for address in present if address in live])
 

@@ -1,11 +1,11 @@
-"""Address of a page with its token, readable only by its user: a file of mode 0600 in the sockets' private folder.
+"""Address of a page with its token, in a file with mode 0600 in the private folder of the sockets.
 
-The view that serves a page holds the lock of its file. A view that was killed leaves the file, and the next one on the
-same host and port uses its token again, so that an open tab survives the restart. A normal exit removes the file:
-an open tab sends its token to the next server on that port, where it must not be valid. For the same reason a token
+The view that serves a page holds a lock on its file. A view that was killed leaves the file, and the next view on the
+same host and port uses its token again, so that an open tab survives the restart. A normal exit removes the file: an
+open tab sends its token to the next server on that port, where the token must not be valid. For the same reason a token
 belongs to one port.
 
-The token stands in no command line, no event, no recording and no log of the robot: other users may read those.
+The token appears in no command line, event, recording or log of the robot, because other users may read those.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-# The requests that the page's server answers: token, Host and Origin checks, and the security headers. No socket.
+# Access rules of the page's server: token, Host and Origin checks, and security headers. No socket.
 #
 # A page that can move motors is for the user who started it. Every user of a computer can connect to its loopback
 # address, so every request needs a token there too: pages, files, STOP, uploads and WebSockets. The token is the first
-# part of the path. It is not in a cookie: a browser sends the cookies of a host to all its ports (RFC 6265, 8.5), and
-# any user may serve another port of this computer.
+# part of the path. It is not in a cookie, because a browser sends the cookies of a host to all its ports (RFC 6265,
+# 8.5), and any user may serve another port of this computer.
 #
 # A browser names in Origin the page that made a request, so that pages from elsewhere are refused (RFC 6455, 10.2). On
-# loopback a foreign Host is refused too: a foreign name that resolves to this computer would share our origin.
+# loopback a foreign Host is refused too, because a foreign name that resolves to this computer would share our origin.
 
 
 _HEADERS: Final = {
@@ -56,7 +56,7 @@ _EVERY_ADDRESS: Final = ("", "0.0.0.0", "::")
 
 
 class AccessRules:
-    """Access rules of one page on `host` and `port`; without a `token` they create one."""
+    """Access rules of the page on `host` and `port`; without a `token` a random token is created."""
 
     def __init__(self, host: str, port: int, token: str | None = None) -> None:
         self.host, self.port = host, port
@@ -64,14 +64,14 @@ class AccessRules:
 
     @property
     def root(self) -> str:
-        """First part of every request's path: the token."""
+        """Common prefix of all paths of the page: a slash and the token."""
         return f"/{self.token}"
 
     @property
     def url(self) -> str:
-        """Address of the page with its token, which permits its use.
+        """Address of the page with its token, which permits the use of the page.
 
-        It must appear only in the terminal of the user who started the page.
+        The address must appear only in the terminal of the user who started the page.
         """
         return f"{self.place}{self.token}/"
 
@@ -82,7 +82,7 @@ class AccessRules:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
 
     def refusal(self, path: str, headers: Mapping[str, str], method: str = "GET") -> str | None:
-        """Return why a request is refused, None if it is allowed; `headers` by their canonical names."""
+        """Return the reason why a request is refused, None if allowed; `headers` are by canonical name."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if is_loopback(self.host) and host not in self._own_names():
             return f"this page is not {host!r}"
@@ -102,11 +102,11 @@ class AccessRules:
         return None
 
     def response_headers(self, nonce: str = "") -> dict[str, str]:
-        """Return the headers of every response: the page may connect to this server only.
+        """Return the headers of every response, with which the page may connect to this server only.
 
-        Scripts are our own files and those that carry `nonce`: text that came over a bus runs no script, however it
-        got into the page. The toolkit compiles its templates in the browser, which needs 'unsafe-eval', and sets styles
-        in place.
+        Allowed scripts are our own files and those with `nonce`, so that text from a bus can run no script, however it
+        got into the page. NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
+        styles.
         """
         headers = dict(_HEADERS)
         scripts = f"'self' 'nonce-{nonce}' 'unsafe-eval'" if nonce else "'none'"
@@ -123,7 +123,7 @@ class AccessRules:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address can be reached only from this computer; False for names except localhost."""
+    """Whether an address is reachable only from this computer; False for host names other than localhost."""
     if host == "localhost":
         return True
     try:
@@ -139,10 +139,10 @@ _WAIT_S: Final = 0.5  # for a process that reads it at this moment
 
 
 class PageAddress:
-    """File of the page of `robot` on `host` and `port`, held from now on.
+    """File of the page of `robot` on `host` and `port`, locked by this process from now on.
 
-    `token` is that of a view which served it before and was killed, None where there was none. It is made when the port
-    is bound already. Of two views with one host and port (in two network namespaces) the second one keeps no file.
+    `token` is the token of a killed view on the same host and port, None if there is none. The port must be bound
+    before. Of two views with one host and port (in two network namespaces) only the first has a file.
     """
 
     def __init__(self, robot: str, host: str, port: int) -> None:
@@ -157,14 +157,14 @@ class PageAddress:
         _remove_dead(robot, but=self._path)
 
     def keep(self, rules: AccessRules) -> None:
-        """Store the address for `page_addresses`, and the token for the next view."""
+        """Write the address for `page_addresses`, and the token for the next view, to the file."""
         if self._fd >= 0:
             text = json.dumps({"robot": self._robot, "place": rules.place, "url": rules.url, "token": rules.token})
             os.ftruncate(self._fd, 0)
             os.pwrite(self._fd, text.encode(), 0)
 
     def end(self) -> None:
-        """Remove the file; the token is not used again."""
+        """Remove the file, so that no later view uses the token again."""
         fd, self._fd = self._fd, -1
         if fd >= 0:
             self._path.unlink(missing_ok=True)
@@ -172,7 +172,7 @@ class PageAddress:
 
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
-    """Return {address without token: address with it} of the pages served now by this user's views."""
+    """Return the pages that this user's views serve, as addresses with the token by addresses without it."""
     addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
         content = _read(path)
@@ -182,7 +182,7 @@ def page_addresses(robot: str | None = None) -> dict[str, str]:
 
 
 def killed_port(robot: str, host: str) -> int | None:
-    """Return the port of a killed view of this robot, for reuse by the next view; None without one."""
+    """Return the port of a killed view of this robot, for reuse by the next view; None without a killed view."""
     for path in sorted(runtime_dir().glob(f"page-{robot}-{_OTHER.sub('_', host)}-*.json")):
         port = path.stem.rpartition("-")[2]
         if port.isdecimal() and _read(path).get("robot") == robot and not _is_held(path):
@@ -191,14 +191,14 @@ def killed_port(robot: str, host: str) -> int | None:
 
 
 def _remove_dead(robot: str, but: Path) -> None:
-    """Remove the files of killed views of this robot on other ports."""
+    """Remove the files of killed views of this robot, except the file `but`."""
     for path in runtime_dir().glob("page-*.json"):
         if path != but and _read(path).get("robot") == robot and not _is_held(path):
             path.unlink(missing_ok=True)
 
 
 def _read(path: Path) -> dict[str, str]:
-    """Return the content of a file; {} if it is missing or invalid."""
+    """Return the content of a file; an empty dictionary if the file is missing or invalid."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:
@@ -218,7 +218,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether the view that wrote a file is still running."""
+    """Whether the view that wrote a file is still running, and so holds the lock on the file."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

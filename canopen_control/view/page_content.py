@@ -1,4 +1,4 @@
-"""Content of the panels, created once for all pages: state, event log, controllers, faults. No toolkit."""
+"""Content of the panels, which is the same for all pages: state, events, controllers and faults. No toolkit."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _EVENTS: Final = 100
 
 
 class RecentEvents:
-    """The newest events; iterates oldest first."""
+    """The last `_EVENTS` events of the robot; iteration yields the oldest first."""
 
     def __init__(self, events: Iterable[RobotEvent] = ()) -> None:
         self._events: deque[RobotEvent] = deque(maxlen=_EVENTS)
@@ -45,7 +45,7 @@ class RecentEvents:
         return iter(self._events)
 
     def add(self, event: RobotEvent) -> None:
-        """Add an event; a repeated event replaces its first occurrence."""
+        """Add an event; a repeated event replaces its previous occurrence."""
         if event.count > 1:
             self._replace(event)
         else:
@@ -61,7 +61,7 @@ class RecentEvents:
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """Present content: `state` is the newest sample, `lost` the reason why it may be outdated, else empty."""
+    """Content of the panels: `state` is the newest sample, `lost` the reason why the state may be outdated, else ""."""
 
     state: StateSample
     events: RecentEvents
@@ -75,7 +75,7 @@ class PageContent:
 
     @property
     def banner(self) -> Banner:
-        """Summary of the robot in one line."""
+        """Robot state with the problem and the next step, for the banner."""
         return lost_banner(self.lost) if self.lost else banner(self.state)
 
 
@@ -83,38 +83,38 @@ _TIMEOUT_S: Final = 1.0
 
 
 class FaultClient:
-    """Client for faults of virtual drives; `nodes` are all those of the robot."""
+    """Client for faults, quirks and inputs of virtual drives; `nodes` are all nodes of the robot."""
 
     def __init__(self, nodes: Iterable[NodeAddress]) -> None:
         self._nodes = {node.name: node for node in nodes}
 
     def drives(self) -> list[str]:
-        """Return the existing virtual nodes."""
+        """Return the names of the nodes that are running virtual drives."""
         alive = set(list_sockets("drive"))
         return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
     def faults(self, drive: str) -> tuple[FaultListing, ...]:
-        """Return every fault of a drive; RemoteError if the drive does not exist."""
+        """Return all faults that a drive can have; RemoteError if the drive does not run."""
         with self._connect(drive) as client:
             return client.ask(ListFaults())
 
     def switch(self, drive: str, fault: str, *, on: bool) -> list[str]:
-        """Switch a fault and return the active ones; RemoteError if the drive refuses or does not run."""
+        """Switch a fault on or off and return the active faults; RemoteError if the drive refuses or does not run."""
         with self._connect(drive) as client:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
     def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
-        """Return every quirk that a drive can have; RemoteError if the drive does not exist."""
+        """Return all quirks that a drive can have; RemoteError if the drive does not run."""
         with self._connect(drive) as client:
             return client.ask(ListQuirks())
 
     def switch_quirk(self, drive: str, quirk: str, *, on: bool) -> list[str]:
-        """Switch a quirk, given as NAME=VALUE@AXIS, and return the active ones; RemoteError as for a fault."""
+        """Switch a quirk, given as NAME=VALUE@AXIS, and return the active quirks; RemoteError if refused."""
         with self._connect(drive) as client:
             return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
 
     def set_signals(self, drive: str, values: dict[str, float]) -> None:
-        """Set inputs of a device other than a drive; RemoteError for unknown inputs or a missing device."""
+        """Set inputs of a virtual device by name; RemoteError for an unknown input or a device that does not run."""
         with self._connect(drive) as client:
             client.ask(SetSignals(values=values))
 
@@ -127,14 +127,14 @@ class FaultClient:
 
 @dataclass(frozen=True, slots=True)
 class DriveFaults:
-    """Faults and quirks of each running virtual drive, and the active ones."""
+    """Faults and quirks of each running virtual drive, whether active or not."""
 
     drives: dict[str, tuple[FaultListing, ...]] = field(default_factory=dict)
     quirks: dict[str, tuple[QuirkListing, ...]] = field(default_factory=dict)
 
     @property
     def active(self) -> dict[str, list[str]]:
-        """Active faults and quirks by drive."""
+        """Names of the active faults and quirks by drive."""
         return {
             drive: [
                 *(fault.name for fault in faults if fault.on),
@@ -145,7 +145,7 @@ class DriveFaults:
 
 
 def read_faults(client: FaultClient) -> DriveFaults:
-    """Read the faults of every virtual drive, except those that end meanwhile. Blocks."""
+    """Read the faults and quirks of all virtual drives; drives that do not answer are left out. Blocks."""
     faults, quirks = {}, {}
     for drive in client.drives():
         with contextlib.suppress(RemoteError):

@@ -1,8 +1,8 @@
 """HTTP server of the page: NiceGUI behind an access check, on a socket that is already bound.
 
-The access check is the outermost ASGI application, so that no request reaches the toolkit without it. Before the
-address is printed, `access_problem` sends a request as a foreign page would; if the server answers it, the server ends
-with a sentence.
+The access check is the outermost ASGI application, so that no request reaches NiceGUI unchecked. Before the address is
+printed, `access_problem` sends requests as a foreign page would; if the server answers one of them, the server ends
+with an error.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ if TYPE_CHECKING:
     App = Callable[[Message, Receive, Send], Awaitable[None]]
 
 
-# Access check of the page as ASGI middleware, in front of everything its server has, WebSockets included.
+# Access check of the page as ASGI middleware in front of all routes of the server, WebSockets included.
 #
 # Requests refused by `AccessRules` are answered here and go no further. The token in the path is the `root_path` of the
-# inner application (ASGI), so that the toolkit writes it into every address of the page. HTML of the page gets a nonce
-# for the scripts in it, and every answer the headers of `AccessRules`.
+# inner application (ASGI), so that NiceGUI writes the token into every address of the page. The HTML of the page gets a
+# nonce for the scripts in it, and every response gets the headers of `AccessRules`.
 
 
-#: a proxy's word that no proxy of ours has given: the toolkit would write it into the page
+#: headers that only a proxy of ours could set truthfully; NiceGUI would write the prefix into the page
 _NOT_BELIEVED: Final = (b"x-forwarded-prefix", b"x-forwarded-for", b"x-forwarded-proto", b"x-forwarded-host")
 
 
 class AccessMiddleware:
-    """Middleware of `app`; access is decided by `rules`."""
+    """ASGI middleware that passes to `app` only the requests that `rules` allow."""
 
     def __init__(self, app: App, rules: AccessRules) -> None:
-        self.app, self._rules = app, rules  # the toolkit looks for `app` to find its server
+        self.app, self._rules = app, rules  # NiceGUI looks for `app` to find its server
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Answer a request, or pass it on."""
+        """Answer a refused request, or pass an allowed request to the application."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -76,7 +76,7 @@ class AccessMiddleware:
 
 
 class _Answer:
-    """Sender of a response with the headers of the rules; HTML is held back until it is complete."""
+    """Sender of a response with the headers of the rules; HTML is sent only when complete, because it needs a nonce."""
 
     def __init__(self, rules: AccessRules, send: Send) -> None:
         self._rules, self._send = rules, send
@@ -98,7 +98,7 @@ class _Answer:
 
     async def _send_html(self, start: Message, html: bytes) -> None:
         nonce = secrets.token_urlsafe(16)
-        # What is in the page at this time is the toolkit's template and our own: all else came in escaped.
+        # The page contains only NiceGUI's template and our own scripts at this time; all other text is escaped.
         html = html.replace(b"<script", b'<script nonce="%s"' % nonce.encode())
         extra = self._rules.response_headers(nonce)
         await self._send(_with(start, {**extra, "Cache-Control": "no-store", "Content-Length": str(len(html))}))
@@ -136,7 +136,7 @@ def _is_html(start: Message) -> bool:
 
 
 def _headers_of(scope: Message) -> dict[str, str]:
-    """Return the headers by canonical name; repeated values are joined, so that they match nothing."""
+    """Return the headers by canonical name; repeated headers are joined, so that they equal no allowed value."""
     headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").title()
@@ -145,7 +145,7 @@ def _headers_of(scope: Message) -> dict[str, str]:
     return headers
 
 
-os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # the page keeps nothing on disk
+os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # the page stores nothing on disk
 
 
 DEFAULT_PORT: Final = 8080
@@ -161,9 +161,9 @@ _PROBE_S: Final = 5.0
 
 
 def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
-    """Bind a listening socket to port `first`, or by default to the default port or the next free one.
+    """Bind a listening socket to `port`; if None, to the port `first` or one of the default ports.
 
-    ConfigError if it cannot.
+    ConfigError if no port is free.
     """
     ports = list(range(DEFAULT_PORT, DEFAULT_PORT + _OTHER_PORTS)) if port is None else [port]
     if port is None and first is not None:
@@ -181,7 +181,7 @@ def listen(host: str, port: int | None, first: int | None = None) -> socket.sock
 
 
 class PageServer:
-    """Server of `build` at / and `stop` at POST /stop; `stop` returns None, or the reason of a failure."""
+    """Server of the page `build` at / and of `stop` at POST /stop; `stop` returns None, or the reason of a failure."""
 
     def __init__(
         self,
@@ -228,7 +228,7 @@ class PageServer:
         return AccessMiddleware(app, rules)
 
     async def serve(self, ready: Callable[[], object]) -> None:
-        """Serve until `stop`; call `ready` after a trial of the access check. ControlError if the trial failed."""
+        """Serve until `stop`; check the access rules, then call `ready`. ControlError if the check fails."""
         serving = asyncio.ensure_future(self._server.serve(sockets=[self._listener]))
         try:
             while not self._server.started and not serving.done():
@@ -244,7 +244,7 @@ class PageServer:
             await serving
 
     def add_file(self, path: str, content: bytes, media_type: str) -> None:
-        """Serve a file of the robot's description, behind the same access check."""
+        """Serve a file of the robot's description, such as a mesh, behind the same access check."""
 
         async def answer(_request: Request) -> Any:  # noqa: ANN401 - a response of starlette
             from starlette.responses import Response
@@ -278,7 +278,7 @@ def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
 
 
 async def access_problem(rules: AccessRules) -> str | None:
-    """Send requests that must be refused; return the problem if one is answered."""
+    """Send requests that must be refused; return a text if one of them is answered, else None."""
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root
@@ -315,7 +315,7 @@ async def _status(rules: AccessRules, path: str, headers: Sequence[str]) -> int:
 
 
 def silence(report: Callable[[str], None]) -> None:
-    """Redirect the toolkit's errors to `report`, and suppress its other output."""
+    """Pass the errors of NiceGUI to `report`, and suppress the log output of the server."""
     import logging
     import traceback
 

@@ -1,7 +1,7 @@
-"""Connection between the page and one robot.
+"""Connection between the page and one robot, its constant data, and driving by held buttons.
 
-STOP is sent at once on the open connection, and never waits for an answer or behind a request. Slow requests have
-a connection of their own, on a thread that may wait.
+STOP is sent at once on the open connection, and never waits for an answer or behind another request. Slow requests use
+a separate connection, on a thread that may block.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import Status
 
 
-# What a page begins with: what stays as it is while a robot runs.
+# Data of a robot that do not change while the robot runs.
 
 
 Pose = tuple[float, float, float]
-"""x and y in m, heading in rad."""
+"""Pose as x and y in m and heading in rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """Address of a node if it is virtual: channel of its bus and node id."""
+    """Node with the CAN channel and node id by which a virtual drive is found."""
 
     name: str
     channel: str
@@ -55,7 +55,7 @@ class NodeAddress:
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """Constant data of a running robot, with its state at that time."""
+    """Constant data of a running robot, with the state and the events at the time of the request."""
 
     robot: str
     urdf: str
@@ -70,12 +70,12 @@ class RobotInfo:
 
     @property
     def shape(self) -> object:
-        """Key of the robot's structure; a change requires another page."""
+        """Comparable key of the robot's structure; the pages are reloaded if the key has changed."""
         return self.urdf, self.nodes, self.buses, self.joints
 
 
 def read_robot_info(robot: str, description: Description, listing: NodeListing, status: Status) -> RobotInfo:
-    """Request and combine the answers to `description`, `nodes` and `status`."""
+    """Combine the answers to the `description`, `nodes` and `status` requests."""
     state = StateSample(
         state=status.state,
         hint=status.hint,
@@ -102,22 +102,22 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
 
 
 def true_pose_of(state: StateSample) -> Pose | None:
-    """Return the true pose of a simulated base in the frame of its odometry; None if unknown."""
+    """Return the true pose of a simulated base in the odometry frame; None if unknown."""
     return None if state.true_pose is None else state.true_pose.in_odometry
 
 
 def pose_of(state: StateSample) -> Pose | None:
-    """Return the odometry pose of the first base controller."""
+    """Return the odometry pose of the first base controller; None without a base controller."""
     for sample in state.samples_of(OdometrySample).values():
         return sample.x, sample.y, sample.heading
     return None
 
 
-# Driving by a held button: the driving page, and the command at its release. No browser, no socket.
+# Driving by a held button: which page drives, and the command at the release. No browser, no socket.
 #
-# Nothing moves unless a button is held, and a held button is renewed repeatedly. Silence for
-# `LET_GO_NS`, a closed page or another controller ends the motion with the rest command, once and at once. One page
-# drives at a time; a second one waits until the first has released its button.
+# The robot moves only while a button is held, and the page renews a held button repeatedly. Silence for `LET_GO_NS`, a
+# closed page or another controller ends the motion at once with its resting command. Only one page drives at a time; a
+# second page must wait until the first has released its button.
 
 
 HOLD_HZ: Final = 20.0
@@ -129,9 +129,9 @@ _HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """Commands while a button is held and at its end; both end with the connection.
+    """Commands of a held button, `moving` while it is held and `resting` at its end; both expire with the connection.
 
-    `again` is sent instead of `moving` while the same motion goes on, None: `moving` itself.
+    `again` is sent instead of `moving` while the same motion continues; None sends `moving` again.
     """
 
     controller: str
@@ -141,7 +141,7 @@ class TeleopCommands:
 
 
 def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> TeleopCommands:
-    """Return the motion of a base: m/s forward and to the left, and rad/s."""
+    """Return the motion of a base with velocities in m/s, forward and to the left, and in rad/s."""
     moving, resting = (
         TwistController(
             controller=controller, linear=ahead, lateral=aside, angular=around, source=SOURCE, dead_man=True
@@ -154,7 +154,7 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
 def trajectory_motion(
     controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float
 ) -> TeleopCommands:
-    """Return the motion of an arm to `positions` in `seconds`; on release it brakes and holds."""
+    """Return the motion of an arm to `positions` in `seconds`; on release the arm decelerates and stops."""
     point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
@@ -166,9 +166,9 @@ def trajectory_motion(
 def joint_motion(
     controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
 ) -> TeleopCommands:
-    """Return the motion of joints to `values`; on release they stop, or hold their present positions.
+    """Return the motion of joints to `values`; on release the `resting` values are sent.
 
-    `interface` is what the values are, where the controller may take something else by the time they come.
+    `interface` is the kind of the values; the robot refuses them if the controller takes another kind by then.
     """
     moved, rested = (
         CommandController(
@@ -180,7 +180,7 @@ def joint_motion(
 
 
 class DeadMan:
-    """Dead-man timeout: ends a motion whose held button is not renewed; every command is passed to `send(request)`."""
+    """Dead-man control of a held button: ends a motion that is not renewed; commands are passed to `send`."""
 
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
@@ -190,16 +190,16 @@ class DeadMan:
 
     @property
     def driver(self) -> str | None:
-        """Page that drives the robot, None if no page does."""
+        """Page that drives the robot; None if no page drives."""
         return self._driver
 
     @property
     def deadline(self) -> int | None:
-        """Time of the next `tick` in ns."""
+        """Monotonic time in ns at which `tick` ends the motion; None without a motion."""
         return None if self._driver is None else self._renewed_at + LET_GO_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
-        """Register a held button; False if another page drives."""
+        """Start or renew the motion of a page's held button; return False if another page drives."""
         self.tick(now)
         if self._driver not in (None, page):
             return False
@@ -212,23 +212,23 @@ class DeadMan:
         return True
 
     def tick(self, now: int) -> None:
-        """Release after a timeout."""
+        """End the motion if the button was not renewed for `LET_GO_NS`."""
         if self._driver is not None and now - self._renewed_at >= LET_GO_NS:
             self.release()
 
     def leave(self, page: str) -> None:
-        """Release because the page was closed; motions of other pages continue."""
+        """End the motion of a page that was closed; the motion of another page continues."""
         if page == self._driver:
             self.release()
 
     def release(self) -> None:
-        """End the motion now."""
+        """Send the resting command, if there is a motion."""
         motion, self._driver, self._motion = self._motion, None, None
         if motion is not None:
             self._send(motion.resting)
 
     def forget(self) -> None:
-        """Discard the motion without a command, after STOP."""
+        """Discard the motion without sending a command, for instance because STOP was sent."""
         self._driver, self._motion = None, None
 
 
@@ -237,23 +237,23 @@ _ACTION_TIMEOUT_S: Final = 20.0  # of an action, such as enabling
 
 
 class RobotConnection:
-    """Connection to the robot `name`; `fileno` is readable when `messages` has data."""
+    """Connection to the robot `name`; wait until `fileno` is readable, then call `messages`."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._client = RobotClient.connect(name, _TIMEOUT_S)
 
     def robot_info(self) -> RobotInfo:
-        """Request the constant data of the robot; blocks. RemoteError if it has ended."""
+        """Request the constant data of the robot; blocks. RemoteError if the robot has ended."""
         ask = self._client.ask
         return read_robot_info(self.name, ask(GetDescription()), ask(GetNodes()), ask(GetStatus()))
 
     def subscribe(self, rate: float) -> None:
-        """Subscribe to samples at `rate` in Hz and to events; does not block. RemoteError if the robot has ended."""
+        """Subscribe to events and to samples at `rate` in Hz without waiting; RemoteError if the robot has ended."""
         self._client.notify(Subscribe(state_rate=rate, events=True))
 
     def messages(self) -> Iterator[StateSample | RobotEvent]:
-        """Yield received messages, of several samples the last one; RemoteError if the robot has ended."""
+        """Yield the received events, then the newest of the received samples; RemoteError if the robot has ended."""
         newest: StateSample | None = None
         for message in self._client.messages(0):
             if isinstance(message, StateSample):
@@ -264,23 +264,23 @@ class RobotConnection:
             yield newest
 
     def fileno(self) -> int:
-        """Return the descriptor to watch."""
+        """Return the file descriptor of the connection, for an event loop."""
         return self._client.fileno()
 
     def stop(self) -> None:
-        """Send a latched STOP; RemoteError if the robot cannot be reached."""
+        """Send a latched STOP without waiting for an answer; RemoteError if the robot cannot be reached."""
         self._client.notify(Stop(latch=True, source=SOURCE))
 
     def send(self, request: Request[Any]) -> None:
-        """Send a command without waiting for its answer.
+        """Send a command without waiting for an answer; errors are ignored.
 
-        `messages` reports a robot that has ended.
+        `messages` reports that the robot has ended.
         """
         with contextlib.suppress(RemoteError):
             self._client.notify(request)
 
     def ask(self, request: Request[Any]) -> str | None:
-        """Send a request on a separate connection; return the reason of a failure. For threads that may block."""
+        """Send a request on a separate connection and wait; return the reason of a failure, None on success."""
         try:
             with RobotClient.connect(self.name, _TIMEOUT_S) as client:
                 client.ask(request, _ACTION_TIMEOUT_S)
@@ -289,12 +289,12 @@ class RobotConnection:
         return None
 
     def controllers(self) -> tuple[ControllerReading, ...]:
-        """Request the controllers on a separate connection; waits. CanopenError if the robot has ended."""
+        """Request the controllers on a separate connection and wait; CanopenError if the robot has ended."""
         with RobotClient.connect(self.name, _TIMEOUT_S) as client:
             return client.ask(ListControllers())
 
     def close(self) -> None:
-        """Disconnect; a second call does nothing."""
+        """Close the connection; a second call does nothing."""
         self._client.close()
 
 
@@ -302,10 +302,11 @@ T = TypeVar("T")
 
 
 async def in_thread(function: Callable[[], T], discard: Callable[[T], object] | None = None) -> T:
-    """Return the result of `function`, run on a thread; raises its errors.
+    """Run `function` on a thread and return its result; raises the errors of `function`.
 
-    `discard` takes the result if the caller was cancelled meanwhile: a connection, which has to be closed.
-    The loop's own executor is waited for when a program ends; a robot or a drive that hangs would hold that up.
+    If the caller was cancelled meanwhile, `discard` gets the result, such as a connection that has to be closed. The
+    default executor is not used, because the program waits for that executor at its end, and a robot or a drive that
+    hangs would delay this.
     """
     loop = asyncio.get_running_loop()
     arrival: asyncio.Future[None] = loop.create_future()

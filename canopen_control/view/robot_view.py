@@ -1,4 +1,4 @@
-"""Data of one robot for all pages: constant data, state, and the last half minute."""
+"""Data of one robot for all pages: constant data, state, and the history of the last half minute."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ if TYPE_CHECKING:
     from canopen_control.view.robot_connection import NodeAddress, Pose, RobotInfo
 
 
-# Disturbances in the world of a simulated robot: requests to its virtual drives, by their control sockets.
+# Disturbances in the world of a simulated robot, requested from its virtual drives by their control sockets.
 #
-# A robot without drives, which a simulation plugin moves, gets the request itself. A real drive has no
-# such socket, and a robot that has one refuses, so that nothing here can reach one. Everything waits for an answer, a
-# second for each drive at most; it is called from threads that may.
+# A robot without drives, which a simulation plugin moves, gets the request itself. A real drive has no such socket, and
+# a robot with real drives refuses, so that no request can reach a real drive. Requests block for a second per drive at
+# most, and are sent from threads.
 
 _TIMEOUT_S: Final = 1.0
 
 
 class WorldClient:
-    """Client for disturbances in the world of `robot`; `nodes` are all those of the robot."""
+    """Client for disturbances in the world of a simulated robot; `nodes` are all nodes of the robot."""
 
     def __init__(self, robot: str, nodes: Iterable[NodeAddress]) -> None:
         self._robot, self._nodes = robot, tuple(nodes)
 
     def changeable(self) -> bool:
-        """Return whether the robot or a drive is in a world that accepts disturbances."""
+        """Whether the robot, or one of its drives, is in a world that accepts disturbances."""
         return self._drive() is not None or self._simulated()
 
     def _simulated(self) -> bool:
-        """Whether physics moves the robot without drives."""
+        """Whether a physics simulation moves the robot without drives."""
         if self._nodes:
             return False
         try:
@@ -61,7 +61,7 @@ class WorldClient:
             return False
 
     def act(self, world_act: WorldAct) -> bool:
-        """Apply a disturbance now, and return whether the robot reports it; RemoteError if it is refused."""
+        """Apply a disturbance now, and return whether the robot reports it itself; RemoteError if it is refused."""
         if not self._nodes:
             with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
                 client.ask(world_act)
@@ -74,7 +74,7 @@ class WorldClient:
         return False
 
     def _drive(self) -> NodeAddress | None:
-        """Return a virtual drive in such a world: each one answers for the whole world."""
+        """Return any virtual drive whose world accepts disturbances, because they affect the whole world; else None."""
         alive = set(list_sockets("drive"))
         for node in self._nodes:
             if drive_name(node.channel, node.node_id) not in alive:
@@ -89,20 +89,20 @@ def _connect(node: NodeAddress) -> DriveClient:
     return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {node.name}")
 
 
-# Bodies in the world of a simulated robot, for the 3D scene: read from its virtual drives, reported on changes.
+# Bodies in the world of a simulated robot, for the 3D scene, are read from its virtual drives.
 #
-# The scene is drawn in the frame of odometry, the world has its own frame; the true pose connects them.
-# A real drive has no socket for such a request.
+# The scene is drawn in the odometry frame, but the world has its own frame; the true pose connects both. A real drive
+# has no socket for such a request.
 
 
-# Fault injection: reads the faults of a robot's virtual drives and switches them, by their control sockets.
+# Fault injection reads and switches the faults of a robot's virtual drives by their control sockets.
 #
-# A real drive has no such socket, so that nothing here can reach one. Everything waits for an
-# answer, a second at most; it is called from threads that may.
+# A real drive has no such socket, so that no request can reach a real drive. A request blocks for a second at most, and
+# is sent from a thread.
 
 
 class RobotView:
-    """Data of a robot with a constant info, updated by `take`. `publish` serves a mesh, see `SceneTree`."""
+    """Data of a robot for all pages, updated by `take`; `publish` serves a mesh, as for `SceneTree`."""
 
     def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
         self.info, self.state = info, info.state
@@ -122,22 +122,22 @@ class RobotView:
 
     @property
     def node_names(self) -> list[str]:
-        """Names of the nodes by node id."""
+        """Names of the nodes, sorted by node id."""
         return list(self._desks)
 
     def desk(self, node: str) -> NodeJobs:
-        """Return the jobs of a node, shared by all pages."""
+        """Return the jobs of a node, which all pages share."""
         return self._desks[node]
 
     def come_back(self, info: RobotInfo) -> bool:
-        """Continue with a restarted robot; False if it has another structure."""
+        """Continue with a restarted robot; return False if its structure has changed."""
         if info.shape != self.info.shape:
             return False
         self.info, self.state, self.events = info, info.state, RecentEvents(info.events)
         return True
 
     def take(self, state: StateSample) -> SceneChange:
-        """Process a sample of the stream; return the changes of the scene."""
+        """Process a state sample; return the changes of the scene."""
         self.state = state
         self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers, state)))
         if (pose := pose_of(state)) is not None:
@@ -149,7 +149,7 @@ class RobotView:
         return cast("SceneChange", {key: value for key, value in now.items() if value != before.get(key)})
 
     def scene_now(self) -> SceneChange:
-        """Return the positions of all parts of the scene, and the joints with a drive in fault."""
+        """Return the joint positions, the pose and the true pose of the scene, and the joints with a drive in fault."""
         state = self.state
         bad = [row.joint for row in axis_rows(state) if row.tone == BAD and row.joint]
         pose, positions = pose_of(state), {name: joint.position for name, joint in state.joints.items()}
@@ -157,7 +157,7 @@ class RobotView:
         return {"angles": angles, "pose": _rounded(pose), "truth": _rounded(truth), "tint": bad}
 
     def content(self, lost: str) -> PageContent:
-        """Return the content of the panels; `lost` is the reason if the state is unknown, else empty."""
+        """Return the content of the panels; `lost` is the reason if the state is unknown, else ""."""
         return PageContent(self.state, self.events, self.controllers, self.faults, lost)
 
 
@@ -166,7 +166,7 @@ def _rounded(pose: Pose | None) -> list[float] | None:
 
 
 def _drawable(urdf: str) -> RobotModel:
-    """Return the links and joints of a description; of an unreadable one only a note."""
+    """Return the links and joints of a URDF; for an invalid URDF an empty model with a note."""
     try:
         return read_model(urdf)
     except RobotConfigError as error:

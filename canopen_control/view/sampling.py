@@ -1,7 +1,7 @@
-"""Plotted numbers from state samples: command, actual value and error of each joint, cycle and bus.
+"""Plotted values from state samples: command, actual value and error of each joint, cycle times and bus load.
 
-They are the runtime's own; the following error is the command minus the actual value of the interface that is
-commanded, the cycle time what passed between two samples divided by the cycles in it.
+All values come from the runtime. The tracking error is the command minus the actual value of the commanded interface;
+the cycle time is the time between two samples divided by the number of cycles between them.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 
-# The last 30 seconds of a few numbers, ten a second: what a page that is opened shows of the time before.
+# History of the last 30 seconds of a few values, ten samples a second, for pages that are opened later.
 #
-# Where there was no sample, or a value was not known, nothing is made up.
+# Gaps without a sample, and unknown values, are not filled.
 
 
 SPAN_S: Final = 30.0
 RATE: Final = 10  # samples that are kept of a second
 _SIZE: Final = round(SPAN_S * RATE) + 1
 Row = list[float | None]
-"""The time, then a value for each name; None where nobody knew."""
+"""Row of a plot: the time, and a value for each name, None if unknown."""
 
 
 class History:
-    """Rows of `names`; times are Unix seconds."""
+    """Last `SPAN_S` seconds of the values called `names`; times are Unix seconds."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -41,7 +41,7 @@ class History:
         self._new = 0
 
     def add(self, time: float, values: Mapping[str, float | None]) -> None:
-        """Add a sample; of those within a tenth of a second the last is kept."""
+        """Add a sample; within a tenth of a second, a sample replaces the one before it."""
         slot = math.floor(time * RATE + 1e-6)
         if self._slot is not None and slot < self._slot:
             self.clear()  # the clock was set back
@@ -53,11 +53,11 @@ class History:
         self._rows.append([time, *(_finite(values.get(name)) for name in self.names)])
 
     def rows(self) -> list[Row]:
-        """Return all rows, oldest first."""
+        """Return all rows, the oldest first."""
         return list(self._rows)
 
     def take_new_rows(self) -> list[Row]:
-        """Return complete rows not returned before, oldest first."""
+        """Return the complete rows that were not returned before, the oldest first."""
         rows, count = list(self._rows), min(self._new, len(self._rows))
         if count < 2:
             return []
@@ -65,7 +65,7 @@ class History:
         return rows[-count:-1]
 
     def clear(self) -> None:
-        """Clear all rows."""
+        """Remove all rows."""
         self._rows.clear()
         self._slot, self._new = None, 0
 
@@ -86,7 +86,7 @@ _MOVED: Final = 1e-3  # rad or m: an encoder that trembles by a count stands sti
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Line of a chart: a row of the history, its name and its colour."""
+    """Line of a chart: name of the history's value, label, and colour."""
 
     row: str
     name: str
@@ -95,7 +95,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Chart with its `key`; `low` and `high` are always in its range."""
+    """Chart of a group; its range always includes `low` and `high`."""
 
     key: str
     title: str
@@ -106,13 +106,13 @@ class Chart:
 
 
 def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
-    """Return the rows of the history."""
+    """Return the names of the history's values for joints and buses; joints beyond `SHOWN_JOINTS` are left out."""
     of_joints = [f"{joint} {name}" for joint in joints[:SHOWN_JOINTS] for name in ("command", "actual", "error")]
     return [*of_joints, "work", "cycle", *(f"load {bus}" for bus in buses)]
 
 
 def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
-    """Return the charts of a robot: "joints", then "cycle"."""
+    """Return the charts of a robot, those of the group "joints" first, then those of the group "cycle"."""
     shown = joints[:SHOWN_JOINTS]
     plots = [
         Chart(
@@ -132,7 +132,7 @@ def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
 
 
 def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, str]:
-    """Return the titles of a chart's plots, with units."""
+    """Return the titles of charts, with units, by their keys; `linear` joints are prismatic."""
 
     def unit(joint: str, interface: str) -> str:
         return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
@@ -143,9 +143,9 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
 
 
 def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:
-    """Return the interface of each joint that is commanded by an active controller.
+    """Return the interface of each joint that an active controller commands.
 
-    Of a drive that takes targets it is what its mode of operation makes of them.
+    For a drive that takes targets, the interface follows from its mode of operation.
     """
     quantities = {drive.joint: drive.quantity for drive in drive_targets(state, controllers) if drive.quantity}
     for controller in controllers:
@@ -157,20 +157,20 @@ def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateS
 
 
 class Sampler:
-    """Computes plotted values from samples of the stream."""
+    """Converter of state samples to plotted values."""
 
     def __init__(self) -> None:
         self._before: tuple[float, int] | None = None
 
     def take(self, state: StateSample, interfaces: Mapping[str, str]) -> dict[str, float | None]:
-        """Return the values of one sample by the name of their row."""
+        """Return the plotted values of a sample by name."""
         values: dict[str, float | None] = {}
         for name, joint in state.joints.items():
             interface = interfaces.get(name)
             by_interface = {"position": joint.position, "velocity": joint.velocity, "effort": joint.effort}
             actual = by_interface.get(interface or "velocity")
             command = joint.command if interface else None
-            if command is None:  # no controller commands it: the hardware holds
+            if command is None:  # no controller commands the joint: the hardware holds
                 command = actual if interface == "position" else 0.0
             values[f"{name} actual"], values[f"{name} command"] = actual, command
             values[f"{name} error"] = 0.0 if actual is None or command is None else command - actual
@@ -188,14 +188,14 @@ class Sampler:
 
 
 class Stillness:
-    """Detector of standstill: no motion and no new command for a second of the robot's time."""
+    """Detector of standstill: no motion and no new command for `STILL_S` of the robot's time."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[float, float | None]] = {}
         self._since = 0.0
 
     def take(self, state: StateSample) -> bool:
-        """Process a sample; return whether the robot stands still."""
+        """Process a sample; return whether the robot is at standstill."""
         for name, joint in state.joints.items():
             place, command = joint.position or 0.0, joint.command
             before = self._known.get(name)

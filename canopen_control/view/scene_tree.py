@@ -1,4 +1,4 @@
-"""Robot for the 3D scene: a tree of links with their shapes as plain data, and its moving parts."""
+"""Robot for the 3D scene: a tree of links with their shapes as plain data, joint positions, and trails."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _JUMP: Final = 1.0  # m; further than a robot drives between two samples: the od
 
 
 class _VisualDocument(TypedDict):
-    """Shape at its link: m, and the quaternion w, x, y, z; `url` is that of a mesh."""
+    """Visual shape in the frame of its link, with sizes in m and a quaternion w, x, y, z; `url` is that of a mesh."""
 
     shape: str
     size: Sequence[float]
@@ -37,7 +37,7 @@ class _VisualDocument(TypedDict):
 
 
 class _JointDocument(TypedDict):
-    """Joint at position zero with the shapes of its child, in the frame of its parent."""
+    """Joint at position zero in the frame of its parent link, with the shapes of its child link."""
 
     name: str
     kind: str
@@ -50,7 +50,7 @@ class _JointDocument(TypedDict):
 
 
 class SceneDocument(TypedDict):
-    """Tree for the browser; each joint follows its parent, `extent` in m."""
+    """Tree of joints for the browser, parents before children; `extent` is the size of the robot in m."""
 
     root: str
     extent: float
@@ -59,9 +59,9 @@ class SceneDocument(TypedDict):
 
 
 class SceneTree:
-    """Scene of a robot: the browser draws `tree`, `notes` lists parts that cannot be drawn.
+    """Scene of a robot: the browser draws `tree`; `notes` names the parts that cannot be drawn.
 
-    `publish(content, type)` serves the content of a mesh and returns its path on the page's server.
+    `publish(content, format)` serves a mesh and returns its path on the page's server.
     """
 
     def __init__(self, model: RobotModel, description: str, publish: Callable[[bytes, str], str]) -> None:
@@ -117,7 +117,7 @@ class SceneTree:
 
 
 def angles_of(model: RobotModel, positions: Mapping[str, float | None]) -> list[float | None]:
-    """Return the joint positions by index in rad or m, None if unknown."""
+    """Return the joint positions in rad or m, in the order of the tree; None if unknown."""
     return [_rounded(joint.position_in(positions)) for joint in model.from_root]
 
 
@@ -126,13 +126,13 @@ def _rounded(angle: float) -> float | None:
 
 
 class Trail:
-    """Trail of the base: points at least a centimetre apart."""
+    """Path of the base, as points at least a centimetre apart."""
 
     def __init__(self) -> None:
         self.points: deque[tuple[float, float]] = deque(maxlen=_TRAIL_POINTS)
 
     def add(self, pose: Pose) -> None:
-        """Add a pose of the base; a jump starts a new path."""
+        """Add a pose of the base; a jump of more than a metre starts a new path."""
         x, y, _ = pose
         last = self.points[-1] if self.points else (math.inf, math.inf)
         moved = math.hypot(x - last[0], y - last[1])
@@ -143,7 +143,7 @@ class Trail:
 
 
 def extent_of(model: RobotModel) -> float:
-    """Return the largest distance of the robot from its root with all joints at zero, in m; at least 0.1."""
+    """Return the largest distance of a shape from the root with all joints at zero, in m; at least 0.1."""
     poses = {model.root: ORIGIN}
     for joint in model.from_root:
         poses[joint.child] = poses[joint.parent].then(joint.pose(0.0))

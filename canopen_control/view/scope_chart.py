@@ -1,7 +1,8 @@
-"""Scope capture as options of an ECharts chart: one plot per unit, an overlay in grey, cursors. No toolkit.
+"""Scope captures and frequency responses as options of ECharts charts. No toolkit.
 
-What is sent is thinned to `MOST_POINTS` for each signal, the smallest and the greatest value of each stretch of time,
-so that no peak is lost; files have every sample.
+A capture has a plot per unit, with an overlay in grey and cursors. The data are thinned to `MOST_POINTS` for each
+signal by sending the smallest and the greatest value of each time interval, so that no peak is lost; files contain
+every sample.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
 def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
-    """Return times (from the zero) and values of a signal; None for unknown values."""
+    """Return thinned times, relative to the capture's time zero, and values of a signal; None for unknown values."""
     points = [(round(time - shot.zero, 6), _known(row[place])) for time, row in shot.rows]
     if len(points) <= most:
         return points
@@ -52,12 +53,12 @@ def _known(value: float | None) -> float | None:
 
 
 def height_of(named: NamedShot) -> int:
-    """Return the height of its chart in pixels."""
+    """Return the height of the chart of a capture in pixels."""
     return _TOP + _BOTTOM + len(_fields(named)) * (_FIELD + _GAP)
 
 
 def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[float, float] | None) -> Options:
-    """Return the chart."""
+    """Return the ECharts options for a capture, with an overlay of the same signals and cursors at two times."""
     fields = _fields(named)
     low, high = named.shot.time_range
     axes = range(len(fields))
@@ -99,7 +100,7 @@ def chart_options(named: NamedShot, overlay: NamedShot | None, cursors: tuple[fl
 
 
 def bode_options(bode: Bode) -> Options:
-    """Return gain and phase over the frequency, as two plots."""
+    """Return the ECharts options for gain and phase over the frequency, as two plots."""
     fields = (("gain, dB", _COLORS[0]), ("phase, degrees", _COLORS[1]))
     values = ([(p.frequency, p.gain) for p in bode.points], [(p.frequency, p.phase) for p in bode.points])
     return {
@@ -145,7 +146,7 @@ BODE_HEIGHT: Final = _TOP + _BOTTOM + 2 * (_FIELD + _GAP)
 
 
 def cursor_change(named: NamedShot, cursors: tuple[float, float] | None) -> Options:
-    """Return the options for cursors and trigger, the only ones that change when one is moved."""
+    """Return the ECharts options for cursors and trigger, the only ones that change when the user moves a cursor."""
     return {"series": _marks(named, cursors)}
 
 
@@ -175,7 +176,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
 
 
 def _fields(named: NamedShot) -> list[str]:
-    """Return the units without repetition: signals of the same unit share a plot."""
+    """Return the distinct units: signals of the same unit share a plot."""
     return list(dict.fromkeys(_unit(named, place) for place in range(len(named.names))))
 
 

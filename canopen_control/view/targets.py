@@ -1,7 +1,7 @@
-"""Targets of position sliders: untouched ones follow the joint and do not move it.
+"""Targets of sliders for drives and arms; untouched position sliders follow their joints and move nothing.
 
-A slider that a user moves keeps its target until the motion for it has ended; all others follow their joints,
-whatever moves those. During the motion, a joint that was not set keeps its start position.
+A slider that the user has moved keeps its target until the motion to that target has ended; all others follow their
+joints, whatever moves those. During the motion, a joint whose slider was not moved keeps its start position.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 
-# Drives that take targets by themselves, as those of a bus without controllers do: what each is now. No toolkit.
+# Drives with a target controller, as on a bus without other controllers, and their present modes. No toolkit.
 
 
 _TOPIC: Final = "target"
@@ -31,15 +31,15 @@ MODES: Final = {
     "TQ": _EFFORT,
     "CST": _EFFORT,
 }
-"""What a target is in each mode of operation that takes one."""
+"""Quantity of the target by mode of operation; modes without a target are missing."""
 _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}
 
 
 @dataclass(frozen=True, slots=True)
 class DriveTarget:
-    """Drive axis with targets: its controller, node and joint, whether it is enabled, and its mode.
+    """Drive axis with a target controller: its node and joint, whether the axis is enabled, and its mode.
 
-    `mode` is "" where it is in none that takes a target.
+    `mode` is "" if the present mode of operation takes no target.
     """
 
     controller: str
@@ -50,17 +50,17 @@ class DriveTarget:
 
     @property
     def quantity(self) -> str:
-        """Quantity of the target, "" for none."""
+        """Quantity of the target; "" if the mode takes no target."""
         return MODES.get(self.mode, "")
 
     @property
     def unit(self) -> str:
-        """Unit of the target on the page."""
+        """Unit of the target for the page."""
         return _UNITS.get(self.quantity, "")
 
 
 def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) -> tuple[DriveTarget, ...]:
-    """Return the drives with an active target controller, in the order of the controllers."""
+    """Return the drives that have an active target controller, in the order of the controllers."""
     axes = {axis.joint: (node, axis) for node, reading in state.nodes.items() for axis in reading.axes}
     targets = []
     for controller in controllers:
@@ -78,7 +78,7 @@ _DRIVEN_S: Final = 0.5  # without a word of a held button the drive has ended
 
 
 class TargetSliders:
-    """Sliders of a controller: `limits` are their ends, `clock` returns s. Positions in rad or m, None if unknown."""
+    """Position sliders of a controller; `limits` are the ends of the sliders in rad or m, `clock` returns seconds."""
 
     def __init__(self, limits: Mapping[str, tuple[float, float]], clock: Callable[[], float] = time.monotonic) -> None:
         self._limits, self._clock = limits, clock
@@ -88,13 +88,13 @@ class TargetSliders:
         self._held_at: float | None = None
 
     def set(self, joint: str, value: float) -> None:
-        """Register a moved slider."""
+        """Set the target of a slider that the user has moved."""
         low, high = self._limits[joint]
         self.values[joint] = min(max(value, low), high)
         self._set.add(joint)
 
     def follow(self, positions: Mapping[str, float | None]) -> dict[str, float]:
-        """Return the sliders to move because their joints have moved."""
+        """Return new values for the sliders whose joints have moved; empty while a button is held."""
         now = self._clock()
         if self._driven(now):
             return {}
@@ -112,7 +112,7 @@ class TargetSliders:
         return moved
 
     def targets(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return the targets of a held button, in the order of the sliders."""
+        """Return the targets for a held button, in the order of the sliders."""
         now = self._clock()
         if not self._driven(now):
             self._rest = {joint: at for joint, at in positions.items() if at is not None}
@@ -120,14 +120,14 @@ class TargetSliders:
         return [value if joint in self._set else self._rest.get(joint, value) for joint, value in self.values.items()]
 
     def rest(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return the command that ends the motion: the present positions, as far as known."""
+        """Return the command that ends the motion: the present positions, or the last known ones."""
         values = {**self.values, **self._rest}
         values |= {joint: at for joint, at in positions.items() if at is not None}
         return [values[joint] for joint in self.values]
 
     @property
     def driven(self) -> bool:
-        """Whether a button is held now."""
+        """Whether a button is held."""
         return self._driven(self._clock())
 
     def _driven(self, now: float) -> bool:

@@ -1,9 +1,9 @@
-"""Player of trajectories for pages: connections and their ends; without the toolkit.
+"""Player of trajectories for pages, on separate connections; without the toolkit.
 
-A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page and a
-click on Cancel end it in a decelerated hold, reported with the robot's own sentence. The end of this process ends it
-too, since the robot stops when the connection is closed, or when nothing arrives on it: `tick` confirms that this
-process is running. One page plays at a time.
+A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page or a
+click on Cancel ends the trajectory: the robot decelerates, holds its position, and reports this as a sentence. The end
+of this process ends the trajectory too, since the robot stops when the connection closes or becomes silent; `tick`
+confirms that the process is running. Only one page plays at a time.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading
 
 
-# A trajectory that a page has loaded: its points by number, where the joints are to be in each, and words for it.
+# Trajectory that a page has loaded: its points, the joint positions at each point, and texts about it.
 #
-# What is shown are the points of the file itself: what the robot makes of the time between two of them is up to its
-# controller. No browser, no toolkit.
+# The preview shows the points of the file; the controller of the robot interpolates between them. No toolkit.
 
 
 MOST_BYTES: Final = 1_000_000  # what is read here is read beside STOP; the shell reads longer ones
@@ -41,7 +40,7 @@ MOST_BYTES: Final = 1_000_000  # what is read here is read beside STOP; the shel
 
 @dataclass(frozen=True, slots=True)
 class LoadedTrajectory:
-    """Joints and points of a file; `name` is that of the upload. Times in s from its start."""
+    """Joints and points of an uploaded file; `name` is the file's name, times are in s from the start."""
 
     name: str
     joints: list[str]
@@ -49,17 +48,17 @@ class LoadedTrajectory:
 
     @property
     def duration(self) -> float:
-        """Time of the last point."""
+        """Time of the last point in s."""
         return self.points[-1].time_from_start
 
     def positions(self, number: int) -> dict[str, float]:
-        """Return the positions of the joints at a point, in rad or m; empty without positions."""
+        """Return the joint positions at a point, in rad or m; an empty mapping if the point has no positions."""
         positions = self.points[number].positions
         return dict(zip(self.joints, positions, strict=True)) if len(positions) == len(self.joints) else {}
 
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
-    """Read an uploaded file; ConfigError with every error and its line."""
+    """Parse an uploaded file; the ConfigError names every error and its line."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -72,7 +71,7 @@ def load(data: bytes, name: str) -> LoadedTrajectory:
 
 
 def trajectory_takers(controllers: Iterable[ControllerReading]) -> list[str]:
-    """Return the active trajectory controllers."""
+    """Return the names of the active trajectory controllers."""
     return [
         controller.name
         for controller in controllers
@@ -86,7 +85,7 @@ def follows_trajectories(controller: ControllerReading) -> bool:
 
 
 def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float, str]:
-    """Return the progress of a trajectory from 0 to 1, and as text."""
+    """Return the progress of a trajectory from 0 to 1, and a sentence about it."""
     if sample is None or not sample.executing:
         return 0.0, "Playing."
     at = min(max(sample.reference.time_from_start, 0.0), duration)
@@ -96,7 +95,7 @@ def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float
 
 
 def place_text(loaded: LoadedTrajectory, number: int) -> str:
-    """Return a sentence about the previewed point."""
+    """Return a sentence with the number and the time of the previewed point."""
     at = loaded.points[number].time_from_start
     return f"Preview, the robot does not move: point {number + 1} of {len(loaded.points)}, at {at:.2f} s"
 
@@ -104,7 +103,7 @@ def place_text(loaded: LoadedTrajectory, number: int) -> str:
 def preview_table(
     loaded: LoadedTrajectory, number: int, now: Mapping[str, float | None], linear: frozenset[str]
 ) -> str:
-    """Return desired and present positions of a point's joints as HTML."""
+    """Return a table with the previewed and the present positions of the joints as HTML."""
     positions = loaded.positions(number)
     if not positions:
         return "<p class='cc-note'>This point has no positions.</p>"
@@ -138,14 +137,14 @@ _SILENT: Final = "the page that played it has fallen silent"
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOutcome:
-    """Result: whether the goal was reached, and the robot's sentence."""
+    """Result of a trajectory: whether the goal was reached, and the robot's sentence about it."""
 
     reached: bool
     text: str
 
 
 class TrajectoryPlayer:
-    """Player for pages by name; `may_play` selects a page, `connect` opens a connection, `clock` returns s."""
+    """Player of trajectories for pages; `may_play` tells whether a page may play, `connect` connects to the robot."""
 
     def __init__(
         self,
@@ -160,11 +159,11 @@ class TrajectoryPlayer:
 
     @property
     def page(self) -> str | None:
-        """Page that plays, None if none does."""
+        """Page that plays a trajectory; None if no page does."""
         return self._page
 
     async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> TrajectoryOutcome:
-        """Play to the end."""
+        """Play a trajectory and wait for its end; the outcome is a refusal if the page may not play now."""
         if not self._may_play(page):
             return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
@@ -179,12 +178,12 @@ class TrajectoryPlayer:
             self._page, self._run = None, None
 
     def here(self, page: str) -> None:
-        """Register a page as present."""
+        """Confirm that a page is open."""
         if page == self._page:
             self._confirmed_at = self._clock()
 
     def tick(self) -> None:
-        """Send heartbeats; end the trajectory of a page that was silent for too long."""
+        """Send a heartbeat to the robot; end the trajectory if its page was silent for `SILENT_S`."""
         if self._run is None:
             return
         self._run.beat()
@@ -196,7 +195,7 @@ class TrajectoryPlayer:
         self.cancel(page, _CLOSED)
 
     def cancel(self, page: str, why: str | None = None) -> None:
-        """End the trajectory of a page; others continue."""
+        """End the trajectory of a page; a trajectory of another page continues."""
         if self._run is not None and page == self._page:
             self._run.cancel(why)
 
@@ -207,7 +206,7 @@ class TrajectoryPlayer:
 
 
 class _Run:
-    """Playback of one trajectory on its own connection; `play` blocks a thread, other methods do not."""
+    """Playback of one trajectory on its own connection; `play` blocks its thread, the other methods do not block."""
 
     def __init__(self, controller: str, trajectory: LoadedTrajectory) -> None:
         self._controller, self._trajectory = controller, trajectory
@@ -216,7 +215,7 @@ class _Run:
         self._why: str | None = None
 
     def play(self, connect: Callable[[], RobotClient]) -> TrajectoryOutcome:
-        """Send the trajectory and wait for its end."""
+        """Send the trajectory and wait for its end; return errors as an outcome."""
         try:
             with connect() as self._client:
                 return self._follow(self._client)
@@ -224,7 +223,7 @@ class _Run:
             return TrajectoryOutcome(False, str(error))
 
     def cancel(self, why: str | None) -> None:
-        """Cancel: the joints brake and remaining points are not sent; a second call does nothing."""
+        """Cancel the trajectory: the joints decelerate and no further points are sent; a second call does nothing."""
         if self._cancelled:
             return
         self._cancelled, self._why = True, why
@@ -232,7 +231,7 @@ class _Run:
             self._report()
 
     def close(self) -> None:
-        """Disconnect; the robot brakes."""
+        """Close the connection, after which the robot decelerates."""
         self._cancelled = True
         if self._client is not None:
             self._client.close()
@@ -255,7 +254,7 @@ class _Run:
         return TrajectoryOutcome(result.state == "succeeded", result.text)
 
     def beat(self) -> None:
-        """Send a heartbeat."""
+        """Send a heartbeat, if the trajectory is running."""
         if self._sent and not self._cancelled:
             self._notify(TrajectoryHeartbeat())
 

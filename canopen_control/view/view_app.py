@@ -1,8 +1,8 @@
-"""The process of the view: `python -m canopen_control.view.view_app`, or `canopen-control view`.
+"""Process of the view: `python -m canopen_control.view.view_app`, or `canopen-control view`.
 
-One thread and one loop: connection, dead man and pages. Slow requests run on threads of their own, so that STOP
-never waits. Started by `run` it ends with its lifeline or the robot; by hand it waits for the robot to come back.
-An error here does not affect the robot.
+One thread with an event loop runs the connection, the dead-man control and the pages. Slow requests run on other
+threads, so that STOP never waits. If `run` has started the view, the view ends with its parent or the robot; started by
+hand, the view waits until the robot comes back. An error in the view does not affect the robot.
 """
 
 from __future__ import annotations
@@ -55,9 +55,9 @@ if TYPE_CHECKING:
     from canopen_control.view.robot_connection import Command, RobotInfo, TeleopCommands
 
 
-# One page of the robot, as one browser has it: STOP, then the panels of the table below, the Drive view, and the feed.
+# Page of the robot in one browser: STOP, then the panels of `PANELS`, the Drive view, and the feed.
 #
-# STOP is plain HTML and needs nothing of what follows. A new panel is a class in `panels` and a line in `PANELS`.
+# STOP is plain HTML and needs none of the following code. A new panel is a class in `panels` and an entry in `PANELS`.
 
 
 _ELEMENTS: Final = Path(__file__).parent / "elements"
@@ -65,7 +65,7 @@ _ELEMENTS: Final = Path(__file__).parent / "elements"
 
 @dataclass(frozen=True, slots=True)
 class PanelSlot:
-    """Panel and its place: "side", "middle" or "right"; without a title it has no frame."""
+    """Panel and its column, "side", "middle" or "right"; without a title the panel has no heading."""
 
     key: str
     where: str
@@ -97,7 +97,7 @@ def stop_html() -> str:
 
 
 def build_waiting(robot: str, why: str) -> None:
-    """Build the page without a robot: STOP, and the reason why it reaches none."""
+    """Build the page for a robot that is not connected: STOP, and the reason."""
     ui.add_body_html(stop_html())
     text = f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span></div>"
     note = f"<div class='cc-cause cc-bad'>not connected<span>{escape(why)}</span></div>"
@@ -106,7 +106,7 @@ def build_waiting(robot: str, why: str) -> None:
 
 
 class Page:
-    """Page built in the present client; `show` and `send` update it."""
+    """Page in the current NiceGUI client, updated by `show` and `send`."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self.client = context, ui.context.client
@@ -133,18 +133,18 @@ class Page:
             return slot.make(self._context)
 
     def show(self, content: PageContent) -> None:
-        """Update the page a few times a second."""
+        """Update the panels and the Drive view; called a few times a second."""
         with self.client:
             for panel in self._panels:
                 panel.show(content)
             self._drive.show(content)
 
     def leave(self) -> None:
-        """Stop reading for this closed page."""
+        """Stop reading objects for this closed page."""
         self._drive.leave()
 
     def changes(self, content: PageContent) -> FeedMessage:
-        """Return the feed message of this page: the changes since the last one."""
+        """Return the feed message for this page, with the changes since the last call."""
         message: FeedMessage = {}
         if content.commanded != self._commanded:
             self._commanded = content.commanded
@@ -156,16 +156,16 @@ class Page:
         return message
 
     def send(self, data: FeedMessage) -> None:
-        """Send to the scene and plots; an empty message is a sign of life."""
+        """Send a feed message to the scene and the plots; an empty message only signals that the view is running."""
         self._feed.send(data)
 
     def reload(self) -> None:
-        """Reload the page for another robot."""
+        """Reload the page, because the structure of the robot has changed."""
         self.client.run_javascript("location.reload()")
 
 
 def _query() -> dict[str, str]:
-    """Return the query of the page's address."""
+    """Return the query parameters of the page's address."""
     return dict(ui.context.client.request.query_params)
 
 
@@ -180,9 +180,9 @@ _SILENT_S: Final = 1.5  # a running robot sends at least 5 messages a second
 
 
 class ViewApp:
-    """Server of the page of the robot `name` (None: the only one) until a signal or the end of its parent.
+    """View of the robot `name` (None: the only running one), serving until a signal, or until the parent ends.
 
-    `say` prints a sentence. ConfigError if there is no such robot, or no free port.
+    `report` prints a text. ConfigError if there is no such robot, or no free port.
     """
 
     def __init__(
@@ -212,7 +212,7 @@ class ViewApp:
 
     @property
     def robot(self) -> RobotView:
-        """Constant data of the robot; only for pages built after it was found."""
+        """Data of the robot; RemoteError before the robot was found."""
         if self._known is None:
             raise RemoteError("BusClosed", self._lost)
         return self._known
@@ -220,7 +220,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ begin and end
 
     async def run(self) -> None:
-        """Serve until the end."""
+        """Serve the page until a signal, the end of the parent, or an error of the server."""
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._on_error)
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -258,13 +258,13 @@ class ViewApp:
             self._complain(error)
 
     def _complain(self, error: BaseException) -> None:
-        """Report the error and continue, so that the STOP button remains."""
+        """Report an error and continue, so that the STOP button remains."""
         self._say("".join(traceback.format_exception(error)).rstrip())
 
     # ------------------------------------------------------------------------------------ what a page may do
 
     def stop(self) -> str | None:
-        """Send a latched STOP; return the reason if the robot cannot be reached."""
+        """Send a latched STOP; return the reason if the robot cannot be reached or is silent, else None."""
         if self._connection is None:
             return (
                 f"Robot {self.name} is not connected: {self._lost}. "
@@ -282,7 +282,7 @@ class ViewApp:
         )
 
     async def ask(self, request: Request[Any]) -> str | None:
-        """Send a request to the robot and wait; return the reason of a failure."""
+        """Send a request to the robot and wait; return the reason of a failure, None on success."""
         connection = self._connection
         return (
             f"robot {self.name} is not connected"
@@ -291,7 +291,7 @@ class ViewApp:
         )
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Register a held button of a page; `on_refusal` receives a sentence if the page may not drive."""
+        """Process a held button of a page; `on_refusal` gets a sentence if another page drives."""
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
@@ -300,11 +300,11 @@ class ViewApp:
             self._watch_hold()
 
     def release(self, page: str) -> None:
-        """End the motion of a page now."""
+        """End the motion of a page at once."""
         self._dead_man.leave(page)
 
     def _watch_hold(self) -> None:
-        """Release after the timeout, and check again while a button is held."""
+        """End the motion after the timeout, and schedule the next check while a button is held."""
         now = time.monotonic_ns()
         self._dead_man.tick(now)
         deadline = self._dead_man.deadline
@@ -318,7 +318,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ open pages
 
     def _build(self) -> None:
-        """Build a page for a new client."""
+        """Build the page for a new client."""
         if self._known is None:
             build_waiting(self.name, self._lost)
             ui.timer(1.0, lambda: ui.navigate.reload() if self._known is not None else None)
@@ -381,7 +381,7 @@ class ViewApp:
             page.send(changes)
 
     def _check_silence(self) -> None:
-        """Mark a connected robot as lost after a silence, until it sends again."""
+        """Mark a connected robot as lost if it has been silent for `_SILENT_S`, until it sends again."""
         silent_s = time.monotonic() - self._last_message
         self._silent = self._connection is not None and silent_s > _SILENT_S
         if self._silent:
@@ -401,7 +401,7 @@ class ViewApp:
             page.send({"scene": changed})
 
     async def _follow_controllers(self, robot: RobotView) -> None:
-        """Request the controllers until the robot answers or ends."""
+        """Request the controllers, and retry until the robot answers, ends, or its controllers change again."""
         connection, asked_for = self._connection, self._controller_states
         while connection is not None and connection is self._connection and asked_for is self._controller_states:
             with contextlib.suppress(CanopenError):
@@ -410,7 +410,7 @@ class ViewApp:
             await asyncio.sleep(_RETRY_S)
 
     def refresh_faults(self) -> None:
-        """Read the faults of the virtual drives on a separate thread, because one of them may block."""
+        """Read the faults of the virtual drives on a separate thread, because a drive may not answer."""
         self._start(self._refresh_faults())
 
     async def _refresh_faults(self) -> None:
@@ -439,7 +439,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ the connection
 
     async def _connect(self) -> None:
-        """Connect to the robot, repeatedly; as a child of `run` only once."""
+        """Connect to the robot, and retry until that succeeds; if `run` has started the view, try only once."""
         while (met := await self._meet()) is None:
             if self._lifeline is not None:
                 self._say(self._lost)
@@ -464,7 +464,7 @@ class ViewApp:
             return None
 
     def _read_info(self, info: RobotInfo) -> None:
-        """Process the constant data of the robot; reload pages of another structure."""
+        """Process the constant data of a robot; reload the pages if its structure has changed."""
         if self._known is not None and self._known.come_back(info):
             return
         self._known = RobotView(info, self._publish)
@@ -480,9 +480,9 @@ class ViewApp:
         return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Print the page's address; if started by `run`, publish it without the token as an event.
+        """Print the page's address; if `run` has started the view, print and publish the address without the token.
 
-        Events are recorded, reported and published as ROS topics; `run` prints the token from `page_addresses`.
+        Events are recorded and published as ROS topics; `run` gets the token from `page_addresses`.
         """
         if self._lifeline is not None:
             connection.send(PublishEvent(kind="view", text=f"view: {self.rules.place}"))
@@ -504,7 +504,7 @@ class ViewApp:
             self._drop(str(error))
 
     def _drop(self, why: str) -> None:
-        """Mark the robot as lost."""
+        """Mark the robot as lost; then try to reconnect, or end the view if `run` has started it."""
         if self._connection is None:
             return
         self._leave()
@@ -523,7 +523,7 @@ class ViewApp:
 
 
 def _meet(name: str) -> tuple[RobotConnection, RobotInfo]:
-    """Connect and request the initial data of a page; waits."""
+    """Connect to the robot and request its constant data; blocks."""
     connection = RobotConnection(name)
     try:
         return connection, connection.robot_info()
@@ -533,7 +533,7 @@ def _meet(name: str) -> tuple[RobotConnection, RobotInfo]:
 
 
 def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None:
-    """Serve the page until a signal ends it; ConfigError if it cannot start."""
+    """Serve the page until a signal ends it; ConfigError if the page cannot start."""
 
     def say(text: str) -> None:
         sys.stdout.write(f"{text}\n")

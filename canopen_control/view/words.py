@@ -1,4 +1,4 @@
-"""Texts of the page: the robot's state, drives and events, with tones; without the toolkit."""
+"""Texts of the page on the robot's state, drives and events, with levels for colours; without the toolkit."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown 
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Banner: the robot's state and its level, the problem, the next step, and its name in the API."""
+    """Robot state for the banner: text, level, problem, advice, and the name of the next action in the API."""
 
     words: str
     tone: str
@@ -49,7 +49,7 @@ class Banner:
 
     @staticmethod
     def of(words: StateWords, cause: str = "") -> Banner:
-        """Return the banner of a state."""
+        """Return the banner of a state, with the problem if any."""
         return Banner(words.text, words.tone, cause, words.advice, words.action)
 
 
@@ -59,7 +59,7 @@ _FEW: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class AxisRow:
-    """Row of one axis, or of a node without axes; `tone` is the level of its state, `age` in words."""
+    """Table row of one axis, or of a node without axes; `tone` is the level of the state, `age` is a text."""
 
     node: str
     node_id: int
@@ -72,7 +72,7 @@ class AxisRow:
 
 
 def banner(state: StateSample) -> Banner:
-    """Return state, problem and next step of the robot."""
+    """Return the robot's state, with the problem and the next step."""
     if state.latched:
         by = f" (by {state.latched_by})" if state.latched_by else ""
         return Banner.of(LATCHED, f"Latched{by}: nothing moves.")
@@ -93,7 +93,7 @@ def _disabled_text(off: list[AxisReading], axes: int) -> str:
 
 
 def lost_banner(why: str) -> Banner:
-    """Return the banner of a robot whose state is unknown."""
+    """Return the banner for a robot that is not connected, with the reason."""
     return Banner(
         "not connected", BAD, f"STOP on this page does not reach the robot. {why}".strip(),
         "What is shown here is old. Use another way to stop it (emergency stop, terminal); "
@@ -102,7 +102,7 @@ def lost_banner(why: str) -> Banner:
 
 
 def _causes(rows: Iterable[AxisRow]) -> str:
-    """Return the drives that are in a fault or missing, and the reasons."""
+    """Return a text with the drives that are in a fault or missing, and the reasons."""
     texts = dict.fromkeys(f"{row.node}: {row.error or row.state}" for row in rows if row.tone == BAD)
     return " · ".join(texts) or "A drive is missing or in a fault."
 
@@ -170,7 +170,7 @@ def _table_lines(rows: Iterable[AxisRow]) -> Iterator[str]:
 
 
 def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], commanded: Mapping[str, str]) -> str:
-    """Return the table of joints as HTML; `linear` joints are in m, `commanded` has the interface of commanded ones."""
+    """Return the table of joints as HTML; `linear` joints are in m, `commanded` maps joints to command interfaces."""
     if not joints:
         return "<p class='cc-note'>No joints.</p>"
     lines = []
@@ -195,7 +195,7 @@ _JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
 def _tracking(reading: TrackingReading, unit: str) -> str:
-    """Return the largest error of the last seconds, its RMS, and repeated or skipped set-points as HTML."""
+    """Return the largest tracking error, its RMS, and counts of repeated and skipped set-points as HTML."""
     per = "" if reading.interface == "position" else "/s"
     odd = [
         f"{count} {title}" for count, title in ((reading.repeated, "repeated"), (reading.skipped, "skipped")) if count
@@ -211,7 +211,7 @@ def _number(value: float | None) -> str:
 
 
 def facts(state: StateSample) -> str:
-    """Return the state of cycle and buses as a line of HTML."""
+    """Return a line about the cycle, the buses and the active controllers as HTML."""
     return f"<div class='cc-facts'>{' · '.join(_facts(state))}</div>"
 
 
@@ -228,7 +228,7 @@ def _facts(state: StateSample) -> Iterator[str]:
 
 
 def event_log(events: Iterable[RobotEvent]) -> str:
-    """Return the log as HTML, newest first."""
+    """Return the list of events as HTML, the newest first."""
     lines = [
         f"<div class='cc-event cc-{_LEVELS.get(event.level, IDLE)}'><time>{_clock(event.time)}</time>"
         f"<span>{escape(event.text)}</span></div>"
@@ -238,7 +238,7 @@ def event_log(events: Iterable[RobotEvent]) -> str:
 
 
 def fault_text(fault: FaultListing | None) -> str:
-    """Explain a fault of a virtual drive, as HTML."""
+    """Return an explanation of a virtual drive's fault as HTML; a note if there is no virtual drive."""
     if fault is None:
         return "<p class='cc-note'>No virtual drive is there to be broken.</p>"
     how = "once" if fault.once else "until it is switched off"
@@ -247,7 +247,7 @@ def fault_text(fault: FaultListing | None) -> str:
 
 
 def quirk_text(quirk: QuirkListing | None) -> str:
-    """Explain a quirk of a virtual drive, as HTML."""
+    """Return an explanation of a virtual drive's quirk as HTML."""
     if quirk is None:
         return ""
     strength = ""
@@ -258,7 +258,7 @@ def quirk_text(quirk: QuirkListing | None) -> str:
 
 
 def active_faults(active: Mapping[str, Iterable[str]]) -> str:
-    """Return the active faults by drive, as HTML."""
+    """Return the active faults and quirks by drive as HTML."""
     lines = [f"{escape(drive)}: {escape(', '.join(names))}" for drive, names in active.items() if names]
     if not lines:
         return "<p class='cc-note'>No fault is on.</p>"
@@ -266,12 +266,12 @@ def active_faults(active: Mapping[str, Iterable[str]]) -> str:
 
 
 def chip(words: str, tone: str) -> str:
-    """Return a coloured word as HTML."""
+    """Return a coloured label as HTML."""
     return f"<span class='cc-chip cc-{tone}'>{escape(words)}</span>"
 
 
 def sentence(text: str, tone: str = IDLE) -> str:
-    """Return a line of text as HTML; nothing for an empty one."""
+    """Return a line of text as HTML; "" for an empty text."""
     return f"<p class='cc-line cc-{tone}'>{escape(text)}</p>" if text else ""
 
 

@@ -1,7 +1,7 @@
 """Objects in the world of a simulated robot, for the 3D scene.
 
-The scene is drawn in the frame of odometry, the world has its own frame; the true pose connects them.
-A real drive has no socket for such a request.
+The scene is drawn in the odometry frame, but the world has its own frame; the true pose connects both. A real drive has
+no socket for such a request.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class _ShapeDocument(TypedDict):
-    """Shape in the world: m, and the quaternion w, x, y, z; `robot` is the other robot to which it belongs."""
+    """Shape in the world, with sizes in m and a quaternion w, x, y, z; `robot` is the name of its robot, if any."""
 
     shape: str
     size: Sequence[float]
@@ -29,20 +29,20 @@ class _ShapeDocument(TypedDict):
 
 
 class WorldDocument(TypedDict):
-    """World for the browser: `place` is its frame relative to odometry, x, y in m and rad."""
+    """World for the browser; `place` is the pose of the world's frame in the odometry frame: x and y in m, and rad."""
 
     place: list[float]
     shapes: list[_ShapeDocument]
 
 
 class WorldView:
-    """Shapes of a world and its frame; `take` returns the message for pages, None without a change."""
+    """Shapes of a world and the pose of its frame; `take` returns the message for pages."""
 
     def __init__(self) -> None:
         self.document: WorldDocument | None = None
 
     def take(self, shapes: Sequence[WorldShape], state: StateSample) -> WorldDocument | None:
-        """Update the shapes."""
+        """Update the shapes and the frame; return the new document, None without a change or without a true pose."""
         truth = state.true_pose
         if truth is None or truth.odom is None or not (shapes or self.document):
             return None

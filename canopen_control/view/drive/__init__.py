@@ -1,17 +1,18 @@
 """Drive view: one node of the robot, in tabs, next to STOP and the robot's state.
 
-How to add a tab: a file NAME_tab.py in this folder with a class that is a `drive_tab.DriveTab`, and a line for it in
-`drive_view.TABS`. A tab is made when it is opened first, for one node, in the place that is current; what it is given
-is a `DriveTabContext`:
+To add a tab, write a file NAME_tab.py in this folder with a class that follows the protocol `drive_tab.DriveTab`, and
+add the class to `drive_view.TABS`. A tab is created when the user opens it for a node the first time, in the current
+container, with a `DriveTabContext`:
 
 - `context.panel` is common to all panels of the page: `ask(request)` sends a request to the robot, `hold` and `release`
   drive while a button is held, `teleop` is True if this page may write and move at all.
 - `context.desk` is the node, shared by all pages: `await desk.ask(work)` runs `work(session)` on a thread, with a
-  `NodeSession` whose SDO goes through the robot; `desk.begin(JobRun(job, title), work)` begins a job of
-  `commissioning.jobs`, one at a time on a node, which goes on where the page is closed meanwhile; `JobForm(job)` makes
-  the inputs of its options. No tab waits in the loop: STOP would wait behind it.
-- `context.node` is its name, `context.place` its node id, EDS and joints.
+  `NodeSession` whose SDO requests go through the robot; `desk.begin(JobRun(job, title), work)` starts a job of
+  `commissioning.jobs`. A node runs one job at a time, which continues if the page is closed; `JobForm(job)` creates the
+  inputs of its options. A tab must not block the event loop, because STOP would have to wait.
+- `context.node` is the name of the node, `context.place` has its node id, EDS and joints.
 
-`show(content)` is called a few times a second while the tab is seen, `leave()` when it is not any more: what it reads
-or drives ends there. Tabs contain no logic: what an object means, or whether a file fits, is for `commissioning`.
+`show(content)` is called a few times a second while the tab is visible, `leave()` when the tab is hidden; reading and
+driving must end then. Tabs contain no logic: the meaning of an object, or whether a file fits, is decided in
+`commissioning`.
 """

@@ -1,4 +1,4 @@
-"""Interface of the tabs of the Drive view; see the docstring of this folder for adding one."""
+"""Interface of the tabs of the Drive view; the docstring of this folder explains how to add a tab."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
     from canopen_control.view.panels.panel import PanelContext
 
 
-# How far the long work at a node is: what goes on, a bar, rate and remaining time, its end, and what came of it.
+# Progress of a job at a node: the current step, a bar, rate and remaining time, and finally the result.
 
 
 _SHOWN: Final = 200  # of lines and rows
 
 
 class WorkBar:
-    """Progress of the newest job of a tab at a node, from any page."""
+    """Progress bar for the newest job of a tab at a node, which may have been started from any page."""
 
     def __init__(self, desk: NodeJobs, tab: str) -> None:
         self._desk, self._tab = desk, tab
@@ -42,7 +42,7 @@ class WorkBar:
         self.show()
 
     def show(self) -> None:
-        """Update the progress."""
+        """Update the progress, or show the result."""
         work = self._desk.work
         mine = work is not None and work.job.tab == self._tab
         goes_on = work is not None and not work.over
@@ -74,7 +74,7 @@ class WorkBar:
 
 
 def progress_words(work: JobRun, now: float) -> str:
-    """Return the current step, progress, rate, and remaining time as text."""
+    """Return a text with the current step of a job, the progress, the rate, and the remaining time if known."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
         words += f", {work.done:,} of {work.total:,} {work.unit} ({100 * work.done // work.total} %)"
@@ -83,7 +83,7 @@ def progress_words(work: JobRun, now: float) -> str:
 
 
 def outcome(work: JobRun) -> str:
-    """Return the lines and the table of the result, as HTML."""
+    """Return the result lines and the result table of a job as HTML."""
     lines = "".join(f"<p class='cc-line'>{escape(line)}</p>" for line in work.lines[:_SHOWN])
     if not work.table:
         return lines
@@ -98,7 +98,7 @@ LOOK_ONLY = "<p class='cc-note'>This page only looks. To write: <code>canopen-co
 
 @dataclass(frozen=True, slots=True)
 class DriveTabContext:
-    """Context of a tab: the page's robot, the node, and its jobs shared by all pages."""
+    """Context of a tab: the page, and the node with its jobs, which all pages share."""
 
     panel: PanelContext
     desk: NodeJobs
@@ -114,19 +114,19 @@ class DriveTabContext:
         return self.desk.place.name
 
     def reading(self, content: PageContent) -> NodeReading | None:
-        """Return the reading of the node; None if it is unknown now."""
+        """Return the robot's reading of the node; None without a connection."""
         return None if content.lost else content.state.nodes.get(self.node)
 
 
 class DriveTab(Protocol):
-    """Tab of one node, created when it is first opened."""
+    """Tab for one node, created when the user opens it the first time."""
 
     def __init__(self, context: DriveTabContext) -> None:
         """Create the widgets in the current container."""
         ...
 
     def show(self, content: PageContent) -> None:
-        """Show the current data while the tab is visible; unchanged data are not sent again."""
+        """Update the visible tab; unchanged data are not sent again."""
         ...
 
     def leave(self) -> None:

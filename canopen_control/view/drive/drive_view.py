@@ -1,7 +1,7 @@
-"""Drive view of a page: choice of the node, its tabs, and the switch between it and the robot.
+"""Drive view of a page: choice of the node, its tabs, and the switch between the Drive view and the robot.
 
-It replaces the scene and the tables; STOP, the robot's state and the left column remain. The address of the page
-contains the selection, so that a reload restores it.
+The view replaces the scene and the tables; STOP, the robot's state and the left column remain. The address of the page
+contains the selected node and tab, so that a reload restores them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from canopen_control.view.panels.panel import PanelContext
 
 
-# The Objects tab: the whole dictionary of the node as a tree, live where it is in sight, with edits and their undo.
+# Objects tab: all objects of the node as a tree, with live values of the visible ones, and edits with undo.
 
 
 _NO_EDS: Final = "No file describes the objects of this node: bus.yml names no EDS for it."
@@ -49,7 +49,7 @@ _ANEW: Final = 25  # showings
 
 
 class ObjectsTab:
-    """Tab with the objects of a node; it reads the visible ones, and writes only with permission."""
+    """Tab with the object tree of a node; reads the visible objects, and writes only with `--teleop`."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -88,7 +88,7 @@ class ObjectsTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the values read since, and whether an edit can be undone."""
+        """Show the values read since the last call, and whether an edit can be undone."""
         desk = self._context.desk
         if self._is_left:
             self._is_left = False
@@ -106,14 +106,14 @@ class ObjectsTab:
         self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing was written yet"))
 
     def leave(self) -> None:
-        """Stop reading."""
+        """Stop reading objects."""
         self._is_left = True
         self._reader.watch(self._page, self._context.desk, ())
 
     # ------------------------------------------------------------------------------------ events of the tree
 
     def seen(self, addresses: list[str]) -> None:
-        """Read the visible objects."""
+        """Start to read the visible objects."""
         self._addresses, self._has_addresses = addresses, True
         self._show_values()
         if not self._is_left:
@@ -128,12 +128,12 @@ class ObjectsTab:
         self._reader.watch(self._page, self._context.desk, entries)
 
     def search(self, text: str) -> None:
-        """Show the objects that match the words."""
+        """Show the objects that match the search text."""
         if self._list is not None and self._tree is not None:
             self._tree.matches(text, *self._list.search(text))
 
     def write(self, address: str, text: str) -> None:
-        """Write an object, and show the result next to it."""
+        """Write an object on a thread, and show the result next to the object."""
         background_tasks.create(self._write(address, text), name="write")
 
     async def _write(self, address: str, text: str) -> None:
@@ -164,11 +164,11 @@ class ObjectsTab:
 
 
 def _product(od: ObjectDictionary) -> str:
-    """Return the key of the favourites of this kind of drive."""
+    """Return the key under which the browser stores the favourite objects of this drive type."""
     return f"{od.device.vendor_number or 0:X}-{od.device.product_number or 0:X}-{od.device.product_name}"
 
 
-# The Status tab: what the node is and does, the bits of its statusword, its errors, and a target that is held.
+# Status tab: state of the node and its drives, statusword bits, errors, events, and targets of held buttons.
 
 
 _NO_ERRORS: Final = "<p class='cc-note'>The drive remembers no error.</p>"
@@ -176,7 +176,7 @@ _GONE: Final = "<p class='cc-note'>Unknown.</p>"
 
 
 class StatusTab:
-    """Tab with the state of the node in the robot; its error history is read once, and on request."""
+    """Tab with the state of the node; the error history is read once, and again on request."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -200,7 +200,7 @@ class StatusTab:
         background_tasks.create(self._read(), name="errors")
 
     def show(self, content: PageContent) -> None:
-        """Show the current state."""
+        """Update the state, the statusword bits, the controllers and the events of the node."""
         reading = self._context.reading(content)
         if reading is not None:
             self._facts.show(facts_table(reading))
@@ -213,7 +213,7 @@ class StatusTab:
         self._events.show(event_log(event for event in content.events if event.node == self._context.node))
 
     def leave(self) -> None:
-        """Stop driving from this tab."""
+        """Stop a motion that this tab commands."""
         self._context.panel.release(self._client.id)
 
     async def _read(self) -> None:
@@ -229,7 +229,7 @@ class StatusTab:
 
 
 def facts_table(reading: NodeReading) -> str:
-    """Return the robot's data about a node as HTML."""
+    """Return a table of the robot's data about a node as HTML."""
     lines = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _facts(reading))
     return f"<table class='cc-table cc-known'>{lines}</table>"
 
@@ -249,7 +249,7 @@ def _facts(reading: NodeReading) -> Iterator[tuple[str, str]]:
 
 
 def _bits(axis: AxisReading) -> str:
-    """Return the bits of a statusword as HTML."""
+    """Return the statusword bits of an axis as HTML."""
     if axis.statusword is None:
         return _GONE
     bits = "".join(
@@ -260,7 +260,7 @@ def _bits(axis: AxisReading) -> str:
 
 
 def _movers(content: PageContent, reading: NodeReading) -> str:
-    """Return the controllers that command the node's joints as HTML."""
+    """Return a sentence with the controllers that command the node's joints as HTML."""
     joints = {axis.joint for axis in reading.axes}
     active = [controller for controller in content.controllers if controller.state == "active"]
     names = [
@@ -273,12 +273,12 @@ def _movers(content: PageContent, reading: NodeReading) -> str:
     return sentence(f"{', '.join(names)} command{'s' if len(names) == 1 else ''} it; the page drives through it.")
 
 
-# The tabs of the Drive view by their order; a new one is a class in this folder and a line here.
+# Tabs of the Drive view in their order; a new tab is a class in this folder and an entry here.
 
 
 @dataclass(frozen=True, slots=True)
 class TabSlot:
-    """Tab slot: its key in the page's address, its label, and its class."""
+    """Tab of the Drive view: its key in the page's address, its label, and its class."""
 
     key: str
     title: str
@@ -301,7 +301,7 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive 
 
 
 class DriveView:
-    """Drive view in the page's `main`; its switch is the second in `side`. `asked` is the query of the address."""
+    """Drive view inside `main`; its switch is the second panel in `side`, and `query` is that of the page's address."""
 
     def __init__(self, context: PanelContext, main: Element, side: Element, query: dict[str, str]) -> None:
         self._context, self._main, self._client = context, main, ui.context.client
@@ -339,7 +339,7 @@ class DriveView:
     # ------------------------------------------------------------------------------------ calls of the page
 
     def show(self, content: PageContent) -> None:
-        """Show the current data in the visible tab."""
+        """Update the visible tab, if the Drive view is open."""
         self._content = content
         if not self.is_open:
             return
@@ -349,7 +349,7 @@ class DriveView:
             tab.show(content)
 
     def leave(self) -> None:
-        """Stop reading and driving in all tabs, because the page is closed."""
+        """Stop reading and driving in all tabs, for instance because the page is closed."""
         for tab in self._tabs.values():
             tab.leave()
 
@@ -384,7 +384,7 @@ class DriveView:
         self._update_address()
 
     def _open_tab(self) -> None:
-        """Show the chosen tab of the chosen node, creating it if necessary."""
+        """Show the chosen tab of the chosen node; the tab is created if necessary."""
         if self._key not in self._tabs and self._node:
             slot = next(tab for tab in TABS if tab.key == self._key)
             context = DriveTabContext(self._context, self._context.robot.desk(self._node))
@@ -396,7 +396,7 @@ class DriveView:
             self.show(self._content)
 
     def _update_address(self) -> None:
-        """Update the page's address to the selection."""
+        """Write the selected node and tab to the page's address."""
         place = urlencode({_DRIVE: self._node, "tab": self._key}) if self.is_open else ""
         script = (
             "const at = new URL(location.href); at.searchParams.delete('drive'); at.searchParams.delete('tab');"
@@ -408,7 +408,7 @@ class DriveView:
 
 
 def node_state(content: PageContent, node: str) -> str:
-    """Return the state of each axis of a node as HTML, or that of a node without axes."""
+    """Return the state of each axis of a node as HTML; for a node without axes, the state of the node."""
     rows = [row for row in axis_rows(content.state) if row.node == node]
     return "".join(
         chip(f"{row.joint}: {row.state}" if len(rows) > 1 else row.state, row.tone)

@@ -1,4 +1,4 @@
-"""Inputs of the options that a job declares: what its verb takes as arguments, a page takes here."""
+"""Form for the options that a job declares, the same options as the arguments of the command line."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 class JobForm:
-    """Inputs of a job by the names of its options: a checkbox for a switch, else a text.
+    """Inputs for the options of a job: a checkbox for a switch, otherwise a text field.
 
-    Those of `names`, by default all, are made in the current container; `add` makes others elsewhere.
+    The inputs for `names`, by default for all options, are created in the current container; `add` creates more.
     """
 
     def __init__(self, job: Job, names: Iterable[str] | None = None) -> None:
@@ -24,12 +24,12 @@ class JobForm:
         self.add(*(job.declared if names is None else names))
 
     def add(self, *names: str) -> None:
-        """Make the inputs of further options in the current container."""
+        """Create the inputs of further options in the current container."""
         declared = self._job.declared
         self.inputs |= {name: _input(declared[name]) for name in names}
 
     def options(self, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-        """Return the options, with `others` that have no input; ConfigError for an invalid input."""
+        """Return the options by the inputs, with `others` for those without input; ConfigError for an invalid input."""
         declared = self._job.declared
         values = {
             name: bool(widget.value) if declared[name].is_switch else declared[name].value_of(str(widget.value or ""))

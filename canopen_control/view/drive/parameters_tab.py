@@ -1,4 +1,4 @@
-"""Parameters tab: backup to a file, comparison with a file, restore of a file, and clone from another node."""
+"""Parameters tab and Firmware tab: backup, comparison, restore and clone of parameters, and program download."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from canopen_control.view.words import Banner
 
 
-# Whether a node may be written as a whole: without torque, and taken out of its robot; and the way there.
+# Panel to take a node out of the robot, so that its parameters can be written, and to return it.
 
 
 _CONFIRMED: Final = ("PRE_OPERATIONAL", "STOPPED")  # the NMT states that a node is taken out by
@@ -44,7 +44,7 @@ _TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
 class ReleasePanel:
-    """Panel that shows how the robot uses a node, and removes the node from the robot and returns it."""
+    """Panel that shows how the robot uses a node, with buttons to take the node out of the robot and to return it."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context = context
@@ -57,7 +57,7 @@ class ReleasePanel:
         self._take.visible = self._give.visible = False
 
     def show(self, content: PageContent) -> None:
-        """Show the robot's use of the node."""
+        """Show whether the robot uses the node, and enable the possible buttons."""
         reading = self._context.reading(content)
         words, tone = release_words(reading, content.banner)
         self._words.show(sentence(words, tone))
@@ -82,7 +82,7 @@ class ReleasePanel:
 
 
 def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
-    """Return whether parameter sets may be written to a node as text, with its tone; `robot` is the robot's state."""
+    """Return a sentence on whether parameter sets may be written to a node, and its level for the colour."""
     if reading is None:
         return "No connection: the state of the drive is unknown.", WARN
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
@@ -103,9 +103,9 @@ T = TypeVar("T")
 
 
 class FileChoice(Generic[T]):
-    """Upload of one file of at most `most` bytes: `value` is what `read` made of its bytes and name, None before.
+    """Upload of one file of at most `most` bytes; `value` is the result of `read` for its bytes and name, None before.
 
-    `words` describe the value; what is refused, with a CanopenError too, is shown with the reason.
+    `words` describes the value. A refused file, also by a CanopenError of `read`, is shown with the reason.
     """
 
     def __init__(
@@ -136,11 +136,11 @@ class FileChoice(Generic[T]):
         self._told.show(sentence(f"Not read. {why}", BAD))
 
 
-# The Firmware tab: choose a program, load it with its rate and remaining time, and show the result.
+# Firmware tab: choice of a program, download with rate and remaining time, and result.
 
 
 MOST_FIRMWARE_BYTES: Final = MAX_OBJECT
-"""Of a program through a running robot; a longer one goes straight on the bus (`firmware --can`)."""
+"""Longest program that can be loaded through a running robot; `firmware --can` has no such limit."""
 _WHAT: Final = (
     "The program is stopped and cleared (0x1F51), sent (0x1F50), checked (0x1F57, 0x1F56) and started. An "
     "interrupted transfer restarts; a drive without a program waits in its boot loader for the next attempt. A "
@@ -149,7 +149,7 @@ _WHAT: Final = (
 
 
 class FirmwareTab:
-    """Tab that starts a firmware download among the node's jobs and shows its progress."""
+    """Tab that starts a firmware download as the node's job, and shows its progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -179,7 +179,7 @@ class FirmwareTab:
             self._load.props("unelevated dense")
 
     def show(self, content: PageContent) -> None:
-        """Show the node and the download."""
+        """Show the robot's use of the node, and the progress of the download."""
         self._release.show(content)
         self._bar.show()
         if self._load is not None:
@@ -188,7 +188,7 @@ class FirmwareTab:
             )
 
     def leave(self) -> None:
-        """Hide the tab: a started download continues."""
+        """Do nothing: a download that was started continues."""
 
     def _begin(self) -> None:
         if self._image is None or (image := self._image.value) is None or not self._context.panel.teleop:
@@ -217,7 +217,7 @@ _RESTORE: Final = (
 
 
 class ParametersTab:
-    """Tab that starts the node's parameter jobs and shows their progress."""
+    """Tab that starts the parameter jobs of the node, and shows their progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -263,7 +263,7 @@ class ParametersTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the node and the job."""
+        """Show the robot's use of the node, and the progress of the job."""
         self._release.show(content)
         self._bar.show()
         free = not content.lost and not self._desk.busy
@@ -275,7 +275,7 @@ class ParametersTab:
             self._writers[0].set_enabled(free and self._file.value is not None)
 
     def leave(self) -> None:
-        """Hide the tab: a started job continues."""
+        """Do nothing: a job that was started continues."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -314,13 +314,13 @@ def _file_words(file: ParameterSet) -> str:
 
 
 def program_of(data: bytes, name: str) -> bytes:
-    """Return an uploaded program; ConfigError for a file that is none."""
+    """Return an uploaded program; ConfigError if the file is empty, or an EDS or DCF."""
     refuse_no_program(data, name)
     return data
 
 
 def uploaded(data: bytes, name: str) -> ParameterSet:
-    """Read an uploaded DCF; ConfigError or EdsError if it is invalid."""
+    """Parse an uploaded DCF; ConfigError or EdsError if the file is invalid."""
     if not data:
         raise ConfigError(f"{name} is empty")
     return parse_backup(data, name)

@@ -49,7 +49,7 @@ _MOST_BYTES: Final = 16_000_000  # of a file that is laid below
 
 
 class ScopeTab:
-    """Tab that starts a node's scope and shows its captures; the scope continues if the page is closed."""
+    """Tab that starts a scope of the node and shows its captures; the scope continues if the page is closed."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk, self._client = context, context.desk, ui.context.client
@@ -111,7 +111,7 @@ class ScopeTab:
         self._upload.props("accept='.csv'")
 
     async def _list_signals(self) -> None:
-        """List the numeric objects of the node, and the joints of the robot."""
+        """Fill the choice of signals with the numeric objects of the node and the joints of the robot."""
         try:
             od = await in_thread(self._desk.dictionary)
         except CanopenError as error:
@@ -132,7 +132,7 @@ class ScopeTab:
         self._list_places()
 
     def _list_places(self) -> None:
-        """List the chosen signals for the trigger."""
+        """Offer the chosen signals as trigger signals."""
         options: Any = self._signals.options
         names = {number + 1: str(options[value]) for number, value in enumerate(self._signals.value or [])}
         self._place.set_options(
@@ -147,7 +147,7 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the scope of the node, started from any page."""
+        """Show the state of the node's scope, started from any page, and the newest capture."""
         run = self._desk.scope
         goes_on = run is not None and not run.over
         for button in (self._single, self._rolling):
@@ -162,7 +162,7 @@ class ScopeTab:
             self._draw(run.shots[-1])
 
     def leave(self) -> None:
-        """Hide the tab: the scope continues, because its trigger may occur after days."""
+        """Do nothing: the scope continues, because its trigger may occur days later."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -193,7 +193,7 @@ class ScopeTab:
         self._state.show(sentence("kept: the next shot is drawn over it", GOOD))
 
     async def _take_overlay(self, event: UploadEventArguments) -> None:
-        """Draw a saved file underneath the capture."""
+        """Read a saved CSV file and draw it under the capture."""
         self._upload.reset()
         name = event.file.name
         try:
@@ -241,7 +241,7 @@ class ScopeTab:
             ui.download.content(csv_of(self._shown).encode(), f"{self._context.node}.csv")
 
     async def _save_png(self) -> None:
-        """Save the picture as shown, with zoom and cursors."""
+        """Save the chart as the browser shows it, with zoom and cursors, as a PNG."""
         options = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
         try:
             address = await self._chart.run_chart_method("getDataURL", options, timeout=5.0)
@@ -273,7 +273,7 @@ class ScopeTab:
 
 
 def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
-    """Return the capture in a file; ConfigError if it is invalid, or has no signal of the capture shown."""
+    """Parse a saved capture; ConfigError if the file is invalid, or has no signal in common with the shown capture."""
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):
@@ -284,7 +284,7 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
 
 
 def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
-    """Return the readable numeric objects of a node, each with its name."""
+    """Return the readable numeric objects of a node, as signal texts with labels; empty without an EDS."""
     if od is None:
         return {}
     return {
@@ -297,7 +297,7 @@ def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
 
 
 def cursor_table(named: NamedShot, cursors: tuple[float, float]) -> str:
-    """Return the values of the signals at two times, and their differences, as HTML."""
+    """Return a table of the signals' values at two times, the differences and the RMS as HTML."""
     first, second = cursors
     apart = second - first
     often = f" ({1 / apart:.4g} Hz)" if apart else ""

@@ -1,4 +1,4 @@
-"""Tune tab: excitation of the drive within confirmed limits, curves, metrics, gains."""
+"""Tune tab: excitation of the drive within limits that the user confirms, curves, metrics and gains."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _APPLY: Final = (
 
 
 class TuneTab:
-    """Tab that starts tuning runs of a node; the last result is shown on all pages."""
+    """Tab that starts tuning runs of a node, and shows the last result of all pages."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -112,7 +112,7 @@ class TuneTab:
                 ui.button("Cancel", color="blue-grey-8", on_click=self._dialog.close).props("outline no-caps")
 
     def _arrange(self) -> None:
-        """Show the inputs of the chosen test."""
+        """Show the inputs that the chosen test needs."""
         test = TuneTest[str(self._test.value)]
         self._speed.visible = test is TuneTest.STEP
         self._signal.visible = test is TuneTest.BODE
@@ -122,7 +122,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the run, started from any page, and its result."""
+        """Show the progress of a run, started from any page, and the last result."""
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
@@ -142,7 +142,7 @@ class TuneTab:
             self._draw(tuned)
 
     def _why_not(self, content: PageContent) -> str:
-        """Return why no run may start, "" if a run may start."""
+        """Return the reason why no run may start, "" if a run may start."""
         if content.lost:
             return ""  # the page shows that
         if content.state.latched:
@@ -155,7 +155,7 @@ class TuneTab:
         return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
 
     def leave(self) -> None:
-        """Hide the tab: a run started by this page ends, because it is unattended."""
+        """Hide the tab; a run started by this page ends, because nobody watches it."""
         work = self._desk.work
         if self._mine and work is not None and work.job is TUNE:
             work.end()
@@ -165,7 +165,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ what the user does
 
     def _plan(self) -> jobs.TunePlan:
-        """Return what the inputs say; ConfigError."""
+        """Return the plan by the inputs; ConfigError if an input is invalid or exceeds a limit."""
         options = self._form.options(axis=int(self._axis.value))
         request = jobs.request_of(
             TuneTest[str(self._test.value)],
@@ -179,11 +179,11 @@ class TuneTab:
 
     @property
     def _moved(self) -> str:
-        """Motion of a run as text."""
+        """Name of the node, with the axis if there are several, for the confirmation."""
         return f"{self._context.node}, axis {self._axis.value}" if self._axis.visible else self._context.node
 
     def _ask(self) -> None:
-        """Ask for confirmation of the motion."""
+        """Open the dialog in which the user confirms the motion."""
         if not self._context.panel.teleop:
             return
         try:
@@ -198,7 +198,7 @@ class TuneTab:
         self._dialog.open()
 
     def _begin(self) -> None:
-        """Start the run with the confirmed values, even if the inputs have changed."""
+        """Start the run that the user has confirmed, even if the inputs have changed since."""
         self._dialog.close()
         plan, self._confirmed = self._confirmed, None
         if plan is None or not self._context.panel.teleop:

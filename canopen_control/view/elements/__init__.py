@@ -1,1 +1,1 @@
-"""Page elements that the toolkit lacks: each a few lines of Python and its JavaScript."""
+"""Page elements that NiceGUI lacks, written in Python and JavaScript."""

@@ -1,4 +1,4 @@
-"""Elements missing in NiceGUI: feed, held buttons, 3D scene, strip charts, objects, and an upload that is freed."""
+"""Page elements that NiceGUI lacks: feed, hold buttons, 3D scene, strip charts, object tree, and file upload."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 
 class SceneChange(TypedDict, total=False):
-    """Changes of the scene: joints by index in rad or m, pose of the base, joints with a drive in fault.
+    """Changes of the scene: joint positions by index in rad or m, pose of the base, and joints with a drive in fault.
 
-    `truth` is the true pose of a simulated base, in the frame of odometry as `pose` is.
+    `truth` is the true pose of a simulated base, in the odometry frame like `pose`.
     """
 
     angles: list[float | None]
@@ -40,17 +40,17 @@ class SceneChange(TypedDict, total=False):
 
 
 class PlotRows(TypedDict, total=False):
-    """New rows of plots; with `anew` they replace all rows."""
+    """New rows of the plots; with `anew` the rows replace all earlier rows."""
 
     anew: bool
     rows: list[Row]
 
 
 class FeedMessage(TypedDict, total=False):
-    """Message of the feed; missing keys mean no change. `titles` are those of charts.
+    """Message of the feed to a page; missing keys mean no change. `titles` are the titles of charts.
 
-    `trail` are points in m where odometry was, `truth` where the base was. `ghost` is a place of the joints that is
-    previewed, by their order in the tree, null for none; `world` is what stands beside the robot.
+    `trail` are points in m of the odometry path, `truth` those of the true path. `ghost` are the previewed positions of
+    the joints by index, null for no preview; `world` are the objects around the robot.
     """
 
     scene: SceneChange
@@ -65,16 +65,16 @@ class FeedMessage(TypedDict, total=False):
 
 
 class Feed(Element, component="feed.js"):
-    """Invisible element: every key of the data becomes the event `cc-KEY` of the page's window."""
+    """Invisible element that raises the event `cc-KEY` on the page's window for every key of a message."""
 
     def send(self, data: FeedMessage) -> None:
-        """Send changed data; a message without data signals that the view is running."""
+        """Send changed data; an empty message signals that the view is running."""
         self.run_method("take", data)
 
 
 @dataclass(frozen=True, slots=True)
 class HoldButton:
-    """Button: its internal and its visible name, its sign, and the key of the keyboard with the same function."""
+    """Button of `HoldButtons`: internal key, label, symbol, and the keyboard key with the same function."""
 
     key: str
     label: str
@@ -83,7 +83,7 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """Group of buttons of which one is held at a time; calls `held(key)` and `release()`."""
+    """Group of buttons that act while held, one at a time; calls `held(key)` repeatedly, and `release()`."""
 
     def __init__(
         self, buttons: Sequence[HoldButton], held: Callable[[str], None], release: Callable[[], None], kind: str = ""
@@ -103,7 +103,7 @@ class HoldButtons(Element, component="hold_buttons.js"):
 
 
 class PresenceElement(Element, component="presence.js"):
-    """Invisible element that calls `here()` periodically while it is active and the page exists."""
+    """Invisible element that calls `here()` periodically while switched on, as long as the page exists."""
 
     def __init__(self, here: Callable[[], None]) -> None:
         super().__init__()
@@ -112,7 +112,7 @@ class PresenceElement(Element, component="presence.js"):
         self.on("here", lambda _event: here(), [])
 
     def switch(self, *, on: bool) -> None:
-        """Start or stop the periodic call."""
+        """Start or stop the periodic calls."""
         if self._props["on"] is not on:
             self._props["on"] = on
             self.update()
@@ -122,10 +122,10 @@ _THREE = Path(nicegui.__file__).parent / "elements" / "scene" / "dist"
 
 
 class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(_THREE)}):
-    """3D scene; it receives from the feed: `scene` {"pose", "truth", "angles", "tint"}, `ghost`, a preview, and trails.
+    """3D scene of the robot, updated by the `scene`, `ghost`, `trail` and `truth` of feed messages.
 
-    `trail` is that of odometry, `truth` the true one of the base, if a simulation gives it.
-    In a browser without WebGL a sentence appears in its place.
+    `trail` is the path by odometry, `truth` the true path of the base, if a simulation provides it. In a browser
+    without WebGL a sentence appears instead.
     """
 
     def __init__(self, tree: SceneDocument) -> None:
@@ -134,12 +134,12 @@ class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(
         self.classes("cc-scene")
 
     def follow(self, follow: bool) -> None:
-        """Keep the robot in the centre of the picture, or keep the picture fixed."""
+        """Keep the robot in the centre of the picture, or keep the camera fixed."""
         self.run_method("setFollow", follow)
 
 
 class StripCharts(Element, component="strip_charts.js"):
-    """Charts of the feed: `plots` {"rows": [[time, value, ...], ...]} by `names`, and `titles` by chart."""
+    """Strip charts, updated by the `plots` of feed messages with rows of a time and values, and by their `titles`."""
 
     def __init__(self, charts: Sequence[Chart], names: Sequence[str], span: float) -> None:
         super().__init__()
@@ -150,9 +150,9 @@ class StripCharts(Element, component="strip_charts.js"):
 
 
 class TreeRow(TypedDict):
-    """Object in the tree: `a` is its address as text, `object` the record to which it belongs.
+    """Constant row of the object tree: `a` is the address as text, `object` the name of the array or record.
 
-    `fixed` is the reason why it cannot be written by hand, else "".
+    `fixed` is the reason why the user cannot write the object, else "".
     """
 
     a: str
@@ -170,7 +170,7 @@ class TreeRow(TypedDict):
 
 
 class ObjectWords(TypedDict):
-    """Present value of an object as text, and its bits: number, name, whether set."""
+    """Current value of an object as text, and its named bits as number, name, and whether the bit is set."""
 
     value: str | None
     meaning: str | None
@@ -180,20 +180,20 @@ class ObjectWords(TypedDict):
 
 
 class TreeUser(Protocol):
-    """Listener of a tree's events."""
+    """Listener for the events of an `ObjectTree`."""
 
     def seen(self, addresses: list[str]) -> None:
-        """Process the list of visible objects."""
+        """Process the addresses of the visible objects."""
 
     def search(self, text: str) -> None:
-        """Show the results of a search."""
+        """Process a search text."""
 
     def write(self, address: str, text: str) -> None:
-        """Write an object."""
+        """Process the request to write a text to an object."""
 
 
 class ObjectTree(Element, component="object_tree.js"):
-    """Tree of a node's objects: constant `rows`, `writes` whether they are writable, `product` for the favourites."""
+    """Tree of a node's objects; `writes` tells whether the user may write, `product` is the key of the favourites."""
 
     def __init__(self, rows: Sequence[TreeRow], product: str, user: TreeUser, *, writes: bool) -> None:
         super().__init__()
@@ -205,15 +205,15 @@ class ObjectTree(Element, component="object_tree.js"):
         self.on("write", lambda event: _written(event.args, user))
 
     def values(self, news: Mapping[str, ObjectWords]) -> None:
-        """Show the values of objects."""
+        """Update the values of objects by address."""
         self.run_method("values", dict(news))
 
     def matches(self, text: str, addresses: Sequence[str] | None, problem: str = "") -> None:
-        """Show only the objects found by a search for `text`; all if it is None."""
+        """Show only the objects at these addresses as the result of a search for `text`; None shows all objects."""
         self.run_method("matches", None if addresses is None else list(addresses), problem, text)
 
     def answer(self, address: str, text: str, *, good: bool) -> None:
-        """Show the result of writing next to the object."""
+        """Show the result of a write next to the object."""
         self.run_method("answer", address, text, good)
 
 
@@ -230,11 +230,11 @@ def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browse
 
 
 class FileUpload(ui.upload):
-    """Upload of one file, passed to `on_upload`; `refused` is called for more than `most` bytes.
+    """Upload of one file, which is passed to `on_upload`; `refused` is called for a file of more than `most` bytes.
 
-    `ui.upload` makes a FastAPI route for each element, and FastAPI keeps the functions of its routes in a cache as long
-    as the process lives: each page that was ever opened would stay in memory. This one makes a route of Starlette,
-    which goes with the element.
+    `ui.upload` adds a FastAPI route for each element, and FastAPI caches the functions of its routes for the life of
+    the process, so that every page that was ever opened would stay in memory. This class adds a Starlette route, which
+    is removed with the element.
     """
 
     def __init__(

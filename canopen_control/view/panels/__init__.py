@@ -1,1 +1,1 @@
-"""Panels of the page, one module each; `page.PANELS` has their order."""
+"""Panels of the page, one module each; `view_app.PANELS` defines their order."""

@@ -1,4 +1,4 @@
-"""Banner of the page: the robot, its state, the problem and the next step."""
+"""Panels without inputs, except for the banner: the robot's state with the next step, drives, joints and events."""
 
 from __future__ import annotations
 
@@ -18,50 +18,50 @@ if TYPE_CHECKING:
     from canopen_control.view.panels.panel import PanelContext
 
 
-# The panels that are only read: the tables of drives and joints, and the log of events.
+# Read-only panels: the tables of drives and joints, and the list of events.
 
 
 _UNKNOWN = "<p class='cc-note'>No connection: the state of the drives is unknown.</p>"
 
 
 class DrivesPanel:
-    """Table of drives; empty without a connection."""
+    """Table of drives; a note without a connection."""
 
     def __init__(self, context: PanelContext) -> None:
         del context
         self._table = Html()
 
     def show(self, content: PageContent) -> None:
-        """Show the drives."""
+        """Update the table of drives."""
         self._table.show(_UNKNOWN if content.lost else drive_table(axis_rows(content.state)))
 
 
 class JointsPanel:
-    """The table of joints, in SI units."""
+    """Table of joints, in SI units."""
 
     def __init__(self, context: PanelContext) -> None:
         self._linear = context.robot.linear
         self._table = Html("cc-stale")
 
     def show(self, content: PageContent) -> None:
-        """Show the joints; without a connection the last values stay, greyed."""
+        """Update the table of joints; without a connection the last values remain, greyed out."""
         if not content.lost:
             self._table.show(joint_table(content.state.joints, self._linear, content.commanded))
 
 
 class EventsPanel:
-    """The list of events, which scrolls."""
+    """Scrolling list of events."""
 
     def __init__(self, context: PanelContext) -> None:
         del context
         self._log = Html("cc-log")
 
     def show(self, content: PageContent) -> None:
-        """Show the events."""
+        """Update the list of events."""
         self._log.show(event_log(content.events))
 
 
-#: next action, by the state in the banner: button, colour, request to the robot
+# next action by the `action` of the banner: label, colour, request to the robot
 _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
     "release": ("Release STOP", "orange-9", Release(source=SOURCE)),
     "enable": ("Enable", "green-8", AxisRequest(action="enable", node="all", source=SOURCE)),
@@ -70,7 +70,7 @@ _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
 
 
 class BannerPanel:
-    """State of the robot in words, also during a lost connection; the next step is a button."""
+    """State of the robot as text, also without a connection; the next step is a button."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -85,7 +85,7 @@ class BannerPanel:
         return button
 
     def show(self, content: PageContent) -> None:
-        """Show the state."""
+        """Update the state, the facts and the visible button."""
         banner = content.banner
         name = f"<span class='cc-name'>{escape(self._context.robot.info.robot)}</span>"
         advice = f"<span>{escape(banner.advice)}</span>" if banner.advice else ""

@@ -1,4 +1,4 @@
-"""Faults and quirks of the virtual drives, and inputs of virtual devices; hidden without virtual nodes."""
+"""Panel for faults and quirks of virtual drives, and inputs of virtual devices; hidden without virtual nodes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FaultPanel:
-    """Choice of a drive and a fault, with the fault's description, a switch, and the active faults."""
+    """Panel that switches faults and quirks of a chosen virtual drive, and sets inputs of a virtual device."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -54,7 +54,7 @@ class FaultPanel:
             self._active = Html()
 
     def show(self, content: PageContent) -> None:
-        """Show the virtual drives and their active faults."""
+        """Update the virtual drives, their faults and quirks, and the list of active ones."""
         board = content.faults
         if board is None or board == self._board:
             return

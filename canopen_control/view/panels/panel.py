@@ -1,6 +1,6 @@
-"""Base of the panels: their context, and common HTML, notices and sliders.
+"""Protocols of panels and of their context, and common HTML, notices and sliders.
 
-What is in a piece of HTML has been escaped by `words`.
+Functions of `words` have already escaped the text in a piece of HTML.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 
 class PanelContext(Protocol):
-    """Robot as seen by the panels of every page; see `view_app.ViewApp`."""
+    """The robot as the panels of a page use it; implemented by `view_app.ViewApp`."""
 
     teleop: bool
 
     @property
     def robot(self) -> RobotView:
-        """Constant data of the robot."""
+        """Data of the robot that all pages share."""
         ...
 
     @property
@@ -41,15 +41,15 @@ class PanelContext(Protocol):
         ...
 
     async def ask(self, request: Request[Any]) -> str | None:
-        """Send a request to the robot and wait; return the reason of a failure."""
+        """Send a request to the robot and wait; return the reason of a failure, None on success."""
         ...
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Register a held button of a page; `on_refusal` receives a sentence if the page may not drive."""
+        """Process a held button of a page; `on_refusal` gets a sentence if another page drives."""
         ...
 
     def release(self, page: str) -> None:
-        """End the motion of a page now."""
+        """End the motion of a page at once."""
         ...
 
     def refresh_faults(self) -> None:
@@ -58,26 +58,26 @@ class PanelContext(Protocol):
 
 
 class Panel(Protocol):
-    """Part of a page: created in its place, then updated a few times a second. Listed in `page.PANELS`."""
+    """Part of a page that is created once, then updated a few times a second; listed in `view_app.PANELS`."""
 
     def __init__(self, context: PanelContext) -> None:
         """Create the widgets in the current container."""
         ...
 
     def show(self, content: PageContent) -> None:
-        """Update the widgets; unchanged ones are not sent again."""
+        """Update the widgets; unchanged widgets are not sent again."""
         ...
 
 
 class Html:
-    """Element with HTML, initially empty."""
+    """Element with HTML content, which is empty at first."""
 
     def __init__(self, classes: str = "") -> None:
         self._html = ""
         self._element = ui.html("", sanitize=False).classes(classes)
 
     def show(self, html: str) -> None:
-        """Show HTML; unchanged HTML is not sent again."""
+        """Set the HTML content; unchanged content is not sent again."""
         if html != self._html:
             self._html = html
             self._element.content = html
@@ -85,29 +85,29 @@ class Html:
 
 @contextlib.contextmanager
 def section(title: str) -> Iterator[Element]:
-    """Create a section under a heading, for the widgets of the block."""
+    """Create a section with a heading; the widgets of the `with` block are placed in it."""
     with ui.element("section").classes("cc-panel") as whole:
         ui.html(escape(title), sanitize=False, tag="h2")
         yield whole
 
 
 def show_notice(title: str, text: str) -> None:
-    """Show a notice on the page of the user who sent the request."""
+    """Show an error notice on the page of the user who sent the request."""
     ui.notify(f"{title}: {text}", type="negative", position="top", timeout=12_000, multi_line=True, close_button="OK")
 
 
 # Widgets of panels that drive: a slider with its value, and buttons that drive while they are held.
 #
-# The panel decides what a held button sends; the page's dead man ends it.
+# The panel decides what a held button sends; the dead-man control of the view ends it.
 
 
 LARGEST: Final = {"velocity": 10.0, "position": 3.14, "effort": 1.0}
-"""The end of a slider where no limit is known: rad/s, rad, and the unit of efforts."""
+"""End of a slider by quantity if no limit is known, in rad/s, rad, and the unit of efforts."""
 READ_ONLY: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
-    """Create a slider between its name and its value."""
+    """Create a slider with a label before it and the value behind it."""
     with ui.element("div").classes("cc-slider"):
         ui.label(label)
         slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')
@@ -118,7 +118,7 @@ def value_slider(label: str, low: float, high: float, step: float, value: float)
 def hold_buttons(
     context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], TeleopCommands | None], kind: str = ""
 ) -> HoldButtons:
-    """Create buttons that send `motion(key)` (nothing for None) while held; the page ends the motion."""
+    """Create buttons that command `motion(key)` repeatedly while held (nothing if None); the page ends the motion."""
     client = ui.context.client
 
     def on_end(why: str) -> None:

@@ -1,4 +1,4 @@
-"""Panels updated by the feed: the robot in 3D, and plots of the last 30 seconds."""
+"""Panels that the page's feed updates: the robot in 3D, and plots of the last 30 seconds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TABS: Final = {"joints": "Joints", "cycle": "Cycle and bus"}
 
 
 class ScenePanel:
-    """Robot in 3D, moved by the feed."""
+    """Robot in 3D, moved by the page's feed."""
 
     def __init__(self, context: PanelContext) -> None:
         with ui.element("div").classes("cc-stale").style("position: absolute; inset: 0"):
@@ -28,11 +28,11 @@ class ScenePanel:
         ).classes("cc-follow")
 
     def show(self, content: PageContent) -> None:
-        """Do nothing: the feed updates it."""
+        """Do nothing, because the feed updates the scene."""
 
 
 class PlotsPanel:
-    """Tabs of charts, which the page's feed keeps up to date."""
+    """Tabs with charts, updated by the page's feed."""
 
     def __init__(self, context: PanelContext) -> None:
         plots = charts(context.robot.info.joints, context.robot.info.buses)
@@ -44,4 +44,4 @@ class PlotsPanel:
                     StripCharts([chart for chart in plots if chart.group == group], context.robot.history.names, SPAN_S)
 
     def show(self, content: PageContent) -> None:
-        """Do nothing: the feed updates it."""
+        """Do nothing, because the feed updates the charts."""

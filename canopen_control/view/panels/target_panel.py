@@ -1,8 +1,8 @@
-"""Drives of a bus without controllers, driven by targets: enable, mode, target while a button is held, stop.
+"""Panels for power and for targets of drives: enable, stop, mode, and a target while a button is held.
 
-Only with `--teleop`. A target is sent while the button is held; a browser that leaves, or loses its connection,
-ends it. A velocity or an effort ends at zero, a position at the present position of the drive. The range of a slider is
-chosen next to it, because the bus does not provide limits.
+Driving requires `--teleop`. A target is sent while the button is held; releasing the button, closing the page or a lost
+connection ends the target. A velocity or an effort then becomes zero, a position the present position of the drive.
+The user chooses the range of a slider, because the bus does not provide limits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from canopen_control.view.robot_connection import TeleopCommands
 
 
-# Enable, disable and reset: all drives, and each of them.
+# Power: enable, disable and reset all drives, or a single drive.
 
 
 #: label of the button, name of the action in the runtime, colour
@@ -39,9 +39,9 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 
 
 class PowerPanel:
-    """Enable and stop buttons of each drive and of all; `node` restricts them to one.
+    """Buttons that enable, disable and reset each drive, and all drives at once; `node` restricts them to one node.
 
-    Enable is disabled while STOP is latched, with the reason: the robot would refuse.
+    The Enable buttons are disabled with a hint while STOP is latched, because the robot would refuse.
     """
 
     def __init__(self, context: PanelContext, node: str = "") -> None:
@@ -55,7 +55,7 @@ class PowerPanel:
             self._row(drive)
 
     def show(self, content: PageContent) -> None:
-        """Update from the latch."""
+        """Disable the Enable buttons while STOP is latched, else enable them."""
         for button in self._enable:
             button.show(content)
 
@@ -78,7 +78,7 @@ class PowerPanel:
 
 
 class EnableButton:
-    """Enable button: grey and disabled while STOP is latched, else in its `color`; `allowed` as far as possible."""
+    """Button that is grey and disabled while STOP is latched, else in its `color`, and enabled if `allowed`."""
 
     def __init__(self, button: ui.button, color: str, *, allowed: bool = True) -> None:
         self._button, self._color, self._allowed = button, color, allowed
@@ -87,7 +87,7 @@ class EnableButton:
             self._why = ui.tooltip(_LATCHED)
 
     def show(self, content: PageContent) -> None:
-        """Update from the latch; nothing is sent without a change."""
+        """Update the button if the stop latch has changed."""
         latched = content.state.latched
         if latched is not self._latched:
             self._latched = latched
@@ -104,7 +104,7 @@ _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "ef
 
 
 class TargetPanel:
-    """Sliders of target controllers: one row per drive, or only those of `node`."""
+    """Mode, target and power of the drives with a target controller, one row per drive; `node` restricts the rows."""
 
     def __init__(self, context: PanelContext, node: str = "") -> None:
         self._context, self._node = context, node
@@ -116,7 +116,7 @@ class TargetPanel:
         self._read_only.visible = not context.teleop
 
     def show(self, content: PageContent) -> None:
-        """Update drives, modes and positions."""
+        """Update the drives, their modes and positions; nothing without a connection."""
         if content.lost:
             return
         targets = drive_targets(content.state, content.controllers)
@@ -133,7 +133,7 @@ class TargetPanel:
 
 
 class _Row:
-    """Row of one drive: its buttons, and the input of its present mode."""
+    """Row of one drive, with its buttons and the slider for the target of its present mode."""
 
     def __init__(self, context: PanelContext, drive: DriveTarget) -> None:
         self._context, self._client = context, ui.context.client
@@ -154,7 +154,7 @@ class _Row:
             self._body = ui.element("div").classes("cc-body")
 
     def show(self, drive: DriveTarget, position: float | None) -> None:
-        """Update from the drive; the input is rebuilt for another quantity."""
+        """Update the row from the drive; the slider is rebuilt if the quantity of the target has changed."""
         self._drive, self._position = drive, position
         if self._mode.value != (drive.mode or None):
             self._mode.value = drive.mode or None
@@ -181,7 +181,7 @@ class _Row:
         self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
 
     def _stretch(self, end: float | None) -> None:
-        """Change the range of the slider."""
+        """Change the range of the slider to `end` in both directions."""
         if self._slider is None or not end or not 0.0 < end <= _MOST:
             return
         self._slider.props(f"min={-end} max={end} step={end / 200}")

@@ -1,7 +1,7 @@
-"""Teleoperation, only with `--teleop`: choice of the controller, and buttons that drive while they are held.
+"""Teleoperation panel, only with `--teleop`: choice of the controller, and buttons that drive while they are held.
 
-What may be driven is what the active controllers take: a base by its twist, joints by values, an arm by a trajectory to
-where its sliders are.
+The active controllers define what can be driven: a base by its twist, joints by values, and an arm by a trajectory to
+the positions of the sliders.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from canopen_control.view.robot_connection import TeleopCommands
 
 
-#: button, sign, key of the keyboard, and what it makes of the speeds: factors forward, to the left, and around
+# button, symbol, keyboard key, and the factors of the speeds forward, to the left, and around
 _PAD: Final = {
     "forward": ("Forward", "▲", "ArrowUp", 1, 0, 0),
     "left": ("Left", "◀", "ArrowLeft", 0, 0, 1),
     "back": ("Back", "▼", "ArrowDown", -1, 0, 0),
     "right": ("Right", "▶", "ArrowRight", 0, 0, -1),
 }
-#: the same of what a base has that drives sideways
+# the same for the additional buttons of a base that can drive sideways
 _SIDEWAYS: Final = {
     "slide_left": ("Slide left", "⇐", "", 0, 1, 0),
     "slide_right": ("Slide right", "⇒", "", 0, -1, 0),
@@ -53,7 +53,7 @@ _INACTIVE: Final = "<p class='cc-note'>{} takes commands, and is not active.</p>
 
 
 class TeleopPanel:
-    """Teleop inputs of the active controllers, rebuilt when those change."""
+    """Panel with the teleop inputs of the first active controller, rebuilt when the controllers change."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -68,7 +68,7 @@ class TeleopPanel:
         self._whole = ui.element("div").classes("cc-acts")
 
     def show(self, content: PageContent) -> None:
-        """Update controllers and joints."""
+        """Update the controllers and the sliders; nothing without a connection."""
         if content.lost:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
@@ -125,7 +125,7 @@ class TeleopPanel:
             self._shown = None  # shows the driving page again
 
     def _pad(self, controller: ControllerReading) -> None:
-        """Create four direction buttons, two more for a base that drives sideways, and speed sliders."""
+        """Create four direction buttons, two more for a base that can drive sideways, and sliders for the speeds."""
         pad = {**_PAD, **(_SIDEWAYS if controller.drives_sideways else {})}
         buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in pad.items()]
 
@@ -139,7 +139,7 @@ class TeleopPanel:
         angular = value_slider("turn, rad/s", *_ANGULAR)
 
     def _values(self, controller: ControllerReading) -> None:
-        """Create a slider for each value of the controller, and a button that sends them while held."""
+        """Create a slider for each value of the controller, and a button that sends the values while held."""
         limits = {joint: self._range(joint, controller.interface or "") for joint in controller.joints}
         if controller.interface == "position":
             self._targets = TargetSliders(limits)
@@ -152,7 +152,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _reach(self, controller: ControllerReading) -> None:
-        """Create a slider for each joint of an arm, and a button that moves the arm there while held."""
+        """Create a slider for each joint of an arm, and a button that moves the arm to those positions while held."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
         targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)
@@ -176,7 +176,7 @@ class TeleopPanel:
     ) -> TeleopCommands | None:
         """Return the trajectory to the sliders' positions, within the joints' limits; None if a position is unknown.
 
-        From rest to rest on a cubic the velocity peaks at 1.5 times its mean, the acceleration at 6 d/T^2.
+        On a cubic from standstill to standstill, velocity peaks at 1.5 times its mean, acceleration at 6 d/T^2.
         """
         longest = _SHORTEST_S
         for joint, to in zip(controller.joints, positions, strict=True):
@@ -202,7 +202,7 @@ class TeleopPanel:
         )
 
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
-        """Return the range of a slider by the limits of the description."""
+        """Return the range of a slider by the limits in the robot description, else by `LARGEST`."""
         own_limits = self._joints.get(joint)
         limits = own_limits.limits if own_limits is not None else UrdfLimits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):

@@ -1,6 +1,6 @@
-"""Trajectories from the user's files: choose one, preview its points, play it.
+"""Panel for trajectories from the user's files: choose a file, preview its points, and play it.
 
-A preview moves nothing: it is drawn as a transparent robot, with its figures. Playing requires `--teleop`.
+A preview moves nothing: it is drawn as a transparent robot, with a table of positions. Playing requires `--teleop`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _READ_ONLY: Final = "<p class='cc-note'>To play: <code>canopen-control view --te
 
 
 class TrajectoryPanel:
-    """Panel shown while a trajectory controller is active, or a trajectory is played."""
+    """Panel that previews and plays a trajectory; visible while a trajectory controller is active or playing."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -81,7 +81,7 @@ class TrajectoryPanel:
         self._arrange()
 
     def show(self, content: PageContent) -> None:
-        """Update controllers, joints and the playing trajectory."""
+        """Update the controllers, the joint positions and the progress; nothing without a connection."""
         if content.lost:
             return
         self._follow_controllers(trajectory_takers(content.controllers))
@@ -106,7 +106,7 @@ class TrajectoryPanel:
             self._choice.visible = len(takers) > 1
 
     async def _take(self, event: UploadEventArguments) -> None:
-        """Read the chosen file."""
+        """Read the uploaded file, and preview it unless a trajectory is being played."""
         self._upload.reset()
         try:
             if event.file.size() > MOST_BYTES:
@@ -123,7 +123,7 @@ class TrajectoryPanel:
         self._message.show(sentence(f"Not loaded. {why}", BAD))
 
     def _hold(self, loaded: LoadedTrajectory | None) -> None:
-        """Preview a trajectory, or end the preview."""
+        """Preview a trajectory; None ends the preview."""
         self._loaded = loaded
         self._message.show("")
         if loaded is not None:
@@ -139,7 +139,7 @@ class TrajectoryPanel:
             self._hold(None)
 
     def _arrange(self) -> None:
-        """Show the possible actions."""
+        """Show the widgets for the possible actions."""
         playing, loaded = self._playing is not None, self._loaded is not None
         shown = (
             (self._preview, loaded),
@@ -172,7 +172,7 @@ class TrajectoryPanel:
         self._table.show(preview_table(loaded, number, self._now, self._context.robot.linear))
 
     def _feed_ghost(self) -> None:
-        """Draw the previewed point next to the robot; joints not in it are unchanged."""
+        """Draw the previewed point as a transparent robot, with its other joints at their present positions."""
         positions = self._loaded.positions(self._number()) if self._loaded is not None and self._playing is None else {}
         angles = angles_of(self._context.robot.model, {**self._now, **positions}) if positions else None
         self._feed.send({"ghost": angles})

@@ -1,6 +1,6 @@
-"""Disturbances of a robot in physics: payloads, pushes, blocked joints and friction of the floor.
+"""Panel for disturbances of a robot in a physics simulation: payloads, pushes, blocked joints, friction of the floor.
 
-It is empty if no drive is in such a world. The robot's events show the requests.
+The panel is hidden if no physics simulation accepts disturbances. The robot's events show the requests.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _BUTTON: Final = "dense unelevated"
 
 
 class WorldPanel:
-    """Panel with a row for each kind of disturbance, and the link for payloads and pushes."""
+    """Panel with a row for each kind of disturbance, and the choice of the link for payloads and pushes."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -58,7 +58,7 @@ class WorldPanel:
                 _button("Set the floor", self._friction)
 
     def show(self, content: PageContent) -> None:
-        """Update the panel after a change of the drives."""
+        """Update the visibility of the panel if the set of virtual drives has changed."""
         drives = frozenset(content.faults.drives) if content.faults is not None else frozenset()
         if drives != self._drives:
             self._drives = drives
@@ -98,7 +98,7 @@ class WorldPanel:
         return "" if self._link.value == _HEAVIEST else str(self._link.value)
 
     async def _act(self, world_act: WorldAct, text: str) -> None:
-        """Apply a disturbance, and publish it as an event."""
+        """Apply a disturbance, and publish it as an event unless the robot itself reports it."""
         try:
             refusal = await in_thread(partial(self._context.robot.world_client.act, world_act))
         except CanopenError as error:
@@ -117,7 +117,7 @@ def _button(label: str, act: Callable[..., object]) -> None:
 
 
 def _read(field: ui.number) -> float | None:
-    """Return the number of a field; None, with a notice, if it is invalid."""
+    """Return the number in a field; None, with a notice, if the field is empty."""
     if field.value is None:
         show_notice("Not done", "a field has no number")
         return None
