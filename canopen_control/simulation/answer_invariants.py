@@ -1,10 +1,10 @@
-"""Invariants of answers: an accepted command moves its axis, or the robot reports why it does not.
+"""Invariants of answers: an accepted command moves its axis, or the robot reports why the axis does not move.
 
-An axis with a motion command, from its target on the bus or from an accepted velocity or position of a client, has to
-move within 2 s and the time of its brake (quirk `brake_delay`). Otherwise an error or a warning of such a kind must be
-about its node, or a stop must name its joint. The same reports excuse a drive that does not follow its targets because
-of a quirk: `unless_reported` keeps a breach back for that time. Disturbed nodes, axes at a limit, and robots on a floor
-are not checked. Times in ns.
+An axis has a motion command if its target on the bus requests motion, or if a client's velocity or position was
+accepted. It must then move within 2 s plus the delay of its brake (quirk `brake_delay`). Otherwise an error, or a
+warning of certain kinds, must concern its node, or a stop must name its joint. The same reports excuse a drive that
+does not follow its targets because of a quirk: `unless_reported` delays a breach for that time. Disturbed nodes, axes
+at a limit, and robots on a floor are not checked. Times are in ns.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _ENDS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave", "can
 
 @dataclass(slots=True)
 class _Request:
-    """Motion of a joint requested by a client: first and last time, and the value."""
+    """Motion of a joint requested by a client, with the times of the first and last request, and the newest value."""
 
     since: int
     last: int
@@ -60,7 +60,7 @@ class _Request:
 
 @dataclass(slots=True)
 class _Axis:
-    """One axis: time of its last motion, and since when its target requests motion (None: it does not)."""
+    """Axis under observation: time of its last motion, and since when its target requests motion (None: no request)."""
 
     view: ObservedNode
     joints: list[str]
@@ -72,7 +72,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Waiting:
-    """Pending breach, reported at a time unless a reason is reported before."""
+    """Pending breach, which is reported at `deadline` unless the robot gives a reason before."""
 
     axis: _Axis
     rule: str
@@ -82,7 +82,7 @@ class _Waiting:
 
 
 class AnswerInvariants:
-    """Check of answers; `report(rule, text)` gets breaches; `event` to `sampled` are called in order."""
+    """Check that commands are answered by a motion or a reason; `report(rule, text)` receives the breaches."""
 
     def __init__(
         self,
@@ -110,7 +110,7 @@ class AnswerInvariants:
     # -- reports
 
     def event(self, now: int, event: Event) -> None:
-        """Record a report of the robot."""
+        """Record an event of the robot, unless its level is INFO."""
         if event.level is not Level.INFO:
             self._reports.append((now, event))
 
@@ -128,7 +128,7 @@ class AnswerInvariants:
         )
 
     def unless_reported(self, node_id: int, rule: str, text: str, since: int) -> None:
-        """Report a breach unless a reason is reported in time; reasons since a time count."""
+        """Report a breach unless the robot reports a reason in time; reasons reported after `since` count too."""
         axis, now = self._axes.get(node_id), self._robot.now_ns
         if axis is None:
             self._report(rule, text)
@@ -136,12 +136,12 @@ class AnswerInvariants:
             self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
 
     def requested(self, _now: int, act: ScenarioEvent) -> None:
-        """Record a client's request that may end the commands of others."""
+        """Discard the recorded commands if the request of a client may end them."""
         if act.kind in _ENDS:
             self._requests.clear()
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
-        """Record an accepted command."""
+        """Record the values of an accepted command."""
         for name, value in zip(self._ends.get(act.target, ()), act.values, strict=False):
             joint, _, interface = name.partition("/")
             if joint in self._axis_of and interface in (POSITION, VELOCITY):
@@ -154,17 +154,17 @@ class AnswerInvariants:
         if interface == VELOCITY and not value:
             self._requests.pop(key, None)
         elif request is None or (interface == VELOCITY and now - request.last > _RENEWED_NS):
-            # the position before the first one is unknown: it commands no motion
+            # the position before the first request is unknown, so that this request commands no motion
             self._requests[key] = _Request(now if interface == VELOCITY else 1 << 62, now, value)
         else:
             if interface == POSITION and abs(value - request.value) > _WAY and request.since > now:
                 request.since = now
             request.last, request.value = now, value
 
-    # -- what is seen
+    # -- what is observed
 
     def sampled(self, now: int) -> None:
-        """Check the axes now."""
+        """Check all axes and pending breaches now."""
         if self._robot.floor is not None:
             return
         for node_id, axis in self._axes.items():
@@ -201,7 +201,7 @@ class AnswerInvariants:
                     self._report("motion_missing", text)
 
     def _since(self, axis: _Axis, now: int) -> Iterator[int]:
-        """Yield since when motion of an axis is requested, by its target and by clients."""
+        """Yield the times since which motion of an axis is requested, by its target and by clients."""
         if axis.asked_since is not None:
             yield axis.asked_since
         for joint in axis.joints:
@@ -228,7 +228,7 @@ class AnswerInvariants:
         return abs(wrap32(target - place)) > axis.way
 
     def _limit(self, axis: _Axis) -> int:
-        """Return the time within which an axis must move."""
+        """Return the time in ns within which an axis must move."""
         device = self._robot.drives[axis.view.node_id].device
         drive = None if device is None else device.drives.get(0)
         gate = None if drive is None else drive.modes.gate

@@ -1,7 +1,7 @@
-"""Simulation campaign: many seeds, each with a random schedule on a robot; schedules with a breach are minimised.
+"""Simulation campaign: random schedules of many seeds on a robot; a schedule that breaks an invariant is minimised.
 
-Seeds run in worker processes; if one dies its seeds run again in this process. The results do not depend on the number
-of processes, nor on the order.
+Seeds run in worker processes; if a worker dies, the seeds without a result run in this process. The results do not
+depend on the number of processes or on the order.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     Acts = tuple[ScenarioEvent, ...]
 
 
-# Targeted schedules: each leads the robot into a state and injects a fault at this time, which random schedules rarely
-# do, such as a cable cut in the cycle in which an axis is disabled. `_WAYS` is the table of paths into states; states
+# Targeted schedules: each leads the robot into a state and injects a fault there, which random schedules rarely do,
+# such as a cable cut in the cycle in which an axis is disabled. `_WAYS` is the table of paths into states; states
 # without a path by client requests (homing, stops that drives do not execute) have no row.
 
 
@@ -76,11 +76,11 @@ _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
     (BOOT, "BOOTING"): ("power", _LEAD_NS),
     (BOOT, "WAITING"): ("power", _LEAD_NS),
 }
-"""Path into each state, and the time from which the schedule waits for it."""
+"""Path into each state, and the time from which the fault waits for the state."""
 
 
 def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> list[Cell]:
-    """Return up to `most` uncovered cells that can be targeted, spread over the table."""
+    """Return up to `most` uncovered cells for which a targeted schedule exists, spread over the table."""
     empty = [cell for cell in cells_of(faults) if cell not in hit and cell[:2] in _WAYS]
     return [empty[number * len(empty) // most] for number in range(most)] if len(empty) > most else empty
 
@@ -88,7 +88,7 @@ def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> l
 def targeted_schedule(
     seed: int, cell: Cell, motions: Sequence[SampleMotion], nodes: Sequence[int]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the schedule for a cell; the seed determines node, motion, and duration of the fault."""
+    """Return the schedule for a cell; the seed determines the node, the values and the duration of the fault."""
     machine, state, kind = cell
     draw = Random(f"{seed}/aimed").random
     way, armed = _WAYS[machine, state]
@@ -102,7 +102,7 @@ def targeted_schedule(
 
 
 def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
-    """Return the commands before and after, for a robot with a motion."""
+    """Return the commands before and after the fault; empty if no controller moves joints from the start."""
     motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
         return []
@@ -114,7 +114,7 @@ def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]
 
 
 def _led(way: str, node: str) -> list[ScenarioEvent]:
-    """Return the path into a state, and back."""
+    """Return the events that lead into a state and back."""
     again = [
         ScenarioEvent(_BACK_NS - 100 * _MS, "axis", name="fault-reset"),
         ScenarioEvent(_BACK_NS, "axis", name="enable"),
@@ -133,7 +133,7 @@ def _led(way: str, node: str) -> list[ScenarioEvent]:
 
 
 def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
-    """Return the fault event, which waits for the state."""
+    """Return the fault event, which waits for the state `when`."""
     lasts = (50 + int(1000 * drawn)) * _MS
     if kind not in KINDS:
         return ScenarioEvent(armed, "fault", node, kind, for_ns=lasts, when=when)
@@ -154,14 +154,14 @@ _SHORT_NS: Final = 20_000_000
 
 
 class Shrinker:
-    """Search for the smallest schedule for which `breaks(acts)` is true; `tries` counts its calls."""
+    """Search for the smallest schedule for which `breaks(acts)` is true; `tries` counts the calls of `breaks`."""
 
     def __init__(self, breaks: Callable[[Acts], bool], most: int = MOST_TRIES) -> None:
         self.tries = 0
         self._breaks, self._most = breaks, most
 
     def shrink(self, acts: Sequence[ScenarioEvent]) -> Acts:
-        """Return the smallest schedule found, or the given one if no smaller one breaks the rule."""
+        """Return the smallest schedule found, or `acts` if no smaller schedule breaks the rule."""
         smallest = tuple(acts)
         while (smaller := self._round(smallest)) != smallest:
             smallest = smaller
@@ -177,7 +177,7 @@ class Shrinker:
         return self._breaks(acts)
 
     def _drop(self, acts: Acts) -> Acts:
-        """Return the schedule without as many parts as possible."""
+        """Return the schedule without as many of its events as possible."""
         size = max(1, len(acts) // 2)
         while acts:
             at = 0
@@ -193,7 +193,7 @@ class Shrinker:
         return acts
 
     def _shorten(self, acts: Acts) -> Acts:
-        """Return the schedule with durations and start times halved."""
+        """Return the schedule with durations and start times halved where the rule still breaks."""
         for number in range(len(acts)):
             for changed in self._shorter(acts, number):
                 if self._still(changed):
@@ -212,7 +212,7 @@ class Shrinker:
 
 
 def _whole(time_ns: int) -> int:
-    """Return a time rounded to ms."""
+    """Return a time in ns, rounded down to whole ms."""
     return time_ns // 1_000_000 * 1_000_000
 
 
@@ -222,9 +222,10 @@ _AFTER_NS: Final = 3_000_000_000  # duration of a minimised schedule after its l
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """Result of one seed; `troubles` counts faults by kind, and by the state of the robot.
+    """Result of one seed; `troubles` counts the faults by kind and by the state of the robot.
 
-    `edges` counts transitions of the state machines, `cells` kinds of faults by the states they hit.
+    `edges` counts the transitions of the state machines, `cells` the kinds of faults by the states in which they
+    occurred.
     """
 
     seed: int
@@ -241,32 +242,32 @@ class SeedResult:
 
 @dataclass(slots=True)
 class Totals:
-    """Results of a campaign, by seed."""
+    """Results of a campaign by seed, and their sums."""
 
     results: dict[int, SeedResult] = field(default_factory=dict)
 
     def add(self, result: SeedResult) -> None:
-        """Add a result."""
+        """Add the result of a seed, replacing an earlier result of the same seed."""
         self.results[result.seed] = result
 
     @property
     def broken(self) -> list[SeedResult]:
-        """Seeds with breaches, in order."""
+        """Results with breaches, in order of their seeds."""
         return [result for _, result in sorted(self.results.items()) if result.breaches]
 
     @property
     def robot_s(self) -> float:
-        """Simulated time of all robots in s."""
+        """Simulated time of all seeds in s."""
         return sum(result.robot_s for _, result in sorted(self.results.items()))
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames in all seeds."""
         return sum(result.frames for result in self.results.values())
 
     @property
     def troubles(self) -> Counter[tuple[str, str]]:
-        """Number of faults by kind and state of the robot."""
+        """Number of faults by kind and state of the robot, in all seeds."""
         total: Counter[tuple[str, str]] = Counter()
         for _, result in sorted(self.results.items()):
             total.update(result.troubles)
@@ -274,7 +275,7 @@ class Totals:
 
     @property
     def edges(self) -> Counter[Edge]:
-        """Number of each transition of the state machines."""
+        """Number of occurrences of each transition of the state machines, in all seeds."""
         total: Counter[Edge] = Counter()
         for _, result in sorted(self.results.items()):
             total.update(result.edges)
@@ -282,7 +283,7 @@ class Totals:
 
     @property
     def cells(self) -> Counter[Cell]:
-        """Number of faults of each kind in each state of each machine."""
+        """Number of faults by state machine, state and kind, in all seeds."""
         total: Counter[Cell] = Counter()
         for _, result in sorted(self.results.items()):
             total.update(result.cells)
@@ -300,7 +301,7 @@ class Campaign:
         self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
     def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
-        """Assign uncovered (state, fault) cells to seeds; return the seeds that got one."""
+        """Assign uncovered cells of state and fault to seeds; return the seeds to which a cell was assigned."""
         cells = cells_to_aim_at(hit, self._faults, len(seeds)) if self._nodes else []
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])
@@ -322,7 +323,7 @@ class Campaign:
             run.close()
 
     def run(self, seeds: Sequence[int], jobs: int) -> Iterator[SeedResult]:
-        """Yield the results of seeds as they complete."""
+        """Yield the results of the seeds as they are completed, in `jobs` processes."""
         if jobs == 1:
             yield from map(self.run_seed, seeds)
             return
@@ -345,7 +346,7 @@ class Campaign:
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the seed's first broken rule; `hear` is called for each try."""
+        """Return the smallest schedule that breaks the seed's first broken rule; `hear` is called before each try."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:
@@ -363,7 +364,7 @@ class Campaign:
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))
 
     def length_of(self, acts: Sequence[ScenarioEvent]) -> int:
-        """Return the duration of a schedule's simulation in ns."""
+        """Return how long the schedule is simulated in ns: until 3 s after the end of its last event."""
         return max((act.at_ns + (act.for_ns or 0) for act in acts), default=0) + _AFTER_NS
 
     def _result(self, seed: int, acts: Sequence[ScenarioEvent], duration_ns: int) -> SeedResult:
@@ -391,7 +392,7 @@ _inherited: list[Campaign] = []  # in a worker process
 
 
 def _inherit(campaign: Campaign) -> None:
-    """Store the campaign in the worker process."""
+    """Store the campaign in a worker process."""
     _inherited[:] = [campaign]
 
 

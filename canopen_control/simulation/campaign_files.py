@@ -34,9 +34,9 @@ _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;te
 def write_breach(
     folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
-    """Write the scenario of a breach, with its frames, and return its path; ConfigError if that fails.
+    """Write the scenario of a breach and its frames, and return the path of the scenario; ConfigError if that fails.
 
-    `command` is the command that replays it, without the name of the file.
+    `command` is the command that replays the scenario, without the file name.
     """
     path = folder / f"{setup.name}-seed{result.seed}.yml"
     note = f"{result.breaches[0].sentence}\n# {command} --scenario {path}"
@@ -76,7 +76,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def junit_summary(robot: str, totals: Totals) -> str:
-    """Return the results as JUnit XML: one test case per seed."""
+    """Return the results of a campaign as JUnit XML, with one test case per seed."""
     cases = "".join(_case(robot, result) for _, result in sorted(totals.results.items()))
     count = f'tests="{len(totals.results)}" failures="{len(totals.broken)}"'
     seconds = sum(result.real_s for result in totals.results.values())
@@ -95,7 +95,7 @@ def _case(robot: str, result: SeedResult) -> str:
 
 
 def html_summary(robot: str, totals: Totals) -> str:
-    """Return the results as HTML: simulated time, faults by state, breaches."""
+    """Return the results of a campaign as HTML: breaches, faults by state, and transitions that occurred."""
     states = sorted({state for _, state in totals.troubles})
     kinds = sorted({kind for kind, _ in totals.troubles})
     head = "".join(f"<th>{escape(heading)}</th>" for heading in ("", *states))
@@ -127,7 +127,7 @@ def html_summary(robot: str, totals: Totals) -> str:
 
 
 def _cell_tables(totals: Totals) -> str:
-    """Return a table for each machine: kinds of faults by state, including those not covered."""
+    """Return a table for each state machine with the number of faults by kind and state, including zero."""
     cells = totals.cells
     kinds = sorted({kind for _, _, kind in cells})
     tables = ""

@@ -1,4 +1,4 @@
-"""Campaign seeds on an existing Dask cluster; seeds of a lost worker are repeated.
+"""Execution of campaign seeds on an existing Dask cluster; the seeds of a lost worker are repeated.
 
 Workers need the same version of this package, with `distributed`, and the robot's files at the same paths. A worker
 runs one seed at a time regardless of its number of threads, so that one worker process per processor is best.
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 _CONNECT_S: Final = 3.0
 _ADDRESS: Final = re.compile(r"((tcp|tls|ws|wss|ucx)://)?(\[[0-9a-fA-F:.%]+\]|[^\s/:\[\]]+):[0-9]{1,5}")
-_ONE_AT_A_TIME: Final = threading.Lock()  # simulated buses are found by name within their process
+_ONE_AT_A_TIME: Final = threading.Lock()  # simulated buses are found by name within a process
 
 
 def require_cluster() -> None:
-    """Raise ConfigError with the command to type if `distributed` is missing; does not import it."""
+    """Raise ConfigError with the installation command if `distributed` is missing; the module is not imported."""
     if importlib.util.find_spec("distributed") is None:
         raise ConfigError("seeds on a Dask cluster need distributed: pip install 'canopen-control[cluster]'")
 
@@ -39,9 +39,10 @@ def require_cluster() -> None:
 def run_on_cluster(
     campaign: Campaign, seeds: Sequence[int], address: str, note: Callable[[str], object] = lambda _text: None
 ) -> Iterator[SeedResult]:
-    """Yield the results of seeds as they complete; ConfigError without a cluster, CanopenError if it is lost.
+    """Yield the results of the seeds as they complete; ConfigError without a cluster, CanopenError if it is lost.
 
-    `note` gets a sentence while the cluster has no worker. A seed whose workers died repeatedly runs here.
+    `note` receives a sentence if the cluster has no worker yet. A seed whose workers died repeatedly runs in this
+    process.
     """
     require_cluster()
     with _connected(address) as client:
@@ -103,7 +104,7 @@ def _same(packed: bytes) -> bytes:
 
 
 def _run_seed(packed: bytes, seed: int, version: str) -> SeedResult:
-    """Run a seed on a worker."""
+    """Run a seed on a worker; raise ConfigError if the worker has another version of this package."""
     if version != __version__:
         raise ConfigError(f"a worker has canopen-control {__version__}, and {version} is here; install the same")
     with _ONE_AT_A_TIME:

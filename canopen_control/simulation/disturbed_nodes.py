@@ -1,8 +1,8 @@
-"""Times of the last disturbance of each node.
+"""Record of the last disturbance of each node.
 
 A disturbance is a fault, a stall, a lost or foreign frame, or the absence of the robot. Invariants that compare reports
-with the truth skip disturbed nodes: a drive that lost a frame does not have its target, and one with a broken encoder
-reports wrong positions. Times in ns.
+with the truth skip disturbed nodes: a drive that lost a frame does not have its target, and a drive with a broken
+encoder reports wrong positions. Times are in ns.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 _OF_ALL: Final = ("frame", "kill", "lose", "double", "disturb", "bus_off", "cut", "stall")
 _OF_ONE: Final = ("fault", "heal", "plant", "power")
-_WRAPS: Final = "position_wrap"  # sets the count near the end of its 32 bits, where it then wraps
+_WRAPS: Final = "position_wrap"  # fault that sets the count near the end of its 32 bits, where it then wraps
 
 
 class DisturbedNodes:
-    """Disturbances by node: `troubled` receives each fault event, `sampled` is called as time passes.
+    """Record of disturbances by node; call `troubled` for each event that begins, and `sampled` periodically.
 
-    `hidden_at` is the last time at which an undisturbed node could not receive or answer, because of a bus, foreign
-    frames, or the robot; `deaf_at` is the same without foreign frames. `moved(node_id)` is the last time at which a
-    shaft may have moved without its drive.
+    `hidden_at` is the last time at which any node could not receive or answer, because of a bus, foreign frames, or the
+    robot; `deaf_at` is the same without foreign frames. `moved(node_id)` is the last time at which a shaft may have
+    moved without a command of its drive.
     """
 
     def __init__(self, robot: RobotUnderTest) -> None:
@@ -35,19 +35,19 @@ class DisturbedNodes:
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
-        """Return the last time at which a count may have changed without a motion, 0: never."""
+        """Return the last time at which a count may have changed without a motion of the drive, 0 if it never did."""
         return self._moved[node_id]
 
     def put(self, node_id: int) -> int:
-        """Return the last time at which a count was set near the end of its 32 bits, which is a jump, 0: never."""
+        """Return the last time at which a count was set near the end of its 32 bits, which is a jump; 0 if never."""
         return self._put[node_id]
 
     def last(self, node_id: int) -> int:
-        """Return the time of the last disturbance of the node, its bus or the robot, 0: never."""
+        """Return the time of the last disturbance of the node, its bus or the robot; 0 if there was none."""
         return self._last[node_id]
 
     def troubled(self, now: int, act: ScenarioEvent) -> None:
-        """Record an event that begins; only fault events are disturbances."""
+        """Record an event that begins; only fault events, and plant values that were set, are disturbances."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)
             if act.kind != "frame":
@@ -57,7 +57,7 @@ class DisturbedNodes:
             (self._put if act.name == _WRAPS else self._moved)[int(act.target)] = now
 
     def sampled(self, now: int) -> None:
-        """Record the current disturbances."""
+        """Record the disturbances that last at present."""
         robot = self._robot
         if not robot.up or now < robot.host.stalled_until:
             self._disturb_all(now)

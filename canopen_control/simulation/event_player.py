@@ -1,7 +1,7 @@
 """Player of a schedule on a simulated robot: requests of clients, and faults of drives, buses and processes.
 
-Clients use the functions behind the runtime's API and publish ten times a second; refusals are counted. Times are in ns
-from the start.
+Clients use the functions behind the runtime's API, and renew a command ten times a second; refusals are counted. Times
+are in ns. from the start.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _COMMANDS: Final = frozenset({"command", "trajectory"})
 
 
 class EventPlayer:
-    """Player of events from now on; `played` have begun, `refused` counts the robot's refusals.
+    """Player of scheduled events; `played` contains the events that have begun, `refused` counts refused requests.
 
-    `troubles` counts what went wrong, with the state that the robot was in. The robot's `observers` are called.
-    `torn` are switches of controllers that were refused and changed something all the same.
+    `troubles` counts the faults by kind and by the state of the robot. The robot's `observers` are called. `torn`
+    describes switches of controllers that were refused although they changed which controllers are active.
     """
 
     def __init__(self, robot: RobotUnderTest) -> None:
@@ -52,22 +52,22 @@ class EventPlayer:
         self.played: list[ScenarioEvent] = []
         self.refused = 0
         self.mistakes: list[ControlError] = []
-        """Refusals of commands that are errors of the schedule, not due to disabled drives or a latched STOP."""
+        """Refusals of commands that are errors of the schedule, and not due to disabled drives or a latched STOP."""
         self._requested: set[int] = set()  # the ids of acts, all of which are in `played`
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
-        self._publishing: dict[str, int] = {}  # controller -> whose turn it is to command it
+        self._publishing: dict[str, int] = {}  # controller -> number of its newest publisher
         self._down = False
 
     def plan(self, acts: Iterable[ScenarioEvent]) -> None:
-        """Schedule events on the clock."""
+        """Schedule events, whose times are relative to the present virtual time."""
         start = self.robot.time.now_ns
         for act in acts:
             self.robot.time.at(start + act.at_ns, partial(self.play, act))
 
     def play(self, act: ScenarioEvent) -> None:
-        """Execute an event now, or once its state is reached."""
+        """Execute an event now, or as soon as the state for which it waits is reached."""
         if not state_reached(self.robot, act):
             self._later(_LOOK_NS, partial(self.play, act))
             return
@@ -79,20 +79,20 @@ class EventPlayer:
         _PLAY[act.kind](self, act)
 
     def requested(self, act: ScenarioEvent) -> None:
-        """Record that a client sends a request now."""
+        """Notify the observers that a client sends a request now."""
         for observer in self.robot.observers:
             observer.requested(self.robot.now_ns, act)
 
     # -- drives
 
     def fault(self, act: ScenarioEvent) -> None:
-        """Inject a fault."""
+        """Inject a fault into a drive, and clear it after `for_ns`, if given."""
         self._switch(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch(act, on=False))
 
     def heal(self, act: ScenarioEvent) -> None:
-        """Clear a fault."""
+        """Clear a fault of a drive."""
         self._switch(act, on=False)
 
     def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
@@ -100,7 +100,7 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def quirk(self, act: ScenarioEvent) -> None:
-        """Enable a quirk of a drive."""
+        """Enable a quirk of a drive, and disable it after `for_ns`, if given."""
         self._switch_quirk(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))
@@ -114,19 +114,19 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def plant(self, act: ScenarioEvent) -> None:
-        """Set values of a plant."""
+        """Set values of the plant on an axis of a drive."""
         request = SetPlant(numbers=dict(act.plant), axis=act.axis)
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def power(self, act: ScenarioEvent) -> None:
-        """Switch the supply of a drive off."""
+        """Switch the supply of a drive off, and on again after `for_ns`, if given."""
         drive = self.robot.drives[int(act.target)]
         drive.power_off()
         if act.for_ns is not None:
             self._later(act.for_ns, drive.power_on)
 
     def world(self, act: ScenarioEvent) -> None:
-        """Apply a disturbance in the world; release a blocked joint after its duration."""
+        """Apply a disturbance to the physics world; release a blocked joint after `for_ns`."""
         floor, world_act = self.robot.floor, act.world
         if floor is None or world_act is None:
             return
@@ -137,13 +137,13 @@ class EventPlayer:
     # -- processes
 
     def stall(self, act: ScenarioEvent) -> None:
-        """Stall a process."""
+        """Stall the process of the robot or of a drive for `for_ns`."""
         actor = self._actor(act.target)
         if actor is not None:
             actor.stall(act.for_ns or _BRIEFLY_NS)
 
     def kill(self, act: ScenarioEvent) -> None:
-        """Kill the robot's process, and restart it."""
+        """Kill the robot's process, and restart it after `for_ns`, if given."""
         if self._down:
             return
         self._down = True
@@ -161,19 +161,19 @@ class EventPlayer:
     # -- buses
 
     def cut(self, act: ScenarioEvent) -> None:
-        """Cut a cable, and repair it later."""
+        """Cut the cable of the robot or of a drive, and repair it after `for_ns`, if given."""
         for wire, label in self._members(act.target):
             wire.cut.add(label)
             if act.for_ns is not None:
                 self._later(act.for_ns, partial(wire.cut.discard, label))
 
     def bus_off(self, act: ScenarioEvent) -> None:
-        """Set a controller to bus-off."""
+        """Set the CAN controller of a member to bus-off for `for_ns`."""
         for wire, label in self._members(act.target):
             wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
 
     def disturb_frames(self, act: ScenarioEvent) -> None:
-        """Lose, double or disturb every n-th frame of a member; n is the first value, default 1."""
+        """Lose, double or disturb every n-th frame of a member, or of all; n is the first value, by default 1."""
         for wire, label in self._members(act.target):
             rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
             rule = DropRule(label, every=int(act.values[0]) if act.values else 1)
@@ -182,7 +182,7 @@ class EventPlayer:
                 self._later(act.for_ns, partial(rules.remove, rule))
 
     def frame(self, act: ScenarioEvent) -> None:
-        """Send a frame on every bus."""
+        """Send a frame with an identifier and data bytes on every bus."""
         can_id, *data = (int(value) for value in act.values)
         for wire in self.robot.wires.values():
             wire.inject(CanFrame(can_id, bytes(data)))
@@ -198,7 +198,7 @@ class EventPlayer:
     # -- clients
 
     def command(self, act: ScenarioEvent) -> None:
-        """Publish a command for its duration; a newer publisher of the same controller replaces it."""
+        """Publish a command for its duration; a newer publisher of the same controller replaces the present one."""
         turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
         self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
 
@@ -215,7 +215,7 @@ class EventPlayer:
             observer.applied(self.robot.now_ns, act)
 
     def trajectory(self, act: ScenarioEvent) -> None:
-        """Send a trajectory whose points have zero velocity."""
+        """Send a trajectory that ends with zero velocity."""
         joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
         width = len(act.values) // max(1, len(act.times))
         stands = [0.0] * width
@@ -239,7 +239,7 @@ class EventPlayer:
     # -- clients of the robot's socket
 
     def connect(self, act: ScenarioEvent) -> None:
-        """Connect clients that block or send requests; without a robot there is no socket."""
+        """Connect clients that send nothing, read nothing, or request the status; no-op if the robot does not run."""
         if self._down or not self.robot.up:
             return
         if act.kind == "silent":
@@ -250,7 +250,7 @@ class EventPlayer:
             self.clients.ask(act.for_ns)
 
     def dead_man(self, act: ScenarioEvent) -> None:
-        """Send a command that ends with its connection, and disconnect."""
+        """Send a command that ends with the connection of its client, and disconnect after `for_ns`."""
         if self._down or not self.robot.up:
             return
         self.requested(replace(act, kind="command", name=act.kind))
@@ -273,11 +273,11 @@ class EventPlayer:
         self._ask(act, lambda core: core.latch.release(SOURCE, core.reactor.now()))
 
     def axis(self, act: ScenarioEvent) -> None:
-        """Execute an axis action on a node, or on all."""
+        """Execute an axis action on a node, or on all nodes."""
         self._ask(act, lambda core: core.axis(Action(act.name), act.target or "all", _ignore))
 
     def activate(self, act: ScenarioEvent) -> None:
-        """Activate a controller and deactivate those with the same claims."""
+        """Activate a controller and deactivate all other active controllers except broadcasters."""
         self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
 
     def _switch_to(self, core: RobotCore, name: str) -> None:
@@ -294,7 +294,7 @@ class EventPlayer:
         self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
 
     def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
-        """Switch controllers, and record a refusal after a partial change."""
+        """Switch controllers; record a refusal that nevertheless changed which controllers are active."""
         before = _active(core)
         try:
             switch()
@@ -305,7 +305,7 @@ class EventPlayer:
             raise
 
     def _ask(self, act: ScenarioEvent, verb: Callable[[RobotCore], object]) -> None:
-        """Send a request to the robot as a client; without a robot it is lost."""
+        """Send a request to the robot as a client; the request is lost if the robot does not run."""
         if self._down:
             return
         self.requested(act)

@@ -1,7 +1,8 @@
-"""Coverage of faults and state transitions: axis power, CiA 402, NMT and boot of the affected nodes.
+"""Coverage of state transitions and of faults by state, for axis power, CiA 402, NMT and boot of the nodes.
 
-A cell is a machine, one of its states and a kind of fault (of a drive by name, or of a supply, a process or a bus). The
-states of axis power and boot are the robot's, those of CiA 402 and NMT the drive's.
+A cell is a state machine, one of its states, and a kind of fault (the name of a drive's fault, or a fault of a supply,
+process or bus). The states of axis power and boot are those of the robot, the states of CiA 402 and NMT those of the
+drive.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 # Transitions of the state machines axis power, CiA 402 and NMT. Those of the axis power chart are counted when they
 # fire. Those of CiA 402 and NMT are differences between two consecutive statuswords or heartbeats on the bus: two fast
-# steps appear as one that the diagram lacks.
+# steps appear as one transition that is not in the diagram.
 
 
 Edge = tuple[str, str, str]  # machine, previous state, trigger or next state
@@ -46,11 +47,11 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
         if before != after and (before != _BOOT or after == _PRE)
     ),
 }
-"""Transitions of each machine."""
+"""All transitions of each state machine."""
 
 
 class _RowCounter:
-    """Counter of the rows applied in the axes' statecharts."""
+    """Counter of the transitions that fire in the statecharts of the axes."""
 
     def __init__(self) -> None:
         self.counts: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
@@ -60,7 +61,7 @@ class _RowCounter:
 
 
 class StateCoverage:
-    """Counter of a robot's transitions; call `sampled` periodically, because a restarted robot has new objects."""
+    """Counter of a robot's state transitions; call `sampled` periodically, since a restarted robot has new objects."""
 
     def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
@@ -69,7 +70,7 @@ class StateCoverage:
         self.sampled()
 
     def sampled(self) -> None:
-        """Observe the axes of the current robot."""
+        """Observe the axes of the robot's current process."""
         core = self._robot.core
         if core is not self._core:
             self._core = core
@@ -78,7 +79,7 @@ class StateCoverage:
 
     @property
     def walked(self) -> dict[Edge, int]:
-        """Number of each transition, including those absent from every diagram."""
+        """Number of occurrences of each transition, including transitions that no diagram contains."""
         total: Counter[Edge] = Counter()
         for (state, trigger), count in self._rows.counts.items():
             total[POWER, state.name, trigger.name] += count
@@ -91,13 +92,13 @@ class StateCoverage:
 
 
 def coverage_words(walked: Mapping[Edge, int]) -> str:
-    """Return the coverage of transitions of each machine as text."""
+    """Return a text with the number of covered transitions of each state machine."""
     counts = ((machine, sum(edge in walked for edge in edges), len(edges)) for machine, edges in EDGES.items())
     return ", ".join(f"{machine} {count} of {total}" for machine, count, total in counts)
 
 
 def left_out(walked: Mapping[Edge, int]) -> list[Edge]:
-    """Return the transitions that did not occur, in order."""
+    """Return the transitions that did not occur, sorted."""
     return sorted(edge for edges in EDGES.values() for edge in edges if edge not in walked)
 
 
@@ -120,23 +121,23 @@ STATES: Final[Mapping[str, tuple[str, ...]]] = {
     NMT: tuple(state.name for state in NmtState),
     BOOT: tuple(state.name for state in NodeState),
 }
-"""States of each machine, in order."""
+"""States of each state machine, in order."""
 
 
 def kind_of(act: ScenarioEvent) -> str:
-    """Return the kind of a fault event: the fault's name, else the event's kind."""
+    """Return the kind of a fault event: the name of the fault, else the kind of the event."""
     return act.name or act.kind
 
 
 def cells_of(faults: Sequence[str]) -> list[Cell]:
-    """Return all cells with these faults of drives, ordered by state and kind."""
+    """Return all cells for these faults of drives and all other kinds of faults, ordered by state and kind."""
     names = [name for name, kind in KINDS.items() if kind.breaks and name != "fault"]
     kinds = sorted({*faults, *names})
     return [(machine, state, kind) for machine, states in STATES.items() for state in states for kind in kinds]
 
 
 def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
-    """Return the coverage of cells of each machine as text."""
+    """Return a text with the number of covered cells of each state machine."""
     hit_cells, all_cells = set(hit), cells_of(faults)
     counts = Counter(machine for machine, _, _ in all_cells)
     hits = Counter(cell[0] for cell in all_cells if cell in hit_cells)
@@ -144,7 +145,7 @@ def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
 
 
 def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
-    """Yield each machine of a node with its current state, per axis."""
+    """Yield the state machines of a node with their current states, for every axis."""
     device = robot.drives[node_id].device
     if device is not None:
         yield NMT, device.nmt.state.name
@@ -161,7 +162,7 @@ def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
 
 
 def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
-    """Whether the event's state is reached by its node, or without a node by any."""
+    """Whether the state for which an event waits is reached by its node, or by any node if it has none."""
     nodes = [int(act.target)] if act.target.isdigit() else list(robot.drives)
     return not act.when or any(
         " ".join(machine_state) == act.when for node_id in nodes for machine_state in states_of(robot, node_id)
@@ -169,14 +170,14 @@ def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
 
 
 class FaultCoverage:
-    """Counter of the cells hit by faults, `cells`; `troubled` receives each event that begins."""
+    """Counter of the cells in which faults occurred; call `troubled` for each event that begins."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self.cells: Counter[Cell] = Counter()
         self._robot = robot
 
     def troubled(self, act: ScenarioEvent) -> None:
-        """Record an event; only faults count, once per state if they affect several nodes."""
+        """Count the cells of a fault event, each once even if several nodes are affected; ignore other events."""
         if not KINDS[act.kind].breaks:
             return
         robot = self._robot

@@ -1,7 +1,7 @@
-"""Invariants of every simulation, checked on the bus and at the shafts, and user-defined ones.
+"""Invariants of every simulation, checked on the bus and at the shafts, and invariants defined by users.
 
 A user's rule is a function of the entry point group `canopen_control.invariants`. It is called with the
-`RobotUnderTest` every 20 ms of virtual time and returns a sentence about a violation, else None.
+`RobotUnderTest` every 20 ms of virtual time; it returns a sentence about a violation, or None.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 # Invariants of the runtime: reported states are true, memory is bounded, no program error occurs. Reports of the robot
 # (state, axes, velocities) are compared with the bus and the shafts, and the STOP latch with the requests of clients,
-# across disconnections and restarts. Times in ns.
+# across disconnections and restarts. Times are in ns.
 
 
 _MS: Final = 1_000_000
@@ -53,9 +53,9 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 
 
 class ReportInvariants:
-    """Comparison of the runtime's reports with the truth; `report(rule, text)` receives breaches.
+    """Comparison of the runtime's reports with the truth; `report(rule, text)` receives the breaches.
 
-    `requested`, `applied` and `sampled` are called as time passes.
+    The owner calls `requested`, `applied` and `sampled` as time passes.
     """
 
     def __init__(
@@ -68,18 +68,18 @@ class ReportInvariants:
         self._errors = 0
         self._blocks: int | None = None
         self._weigh_at = robot.now_ns + _MEMORY_NS
-        # by the requests of clients; None: unknown, because a request may have been lost
+        # state requested by clients; None if it is unknown, because a request may have been lost
         self._latched: bool | None = False
         self._latch_asked = self._latch_heard = 0
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client; a stalled process receives it when it continues."""
+        """Record a latch or release request of a client; a stalled process receives the request when it continues."""
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
             self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
-        """Check an accepted command: the robot must refuse it if all its drives have been disabled for a while."""
+        """Report an accepted command if all drives that it moves have been disabled for a while."""
         core = self._robot.core
         joints = [core.joints.get(command.joint) for command in core.manager.get(act.target).commands]
         moved = {joint.node.node_id for joint in joints if joint is not None}
@@ -88,7 +88,7 @@ class ReportInvariants:
             self._report("command_taken", f"a command to {act.target} is taken, and its drives are off")
 
     def sampled(self, now: int) -> None:
-        """Check the current reports."""
+        """Check the current reports of the robot against the bus."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
             self._report("program_error", f"{type(error).__name__}: {error}")
@@ -108,7 +108,7 @@ class ReportInvariants:
             self._judge_axes(node, now, troubled=troubled)
 
     def _judge_latch(self, now: int) -> None:
-        """Check that STOP is latched exactly between a client's latch request and a release."""
+        """Check that STOP is latched exactly from a client's latch request to a release."""
         latch_held, latched = self._robot.core.latch.held, self._latched
         if latch_held is not latched or self._wrong_since:
             self._hold(
@@ -117,7 +117,7 @@ class ReportInvariants:
             self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
-        """Check that no node is missing or in fault in RUNNING; return whether this is violated."""
+        """Check that no node is silent or in fault in RUNNING; return whether the node is silent or in fault."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
@@ -142,7 +142,7 @@ class ReportInvariants:
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 
     def _hold(self, text: str, subject: str, wrong: bool, now: int) -> None:
-        """Report a violation that lasts longer than the permitted reporting time."""
+        """Report a violation that lasts longer than the time allowed for reporting an event."""
         since, key = self._wrong_since, (text, subject)
         if not wrong:
             if since:
@@ -162,13 +162,13 @@ class ReportInvariants:
 
 
 def _is_off(node: ObservedNode, now: int) -> bool:
-    """Whether a drive has reported for a while that it is not enabled."""
+    """Whether a drive has not been enabled for a while, according to its statusword."""
     return not node.enabled and node.shown_enabled_at < now - _SOON_NS and now - node.status_at < _FRESH_NS
 
 
 # Invariants of clients: a blocked client delays neither the robot nor other clients, and is disconnected in the end.
-# The end of commands with their client and their timeout is checked by the motion of the shafts (`motion_invariants`).
-# Times in ns.
+# That commands end with their client and after their timeout is checked at the shafts (`motion_invariants`).
+# Times are in ns.
 
 
 # time allowed for an answer despite blocked clients: new connections may be idle for half of it
@@ -177,9 +177,9 @@ _DEAF_NS: Final = 5000 * _MS  # after this time a client that does not read has 
 
 
 class ClientInvariants:
-    """Check of the robot's service to its clients; `report(rule, text)` receives breaches.
+    """Check that the robot answers its clients; `report(rule, text)` receives the breaches.
 
-    `sampled` is called as time passes.
+    The owner calls `sampled` as time passes.
     """
 
     def __init__(self, robot: RobotUnderTest, clients: SimulatedClients, report: Callable[[str, str], None]) -> None:
@@ -217,7 +217,7 @@ _MOST: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """Violated invariant, `at_s` after the start; `rule` is its short name."""
+    """Violated invariant, `at_s` seconds after the start; `rule` is the short name of the invariant."""
 
     at_s: float
     rule: str
@@ -225,25 +225,25 @@ class Breach:
 
     @property
     def sentence(self) -> str:
-        """Text of the breach in one line."""
+        """Description of the breach in one line."""
         return f"{self.at_s:.3f} s: {self.rule}: {self.text}"
 
 
 def user_rules() -> list[tuple[str, Rule]]:
-    """Return the rules of installed packages, by name."""
+    """Return the names and functions of the rules that installed packages provide."""
     return [(entry_point.name, entry_point.load()) for entry_point in _entry_points()]
 
 
 @functools.cache
 def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
-    """Return the entry points, cached because the metadata of each package is in a file."""
+    """Return the entry points, cached because they are read from a file of each installed package."""
     return tuple(importlib.metadata.entry_points(group=GROUP))
 
 
 class Invariants(SimulationObserver):
-    """Observer of a robot from now on; `breaches` has at most a hundred, `coverage` counts transitions.
+    """Observer that checks all invariants of a robot; `breaches` has at most a hundred items.
 
-    `troubled` counts the faults by the states that they hit.
+    `coverage` counts state transitions, `troubled` the faults by the states in which they occurred.
     """
 
     def __init__(
@@ -289,7 +289,7 @@ class Invariants(SimulationObserver):
         self._goals.requested(now, act)
 
     def event(self, event: Event) -> None:
-        """Process a report of the robot."""
+        """Process an event of the robot."""
         self._answers.event(self._robot.now_ns, event)
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
@@ -302,7 +302,7 @@ class Invariants(SimulationObserver):
         self._reports.applied(now, act)
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        """Process the start of an act."""
+        """Process the start of a scheduled event."""
         self._disturbed.troubled(now, act)
         self.troubled.troubled(act)
 

@@ -1,4 +1,4 @@
-"""Possible commands of a robot's controllers and their ranges, for random schedules."""
+"""Possible commands of a robot's controllers with the ranges of their values, for random schedules."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _MARGIN: Final = 0.9  # fraction of a limit, so that commands are valid
 
 @dataclass(frozen=True, slots=True)
 class SampleMotion:
-    """Controller that moves joints: kind of command (`command` or `trajectory`) and the range of each value.
+    """Controller that moves joints, its kind of command (`command` or `trajectory`), and the range of each value.
 
-    `starts`: it is active from the start. `life_ns` is the command timeout, 0 for none. `joints` are those of a
-    trajectory, in the controller's order, `ends` the command interfaces that receive single values.
+    `starts` is True if the controller is active from the start. `life_ns` is the command timeout, 0 for none. `joints`
+    are the joints of a trajectory, in the controller's order, `ends` the command interfaces that receive single values.
     """
 
     controller: str

@@ -1,7 +1,7 @@
-"""Random schedule of a seed: commands and switches of clients, faults of drives, buses and processes.
+"""Random schedule of a seed: commands and switches of clients, and faults of drives, buses and processes.
 
-Random numbers come only from `random()`, whose sequence is the same in all versions of Python. Each fault is cleared,
-then faults are reset and the drives enabled, so that the next fault hits a moving robot.
+Random numbers come only from `random()`, whose sequence is the same in all versions of Python. After most faults, they
+are reset and the drives enabled, so that the next fault occurs in a moving robot.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MS: Final = 1_000_000
 _BOOTED_NS: Final = 600 * _MS
 _SHORT_NS: Final = 6 * _S  # shorter schedules begin with their faults at once
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
-"""Kinds of faults, weighted by their number here, without the rarer ones."""
+"""Kinds of faults without the rare ones; a kind that is listed n times is n times as probable."""
 _RARE: Final = ("kill", "frame", "frame")
 _LATE: Final = 0.15  # fraction of seeds in which a drive boots later than the robot
 _LOSSES: Final = (
@@ -38,7 +38,7 @@ _LOSSES: Final = (
     "drive_fault",
     "local_control",
 )
-"""Faults of drives that supervision must detect: a third of the faults."""
+"""Faults of drives that supervision must detect: at least a third of the drives' faults."""
 # faults after which a drive's control loops move its shaft
 _OF_ENCODERS: Final = ("position_jump", "position_wrap", "hand_moved")
 # only of devices other than drives, or of drives with a boot-loader
@@ -52,7 +52,7 @@ _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the events of a seed by time; without `faults` or nodes there are no failures."""
+    """Return the events of a seed by time; without `faults` or without nodes no faults are among them."""
     return RandomSchedule(seed, duration_ns, motions, nodes, faults).acts()
 
 
@@ -69,7 +69,7 @@ class RandomSchedule:
         self._active = next((motion for motion in motions if motion.starts), None)
 
     def acts(self) -> tuple[ScenarioEvent, ...]:
-        """Return the events."""
+        """Return the generated events in order of their times."""
         now = self._late_boot() if self._faults and self._random() < _LATE else _BOOTED_NS
         soon = self._duration <= _SHORT_NS
         trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
@@ -89,7 +89,7 @@ class RandomSchedule:
     # -- numbers
 
     def _between(self, low: int, high: int) -> int:
-        """Return a random time between two, in whole ms."""
+        """Return a random time between two times, in whole ms."""
         return (low + int((high - low) * self._random())) // _MS * _MS
 
     def _one(self, these: Sequence[T]) -> T:
@@ -101,7 +101,7 @@ class RandomSchedule:
     # -- clients
 
     def _move(self, now: int) -> int:
-        """Add a command with a duration, sometimes with a pause in which it expires."""
+        """Add a command with a duration, sometimes followed by a pause in which the command expires."""
         motion, lasts = self._active, self._between(_S // 2, 3 * _S)
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
@@ -127,7 +127,7 @@ class RandomSchedule:
         return self._recover(max(later, moved) + 50 * _MS)
 
     def _switch(self, now: int) -> int:
-        """Add a switch to another controller, sometimes via none."""
+        """Add a switch to another controller, sometimes with a time in between without any active controller."""
         if self._active is not None and self._random() < 0.3:
             self._add(now, "deactivate", self._active.controller)
             now += self._between(50 * _MS, 2 * _S)
@@ -145,7 +145,7 @@ class RandomSchedule:
         return now + 900 * _MS
 
     def _hang(self) -> None:
-        """Add blocked clients to some seeds; the other events of a seed do not depend on them."""
+        """Add blocked clients for some seeds; the other events of a seed do not depend on them."""
         self._random = Random(f"{self._seed}/clients").random
         if self._random() >= _HANGING:
             return
@@ -168,7 +168,7 @@ class RandomSchedule:
             if self._random() < _CANCELLED:
                 self._add(act.at_ns + self._between(0, act.for_ns or 0), "cancel", act.target)
 
-    # -- troubles
+    # -- faults
 
     def _late_boot(self) -> int:
         """Add a drive that boots while the robot waits for it, sometimes after the robot has given up."""
@@ -177,7 +177,7 @@ class RandomSchedule:
         return self._recover(late + _BOOTED_NS)
 
     def _trouble(self, now: int) -> int:
-        """Add a fault during motion, its end, and the recovery."""
+        """Add a fault or foreign frames during motion, and mostly a recovery, else the next fault may overlap."""
         moved = self._move(now)
         kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
         at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
@@ -206,13 +206,13 @@ class RandomSchedule:
         return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
-        """Return an unexpected frame: any identifier of the predefined connection set, any data."""
+        """Return identifier and data of an unexpected frame: any COB-ID of the predefined connection set, any data."""
         base = self._one((0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E5))
         data = [float(int(256 * self._random())) for _ in range(self._one((0, 1, 2, 4, 6, 8)))]
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
 
 
 def known_faults(*, physics: bool = False) -> list[str]:
-    """Return the faults of drives; with physics without those by which a drive turns its own shaft."""
+    """Return the faults of drives; with `physics` without the faults that turn the drive's own shaft."""
     encoders = _OF_ENCODERS if physics else ()
     return [fault.name for fault in FAULTS.values() if fault.acts not in _OF_DEVICES and fault.name not in encoders]

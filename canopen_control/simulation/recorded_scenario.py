@@ -1,7 +1,7 @@
-"""Scenario from a robot's recording: client requests and bus faults at their original times.
+"""Conversion of a robot's recording to a scenario, with client requests and bus faults at their original times.
 
 Commands are the recorded requests (of a flight recording); faults are derived from the frames. In a scenario the robot
-boots first: if a recording begins later than its robot, one second is inserted.
+boots first: if a recording begins later than its robot, one second is inserted for the boot.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     Frames = Sequence[tuple[int, CanFrame]]
 
 
-# Bus faults from recorded frames. A recording shows effects, not causes: a silent node becomes a cut cable, one that
+# Bus faults from recorded frames. A recording shows effects, not causes: a silent node becomes a cut cable, a node that
 # boots afterwards a supply failure, an EMCY a fault with this code or, without such a fault, the over-temperature
-# fault; a silent master is stalled, or killed if it boots its nodes again. Times in Unix ns.
+# fault; a silent master is stalled, or killed if it boots its nodes again. Times are Unix times in ns.
 
 
 _MS: Final = 1_000_000
@@ -61,7 +61,7 @@ _OTHER: Final = "drive_fault"
 
 @dataclass(slots=True)
 class _Receptions:
-    """Times of received frames of a node: any frame, heartbeats, boot-ups, and EMCY with their codes."""
+    """Times of the frames received from a node: of any frame, heartbeats, boot-ups, and EMCY with their codes."""
 
     any: list[int]
     alive: list[int]
@@ -70,7 +70,7 @@ class _Receptions:
 
 
 class BusHistory:
-    """Faults on one bus; `acts` yields them with Unix ns. `resets` are the times of requested fault resets."""
+    """Faults on one bus, derived from its frames; `resets` are the times of requested fault resets in Unix ns."""
 
     def __init__(self, config: BusConfig, frames: Frames, resets: Sequence[int] = ()) -> None:
         self._config, self._frames, self._resets = config, frames, sorted(resets)
@@ -125,7 +125,7 @@ class BusHistory:
             )
 
     def _silences(self) -> list[tuple[int, int | None]]:
-        """Return the intervals without SYNC or heartbeat of the master; None: to the end."""
+        """Return the intervals without SYNC or heartbeat of the master; an end of None means until the last frame."""
         config = self._config.master
         period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_producer * _MS)
         return _gaps(self._master, 5 * period, self._end) if period else []
@@ -152,7 +152,7 @@ class BusHistory:
         yield from self._emergencies(node, receptions.emcy)
 
     def _was_reset(self, node: int, boot: int) -> bool:
-        """Whether a boot follows a reset command."""
+        """Whether a boot follows a reset command to the node."""
         return any(
             command in _NMT_RESETS and about in (0, node) and boot - _RESET_NS < now < boot
             for now, command, about in self._nmt
@@ -170,7 +170,7 @@ class BusHistory:
                 yield ScenarioEvent(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
 
     def _ended(self, end: int, fault: str) -> int:
-        """Return the end of the cause of a fault, before the reset that reported its end."""
+        """Return the end of the cause of a fault, which precedes the fault reset whose result was reported at `end`."""
         if fault in _PASSING:
             return end
         at = bisect_left(self._resets, end)
@@ -178,7 +178,7 @@ class BusHistory:
 
 
 def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | None]]:
-    """Return the intervals without a frame longer than a limit, from just after the last one; None: to the end."""
+    """Return the intervals without a frame that are longer than `limit`; an end of None means until the last frame."""
     gaps: list[tuple[int, int | None]] = [
         (last + _MS, after) for last, after in pairwise(times) if after - last > limit
     ]
@@ -190,15 +190,15 @@ def _is_consequence(code: int) -> bool:
     return code >> 8 in (0x81, 0x82) and code != 0x8120
 
 
-_LED_NS: Final = 20 * _MS  # from the start of a simulation to that of its robot
+_LED_NS: Final = 20 * _MS  # from the start of a simulation to the start of its robot
 _BEFORE_NS: Final = 1 * _S
-_TOGETHER_NS: Final = 250 * _MS  # two equal commands within this time are one
+_TOGETHER_NS: Final = 250 * _MS  # two equal commands within this time are merged
 _ACTIONS: Final = {"enable", "disable", "halt", "quick-stop", "fault-reset"}
 
 
 @dataclass(slots=True)
 class RecordedRobot:
-    """Content of a recording: frames by Unix ns and bus, events and requests; initially `active` controllers."""
+    """Content of a recording: frames by Unix ns and bus, events, requests, and the initially `active` controllers."""
 
     frames: Sequence[tuple[int, str, CanFrame]]
     events: Sequence[RobotEvent] = ()
@@ -207,7 +207,7 @@ class RecordedRobot:
 
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
-    """Return the scenario; ConfigError for a recording without frames, or with other buses than the robot's."""
+    """Return the scenario; ConfigError for a recording without frames, or with none on a bus of the robot."""
     known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
         buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no frame"
@@ -230,13 +230,13 @@ def _whole(time_ns: int) -> int:
 
 
 def _placed(act: ScenarioEvent, origin: int) -> ScenarioEvent:
-    """Return an event at a time relative to the beginning, in whole ms."""
+    """Return an event with its time relative to `origin`, in whole ms."""
     lasts = None if act.for_ns is None else _whole(act.for_ns)
     return replace(act, at_ns=round((act.at_ns - origin) / _MS) * _MS, for_ns=lasts)
 
 
 def _end(recorded: RecordedRobot, last: int) -> int:
-    """Return the end of the recording, or of its robot."""
+    """Return the end of the recording, or the time at which its robot stopped, if that is earlier."""
     ended = [round(event.time * 1e9) for event in recorded.events if event.kind == "stopping"]
     return min([last, *ended])
 
@@ -248,7 +248,7 @@ def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
 
 
 def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterator[ScenarioEvent]:
-    """Yield the switch to the controllers that were active when the recording began."""
+    """Yield events that activate the controllers that were active when the recording began."""
     for name in recorded.active:
         config = setup.controllers.controllers.get(name)
         if config is not None and name not in setup.to_activate and "broadcaster" not in config.type.lower():
@@ -256,7 +256,7 @@ def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterato
 
 
 def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
-    """Return the events in order, with consecutive equal commands merged into one with a duration."""
+    """Return the events in order, with consecutive equal commands merged into one command with a duration."""
     merged: list[ScenarioEvent] = []
     latest: dict[str, tuple[int, int]] = {}  # controller -> its last command, and when it was renewed
     for act in sorted(acts, key=lambda act: act.at_ns):
@@ -274,7 +274,7 @@ def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
 
 
 class RequestActs:
-    """Conversion of client requests to events; earlier uploaded points of a trajectory are kept for it."""
+    """Converter of client requests to events; points of a trajectory that are uploaded in advance are kept for it."""
 
     def __init__(self, motions: Sequence[SampleMotion]) -> None:
         self._motions: Mapping[str, SampleMotion] = {motion.controller: motion for motion in motions}

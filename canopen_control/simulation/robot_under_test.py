@@ -1,4 +1,4 @@
-"""Robot in virtual time: the runtime, and a drive for each node of bus.yml as a process on its bus.
+"""Robot in virtual time: the runtime, and for each node of bus.yml a drive as a process on the bus.
 
 The classes are those of `run` and `drive`; only the bus and the clocks are simulated. The same seed and events give the
 same frames and reports, to the nanosecond.
@@ -55,13 +55,13 @@ _ENOUGH: Final = 1 << 16
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SimulationObserver:
-    """Observer of a simulated robot; methods without an override do nothing. Times in ns."""
+    """Base class of observers of a simulated robot; methods that are not overridden do nothing. Times are in ns."""
 
     def event(self, event: Event) -> None:
-        """Add an event of the robot."""
+        """Process an event of the robot."""
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        """Process the start of an act."""
+        """Process the start of a scheduled event."""
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
         """Process a request of a client."""
@@ -74,7 +74,7 @@ class SimulationObserver:
 
 
 class EventDigest:
-    """Digest of frames and events in order; `events` counts events, `folders` are those of the robot's files."""
+    """Digest of frames and events in order; `events` counts the events, `folders` are removed from their texts."""
 
     def __init__(self, folders: Iterable[str] = ()) -> None:
         self.events = 0
@@ -85,7 +85,7 @@ class EventDigest:
         self._pack = _HEAD.pack
 
     def frame(self, now: int, label: str, record: bytes) -> None:
-        """Add a frame."""
+        """Add a frame with its time and the label of its sender."""
         waiting, name = self._waiting, self._labels.get(label)
         if name is None:
             name = self._labels[label] = label.encode()
@@ -95,7 +95,7 @@ class EventDigest:
             waiting.clear()
 
     def event(self, event: Event) -> None:
-        """Process an event of the robot."""
+        """Add an event of the robot."""
         self.events += 1
         self._waiting += self._pack(event.time)
         sentence = event.sentence
@@ -105,7 +105,7 @@ class EventDigest:
 
     @property
     def hex(self) -> str:
-        """Current digest."""
+        """Current digest in hexadecimal."""
         self._sha256.update(self._waiting)
         self._waiting.clear()
         return self._sha256.hexdigest()
@@ -119,9 +119,9 @@ _DRIVE: Final = Timing(latency_ns=10_000, jitter_ns=60_000)
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """Wake-up delays of processes, and the maximum frequency error of their oscillators in `ppm`.
+    """Wake-up delays of the processes, and the largest frequency error of their oscillators in `ppm`.
 
-    Each seed draws them.
+    The actual delays and errors are drawn from the seed.
     """
 
     host: Timing = _HOST
@@ -130,7 +130,7 @@ class Timings:
 
 
 def dictionary_of(path: Path) -> ObjectDictionary:
-    """Return the dictionary of an EDS, read once; each device copies it."""
+    """Return the dictionary of an EDS; the file is read only once while it is unchanged."""
     return _dictionary(str(path), Path(path).stat().st_mtime_ns)
 
 
@@ -140,7 +140,7 @@ def _dictionary(path: str, _changed: int) -> ObjectDictionary:
 
 
 class SimulatedDrive:
-    """Virtual drive as a process in virtual time; `device` is None while it has no supply.
+    """Virtual drive as a process in virtual time; `device` is None while the drive has no supply.
 
     `quirks` and the personality `like` take effect at power-on.
     """
@@ -158,7 +158,7 @@ class SimulatedDrive:
         self._methods: NodeMethods | None = None
 
     def power_on(self) -> None:
-        """Switch the supply on: the drive boots."""
+        """Switch the supply on, so that the drive boots; no-op if it is on."""
         if self.device is not None:
             return
         self._times += 1
@@ -187,7 +187,7 @@ class SimulatedDrive:
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:
-        """Execute a control request like one from its socket; without supply it is lost."""
+        """Execute a control request as if it came from the drive's socket; without supply the request is lost."""
         if self._methods is not None and self.actor is not None:
             self.actor.call(functools.partial(work, self._methods))
 
@@ -195,10 +195,10 @@ class SimulatedDrive:
 class RobotUnderTest:
     """Runtime, buses and drives with one virtual clock; nothing happens before `start`.
 
-    `core` is the runtime, `drives` has the drives by node id, `wires` the buses by name. `on_event` receives the
-    robot's events. `started_ns` is when its process was last started, `up` whether it runs, `errors` the exceptions
-    of its program. With `tells_time` clients are informed that its time is simulated. `floor` is the physics world of
-    its drives, from the file `world`. A robot that shares the `time` of others gets its floor from its creator.
+    `core` is the runtime, `drives` contains the drives by node id, `wires` the buses by name. `started_ns` is the time
+    at which the robot's process was last started, `up` whether it runs, `errors` the exceptions raised in its program.
+    With `tells_time` clients are informed that the robot's time is simulated. `floor` is the physics world of the
+    drives, from the file `world`. If `time` is given, several robots share it, and their creator sets `floor`.
     """
 
     def __init__(
@@ -239,11 +239,11 @@ class RobotUnderTest:
         if setup.physics and time is None:
             self.floor = SimulatedFloor(open_floor(setup, self.core.joints, world), self.time, self.awake)
 
-    # -- its life
+    # -- life of the robot
 
     @property
     def now_ns(self) -> int:
-        """Virtual time."""
+        """Current virtual time in ns."""
         return self.time.now_ns
 
     @property
@@ -253,17 +253,17 @@ class RobotUnderTest:
 
     @property
     def running(self) -> bool:
-        """Whether the robot has booted and is running."""
+        """Whether the robot has booted and has not stopped: its state is RUNNING, DISABLED or FAULT."""
         return self.core.state in (RobotState.RUNNING, RobotState.DISABLED, RobotState.FAULT)
 
     def start(self) -> None:
-        """Power the drives, then start the robot's process."""
+        """Switch the drives on, then start the robot's process."""
         for drive in self.drives.values():
             drive.power_on()
         self._join()
 
     def kill(self) -> None:
-        """End the robot's process like SIGKILL."""
+        """End the robot's process as SIGKILL does."""
         self.up = False
         self.core.observers.clear()
         self.core.close()
@@ -275,18 +275,18 @@ class RobotUnderTest:
         self._join()
 
     def run_for(self, duration_ns: int) -> None:
-        """Advance virtual time."""
+        """Advance virtual time by `duration_ns`."""
         self.time.run_until(self.time.now_ns + duration_ns)
 
     def close(self) -> None:
-        """Release all resources."""
+        """End the robot and the drives, and delete the temporary files."""
         self.kill()
         for drive in self.drives.values():
             drive.power_off()
         self._state.cleanup()
 
     def actor(self, name: str, timing: Timing, times: int = 1) -> Actor:
-        """Return a process with the oscillator drawn from the seed."""
+        """Return a new process in virtual time, with the frequency error of its oscillator drawn from the seed."""
         limit = self.timings.ppm
         drawn = round(self._ppm.uniform(-limit, limit), 3)
         shared = self.setup.physics and name != MASTER  # the drives of one world share a clock
@@ -296,7 +296,7 @@ class RobotUnderTest:
         return actor
 
     def awake(self) -> Iterator[VirtualNode]:
-        """Yield the powered devices whose process is not stalled."""
+        """Yield the devices that have a supply and whose process is not stalled."""
         now = self.time.now_ns
         for drive in self.drives.values():
             if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:
@@ -329,7 +329,7 @@ class RobotUnderTest:
 
 
 class _CoreObserver(RobotObserver):
-    """Passes on the events of the newest process of a robot under test."""
+    """Observer of the robot's current process, which passes on its events."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self._robot = robot

@@ -1,6 +1,6 @@
 """Events of a simulation: the entries of a schedule, and the table of their kinds.
 
-A schedule is a list of events, random or from a scenario file, and is executed by `EventPlayer`.
+A schedule is a list of events, random or from a scenario file; `EventPlayer` executes it.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 class EventKind(NamedTuple):
-    """Kind of an event: its target (`node`, `member`, `controller` or none), and its description.
+    """Kind of an event, with the type of its target (`node`, `member`, `controller` or none) and its description.
 
-    `breaks`: it is a fault, which is counted by the states that it hits.
+    `breaks` is True for a fault; faults are counted by the states in which they occur.
     """
 
     target: str
@@ -77,10 +77,10 @@ KINDS: Final = {
 class ScenarioEvent:
     """Event `at_ns` after the start, of a kind in KINDS; `for_ns` is its duration, None: unlimited or instantaneous.
 
-    `target` is a node id, `master`, or a controller; `name` that of a fault, a quirk or an action, `world` a
-    disturbance of the world. `times` are those of the points of a trajectory in s, whose values are concatenated;
-    empty for one point.
-    `when` is a machine and its state, as "axis power BRAKING", for which the event waits: that of its node, or of any.
+    `target` is a node id, `master`, or a controller; `name` is the name of a fault, a quirk or an action, `world` a
+    disturbance of the physics world. `times` are the times in s of the points of a trajectory, whose values are
+    concatenated; empty for one point. `when` is a state machine and a state, such as "axis power BRAKING": the event
+    waits until its node, or any node, is in this state.
     """
 
     at_ns: int

@@ -1,4 +1,4 @@
-"""Scenario files of simulations: timed events; reading reports all errors at once.
+"""Reader of scenario files of simulations, which contain timed events; all errors are reported at once.
 
     for: 20s
     seed: 7
@@ -11,7 +11,8 @@
 
 `for` is the simulated time; `seed` determines wake-up delays of processes and frequency errors of oscillators. `do` is
 one of the kinds of `scenario_events`, `target` its node id, `master` or controller. A step with `when`, such as `when:
-axis power BRAKING`, waits from its time on until its node, or any, is in this state. Scenarios of `drive` are valid.
+axis power BRAKING`, waits from its time on until its node, or any node, is in this state. Scenarios of `drive` are
+valid too.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() fo
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Content of a file; `duration_ns` and `seed` are None if absent."""
+    """Content of a scenario file; `duration_ns` and `seed` are None if absent."""
 
     acts: tuple[ScenarioEvent, ...]
     duration_ns: int | None = None
@@ -61,7 +62,7 @@ class Scenario:
 
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a file for a robot; ScenarioError with all errors and their lines."""
+    """Return the scenario of a file for a robot; raise ScenarioError with all errors and their lines."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[ScenarioEvent] = []
@@ -82,7 +83,7 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
 
 
 def _check_ends(file: ScenarioFile, length: int) -> None:
-    """Report steps after the end of the scenario."""
+    """Report steps whose time is after the end of the scenario."""
     for step in file.steps:
         with contextlib.suppress(ValueError):  # of a time that is reported already
             if (at := nanoseconds_of(step.at)) > length:
@@ -99,13 +100,13 @@ def _kind_of(step: ScenarioStep) -> str:
 
 
 class _Checked:
-    """Step that was checked for the robot."""
+    """Step of a scenario file with the robot for which it is checked."""
 
     def __init__(self, step: ScenarioStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup) -> None:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield its events; errors are reported."""
+        """Yield the events of the step, and report its errors."""
         step = self._step
         if happens := step.acts():
             yield from self._world(happens)
@@ -139,7 +140,7 @@ class _Checked:
         yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
-        """Yield a disturbance of the world, which exists only with physics."""
+        """Yield the disturbance of the physics world that a step contains; report an error without physics."""
         step, setup = self._step, self._setup
         named = (
             step.node is not None or step.fault or step.quirk or step.plant or step.values or step.target or step.name
@@ -158,7 +159,7 @@ class _Checked:
             yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=step.when, world=world_act)
 
     def _check_part(self, world_act: WorldAct) -> None:
-        """Report a link or joint that the robot lacks."""
+        """Report a link or joint of a disturbance that the robot does not have."""
         here, model = self._step.here, self._setup.description.model
         if isinstance(world_act, BlockJoint):
             joints = [joint.name for tag in self._setup.description.hardware for joint in tag.joints]
@@ -202,7 +203,7 @@ class _Checked:
             here.error(f"name: does not go with {kind}")
 
     def _check_axis(self, axis: int | None) -> None:
-        """Report an axis that the step's node lacks."""
+        """Report an axis that the node of the step does not have."""
         plans = [plan for bus in self._setup.joined.values() for plan in bus.plans.values()]
         axes = next((len(plan.axes) for plan in plans if plan.node_id == self._step.node), None)
         if axis is not None and axes is not None and axis >= axes:
@@ -231,7 +232,7 @@ def _is_count(values: Sequence[float]) -> bool:
 
 
 def scenario_text(acts: Iterable[ScenarioEvent], *, seed: int, duration_ns: int, note: str = "") -> str:
-    """Return the text of the file for these events."""
+    """Return the text of a scenario file with these events."""
     head = f"# {note}\n" if note else ""
     lines = "".join(f"  - {_line(act)}\n" for act in acts)
     return f"{head}for: {_seconds(duration_ns)}\nseed: {seed}\nsteps:{f'{chr(10)}{lines}' if lines else ' []'}"

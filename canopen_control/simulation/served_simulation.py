@@ -1,8 +1,8 @@
-"""Socket of a simulated robot, to which programs connect as to a running robot, in real time.
+"""Socket of a simulated robot: programs connect as they would to a running robot.
 
 Their requests reach the robot's own server at the end of a slice of virtual time; the answers are sent after the next
-slice. The observer records the requests and checks them. With other programs simulations are not reproducible. A killed
-robot closes their connections, and accepts new ones after its restart.
+slice. The simulation is paced to real time. The player's observers are informed of the requests. With other programs
+simulations are not reproducible. A killed robot closes the connections, and accepts new ones after its restart.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 
 _CHUNK: Final = 1 << 16
-_MOST: Final = 1 << 20  # bytes waiting for a program to read; a slower one is disconnected
+_MOST: Final = 1 << 20  # limit of the bytes that wait for a program; a slower program is disconnected
 
 
 class OutsideClient(SimulatedClient):
-    """Program outside the simulation, on a real connection."""
+    """Program outside the simulation, with a real connection."""
 
     def __init__(self, clients: SimulatedClients, sock: socket.socket, front: Reactor) -> None:
         super().__init__(clients, clients.robot.host, reads=True, pid=peer_pid(sock))
@@ -43,12 +43,12 @@ class OutsideClient(SimulatedClient):
         front.add_reader(sock, self._on_readable)
 
     def take(self, data: bytes) -> int:
-        """Receive data from the robot, which are sent at the end of the time slice."""
+        """Store data from the robot, which are sent at the end of the time slice."""
         self._answers += data
         return len(data)
 
     def flush(self) -> None:
-        """Send the data of the robot."""
+        """Send the stored data to the program; disconnect a program that is gone or reads too slowly."""
         while self._answers:
             try:
                 sent = self._sock.send(self._answers)
@@ -62,7 +62,7 @@ class OutsideClient(SimulatedClient):
             self._gone()
 
     def close(self) -> None:
-        """Close the real connection."""
+        """Close the real connection to the program."""
         if self._sock.fileno() >= 0:
             self._front.remove_reader(self._sock)
             self._sock.close()
@@ -86,9 +86,9 @@ class OutsideClient(SimulatedClient):
 
 
 class ServedSimulation:
-    """Service of a player's robot on the socket of its name from now on; RobotConfigError if it is in use.
+    """Server that gives other programs access to a player's robot; RobotConfigError if the socket is in use.
 
-    Requests are received, and answers sent, during `wait`: after each `slice_ns` of virtual time.
+    Requests are received and answers sent during `wait`, which follows each `slice_ns` of virtual time.
     """
 
     slice_ns: Final = 5_000_000
@@ -115,7 +115,7 @@ class ServedSimulation:
         player.robot.tells_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
-        """Start the ROS bridge as a client; `close` ends it."""
+        """Start the ROS bridge as a client of the robot; `close` ends the bridge."""
         robot = self._player.robot
         supervisor = Supervisor(robot.setup.name, self._front, lambda event: robot.core.report(event))
         self._held.callback(supervisor.end)
@@ -123,7 +123,7 @@ class ServedSimulation:
         supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
 
     def wait(self, seconds: float) -> None:
-        """Serve the programs for `seconds` of real time with the robot's data."""
+        """Exchange data with the connected programs for `seconds` of real time."""
         for client in self._here:
             client.flush()
             if client.dropped or not self._clients.serves(client):
@@ -134,7 +134,7 @@ class ServedSimulation:
         self._front.run_for(round(seconds * 1e9))
 
     def run(self, duration_ns: int, speed: float = 1.0) -> None:
-        """Advance virtual time, at most `speed` times real time, and serve meanwhile."""
+        """Advance virtual time, at most `speed` times as fast as real time, and exchange data with the programs."""
         robot, begun, passed = self._player.robot, time.perf_counter(), 0
         while passed < duration_ns:
             step = min(self.slice_ns, duration_ns - passed)
@@ -161,6 +161,6 @@ class ServedSimulation:
         self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
 
     def requested(self, record: RequestSeen) -> None:
-        """Record a request of a program as acts."""
+        """Notify the player's observers of a program's request."""
         for act in self._requests.acts(record):
             self._player.requested(act)

@@ -1,4 +1,4 @@
-"""Simulation of several robots in one world, each with its runtime, buses, drives, schedule and observer.
+"""Simulation of several robots in one physics world, each with its own runtime, buses, drives, schedule and observer.
 
 They push each other and their range finders see each other, as in `run --world FILE`. The seed of each robot is derived
 from the common seed and its number in the file.
@@ -43,9 +43,9 @@ class SharedOutcome:
 
 
 class SharedSimulation:
-    """Robots in the world of a file, each with the schedule of its seed for `duration_ns` with these `faults`.
+    """Robots in the physics world of a file, each with the schedule of its seed for `duration_ns` with these `faults`.
 
-    `runs` are those of the robots by name. ConfigError if the world refuses a robot.
+    `runs` contains the run of each robot by name. ConfigError if the world refuses a robot.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class SharedSimulation:
 
     @property
     def real_s(self) -> float:
-        """Elapsed real time in s."""
+        """Real time in s since the start."""
         return real_time.perf_counter() - self._began
 
     @property

@@ -1,8 +1,9 @@
-"""Clients of a robot's socket in virtual time, including blocked ones; the server is the robot's own.
+"""Clients of a robot's socket in virtual time, including clients that do not read; the server is the robot's own.
 
 A client connects and stays silent; or subscribes to everything and does not read; or sends a command that ends with its
 connection, and disconnects; or requests the status and waits for each answer. Unread data stay in a buffer of some KiB,
-as in a kernel; a server that waited for it would delay the robot, which is recorded in `blocked`. Times in ns.
+as in a kernel; a server that waited for such a client would delay the robot, which is counted in `blocked`. Times are
+in ns.
 """
 
 from __future__ import annotations
@@ -29,14 +30,14 @@ if TYPE_CHECKING:
 
 _MS: Final = 1_000_000
 EVERY_NS: Final = 100 * _MS  # request interval of a client that reads
-_DEAF_NS: Final = 20 * _MS  # and of one that does not
+_DEAF_NS: Final = 20 * _MS  # request interval of a client that does not read
 _ROOM: Final = 4096  # kernel buffer in bytes for a client that does not read
 _BLOCKED_NS: Final = 1000 * _MS  # delay of a server that waits for such a client
 _STATE_RATE: Final = 50.0
 
 
 class _ServerEnd:
-    """Server's end of a connection, as a non-blocking socket."""
+    """Server's end of a connection, with the interface of a non-blocking socket."""
 
     def __init__(self, client: SimulatedClient, actor: Actor) -> None:
         self._client, self._actor = client, actor
@@ -45,23 +46,23 @@ class _ServerEnd:
         self.open = True
 
     def fileno(self) -> int:
-        """Return the number of the connection, -1 once closed."""
+        """Return the number of the connection, -1 after it was closed."""
         return self._fileno if self.open else -1
 
     def setblocking(self, _on: bool) -> None:
         """Do nothing: the connection never blocks."""
 
     def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
-        """Return the peer's credentials: this user's, with the same process id in each simulation."""
+        """Return the peer's credentials: this user's ids, and a process id that is the same in every simulation."""
         return struct.pack("3i", self._client.pid or self._fileno, os.getuid(), os.getgid())
 
     def arrived(self) -> None:
-        """Wake the server: data arrived, or the client has left."""
+        """Notify the server that data have arrived, or that the client has left."""
         self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
-        """Return data of the client, empty after it has left."""
+        """Return data of the client, empty after the client has left; BlockingIOError if no data are waiting."""
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
@@ -71,7 +72,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send data as far as the client accepts them; BlockingIOError if it accepts none."""
+        """Send as many data as the client accepts, and return their number; BlockingIOError if it accepts none."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)
@@ -80,7 +81,7 @@ class _ServerEnd:
         return accepted
 
     def sendall(self, data: bytes) -> None:
-        """Send all data; blocks the robot if the client does not read."""
+        """Send all data; the robot is blocked if the client does not read."""
         if self._client.take(data) < len(data):
             self._client.block()
 
@@ -91,7 +92,7 @@ class _ServerEnd:
 
 
 class _Listener:
-    """Listening socket for simulated clients; see `socket.socket`."""
+    """Listening socket for simulated clients, with the interface of `socket.socket`."""
 
     def __init__(self, actor: Actor) -> None:
         self._actor = actor
@@ -109,7 +110,7 @@ class _Listener:
         self._actor.arrived()
 
     def accept(self) -> tuple[_ServerEnd, str]:
-        """Return the oldest connection of the backlog; BlockingIOError if it is empty."""
+        """Return the oldest connection of the backlog; BlockingIOError if the backlog is empty."""
         if not self._waiting:
             self._actor.selector.clear_ready(self._fileno)
             raise BlockingIOError
@@ -117,10 +118,11 @@ class _Listener:
 
 
 class SimulatedClient:
-    """Client; `reads` received data. `here` until it leaves, `dropped` once the robot has closed the connection.
+    """Simulated client; `reads` is False if it never reads, `here` is True until it leaves.
 
-    `waits_since` is the time of the oldest unanswered request, `came_ns` that of the connection, `asks` whether it ever
-    sent a request. `pid` is its process, 0 for none.
+    `dropped` is True once the robot has closed the connection, `waits_since` the time of the oldest unanswered request,
+    `came_ns` the time of the connection, `asks` whether the client ever sent a request. `pid` is its process, 0 for
+    none.
     """
 
     def __init__(self, clients: SimulatedClients, actor: Actor, *, reads: bool, pid: int = 0) -> None:
@@ -138,7 +140,7 @@ class SimulatedClient:
         return not self.end.open
 
     def ask(self, request: Request[Any]) -> None:
-        """Send a request."""
+        """Send a request to the robot."""
         self._number += 1
         if self.waits_since is None:
             self.waits_since = self._clients.robot.now_ns
@@ -147,11 +149,11 @@ class SimulatedClient:
 
     @property
     def asks(self) -> bool:
-        """Whether it has sent a request."""
+        """Whether the client has sent a request."""
         return self._number > 0
 
     def take(self, data: bytes) -> int:
-        """Receive data of the server as far as the buffer has space; return the number of bytes."""
+        """Receive data of the server as far as the buffer has space; return the number of bytes accepted."""
         if not self.reads:
             accepted = min(len(data), _ROOM - self._unread)
             self._unread += accepted
@@ -163,12 +165,12 @@ class SimulatedClient:
         return len(data)
 
     def leave(self) -> None:
-        """Close the connection."""
+        """Close the connection from the client's side."""
         self.here = False
         self.end.arrived()
 
     def block(self) -> None:
-        """Block a server that waits for this client."""
+        """Count and simulate that a server waits for this client: stall the robot's process."""
         self._clients.blocked += 1
         self._clients.robot.host.stall(_BLOCKED_NS)
 
@@ -177,10 +179,10 @@ C = TypeVar("C", bound=SimulatedClient)
 
 
 class SimulatedClients:
-    """Clients of a robot.
+    """All simulated clients of a robot.
 
-    `blocked` counts the times at which it waited for one, `all` are those of its current process; `observer` receives
-    each request, in the robot's time.
+    `blocked` counts how often the robot waited for a client, `all` are the clients of the robot's current process;
+    `observer` receives each request, in the robot's time.
     """
 
     def __init__(self, robot: RobotUnderTest) -> None:
@@ -193,19 +195,19 @@ class SimulatedClients:
         self._server: ApiServer
 
     def connect(self, *, reads: bool) -> SimulatedClient:
-        """Connect a new client; the robot serves its socket from the first one on."""
+        """Connect a new client; the robot's server is started for the first client of a process."""
         self._open()
         return self.admit(SimulatedClient(self, self.robot.host, reads=reads))
 
     def admit(self, client: C) -> C:
-        """Connect a client created for the robot's process; return the client."""
+        """Connect a client that was created for the robot's process; return the client."""
         self._open()
         self.all.append(client)
         self._listener.add(client.end)
         return client
 
     def _open(self) -> None:
-        """Let the robot's process serve its socket unless it already does."""
+        """Start the server of the robot's process, unless it is running already."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
@@ -213,10 +215,10 @@ class SimulatedClients:
             self._server = ApiServer(robot.core, cast("socket.socket", self._listener))
             self._server.observer = self.observer
 
-    # -- behaviours
+    # -- kinds of clients
 
     def silent(self, count: int, for_ns: int | None) -> None:
-        """Connect clients that send nothing."""
+        """Connect `count` clients that send nothing, and disconnect them after `for_ns`."""
         for _ in range(count):
             self._leave_later(self.connect(reads=False), for_ns)
 
@@ -228,7 +230,7 @@ class SimulatedClients:
         self._ask_on(client, None)
 
     def ask(self, for_ns: int | None) -> None:
-        """Connect a client that requests the status ten times a second, each after the previous answer."""
+        """Connect a client that requests the status at most ten times a second, never before the previous answer."""
         client = self.connect(reads=True)
         client.ask(GetStatus())
         until = None if for_ns is None else self.robot.now_ns + for_ns
@@ -236,7 +238,7 @@ class SimulatedClients:
         self._ask_on(client, until)
 
     def dead_man(self, controller: str, values: Sequence[float], for_ns: int, on_leave: Callable[[], object]) -> None:
-        """Send one command and disconnect; then call `on_leave`, if the robot's process is still the same."""
+        """Send one command, disconnect after `for_ns`, and call `on_leave`, unless the robot's process has changed."""
         client = self.connect(reads=True)
         client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
         self._leave_later(client, for_ns, on_leave)

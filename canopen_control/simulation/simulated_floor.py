@@ -1,4 +1,4 @@
-"""World of robots in virtual time, with joints moved by virtual drives as in `run --physics`.
+"""Physics world of robots in virtual time; virtual drives move the joints as in `run --physics`.
 
 The drives of one world share a clock, like drives of one process. A drive without supply releases its joints.
 """
@@ -30,13 +30,13 @@ _PREFIX: Final = "canopen_control-"
 
 
 def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> World:
-    """Return the world of one robot, with the objects of a world file; RobotConfigError without joints."""
+    """Return the physics world of one robot, with the objects of a world file; RobotConfigError without joints."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as folder:
         return read_world(write_plant(setup, joints, world, Path(folder)))
 
 
 def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive]]], world: Path) -> SharedWorld:
-    """Return the world of several robots, each at its start pose in the file."""
+    """Return the physics world of several robots, each at its start pose in the file."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as name:
         folder = Path(name)
         plants = [(setup, write_plant(setup, joints, folder=folder / setup.name)) for setup, joints in robots]
@@ -45,9 +45,9 @@ def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive
 
 
 class SimulatedFloor:
-    """World of a robot's drives, or its part of one, periodically advanced to the present.
+    """Physics world of a robot's drives, or the robot's part of it, periodically advanced to the present.
 
-    `awake` returns the devices with supply whose process is not stalled.
+    `awake` returns the devices that have a supply and whose process is not stalled.
     """
 
     def __init__(self, world: World, time: VirtualTime, awake: Callable[[], Iterable[VirtualNode]]) -> None:
@@ -57,11 +57,11 @@ class SimulatedFloor:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Assumptions about the description, as sentences."""
+        """Assumptions made about the robot's description, as sentences."""
         return self._world.notes if isinstance(self._world, ReportsAssumptions) else ()
 
     def plants_of(self, node_id: int) -> Callable[[int], Plant]:
-        """Return a function that creates the plants of a node's axes."""
+        """Return a function that creates the plant of an axis of a node."""
         return lambda axis: self._world.plant(node_id, axis)
 
     def release_joints(self, node_id: int, device: VirtualNode) -> None:
@@ -70,7 +70,7 @@ class SimulatedFloor:
             self._world.plant(node_id, axis)  # without an owner
 
     def describe(self) -> WorldState:
-        """Return the true pose of the base."""
+        """Return the true state of the world, such as the pose of the robot's base."""
         return self._world.describe()
 
     def act(self, world_act: WorldAct) -> None:

@@ -2,7 +2,7 @@
 
 A frame reaches all other ports when its last bit has been sent. A disturbed frame is sent again; the error counters of
 a sender lead to error passive and bus-off (ISO 11898-1, 12.1.4), from which it restarts after 100 ms, as an interface
-with `restart-ms` does. Times in ns.
+with `restart-ms` does. Times are in ns.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _ID_SIZE: Final = 4  # bytes of a record's can_id
 
 
 class WireObserver(Protocol):
-    """Observer of the frames on a wire."""
+    """Observer of the frames on a simulated bus."""
 
     def wants(self, can_id: int) -> bool:
         """Whether the observer needs frames with this identifier."""
@@ -43,9 +43,9 @@ class WireObserver(Protocol):
 
 
 class SimulatedWire:
-    """Bus; `members` gives the process of a label, `listeners` receives all frames on the wire.
+    """Simulated CAN bus; `members` maps labels to processes, `listeners` are called with every frame.
 
-    `lost`, `doubled` and `disturbed` are rules for frames; `cut` contains the labels with a cut cable.
+    `lost`, `doubled` and `disturbed` are rules that select frames; `cut` contains the labels whose cable is cut.
     """
 
     def __init__(self, time: VirtualTime, name: str, bitrate: int) -> None:
@@ -71,42 +71,42 @@ class SimulatedWire:
 
     @property
     def bits(self) -> int:
-        """Number of bits since the start."""
+        """Number of bits sent on the bus since the start."""
         return self._wire.bits
 
     @property
     def has_wire_faults(self) -> bool:
-        """Whether rules or cut cables are active."""
+        """Whether rules for frames, cut cables or controllers in bus-off are active."""
         return bool(self.lost or self.doubled or self.disturbed or self.cut or self._off)
 
     def open(self, label: str) -> SimulatedPort:
-        """Join the bus as the process with this label."""
+        """Connect the process with this label to the bus, and return its port."""
         self._opened += 1
         port = self._ports[self._opened] = SimulatedPort(self, self._opened, label, self.members[label])
         self.refilter()
         return port
 
     def observe(self, observer: WireObserver) -> None:
-        """Add an observer, which receives frames with the identifiers it needs."""
+        """Add an observer, which receives the frames whose identifiers it needs."""
         self._observers.append(observer)
         self._listeners.clear()
 
     def refilter(self) -> None:
-        """Update the listeners after a change of a filter."""
+        """Discard the cached listeners after a change of a filter."""
         self._listeners.clear()
 
     def leave(self, port: SimulatedPort) -> None:
-        """Remove a port, and its frames not sent yet."""
+        """Remove a port, and discard those of its frames that are not sent yet."""
         if self._ports.pop(port.number, None) is not None:
             self._wire.forget(port.number)
             self.refilter()
 
     def silences(self, label: str) -> bool:
-        """Whether the cable of this label is cut."""
+        """Whether the member with this label is cut off, because its cable is cut or its controller in bus-off."""
         return label in self.cut or label in self._off
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
-        """Queue frames of a port; frames without space, or without a bus, are lost and counted."""
+        """Queue frames of a port; frames are lost and counted if the queue is full or the member is cut off."""
         queue = self._wire.queues.get(port.number)
         if (queue is not None and len(queue) > SEND_LIMIT) or ((self.cut or self._off) and self.silences(port.label)):
             port.stats.lost += len(records) // RECORD_SIZE
@@ -120,7 +120,7 @@ class SimulatedWire:
         self._carry(label, pack_records([frame]), None)
 
     def bus_off(self, label: str, duration_ns: int = RESTART_NS) -> None:
-        """Set the controller of a label to bus-off, with an error frame, and restart it later."""
+        """Set the controller of a label to bus-off, with an error frame, and restart it after `duration_ns`."""
         if label not in self._off:
             self._off.add(label)
             self._report(label, error_frames.bus_off_frame())
@@ -137,14 +137,14 @@ class SimulatedWire:
                 port.report(frame)
 
     def _plan(self) -> None:
-        """Schedule the end of the frame on the wire."""
+        """Schedule the end of the frame that is being sent."""
         arrival = self._wire.due_ns
         self._planned = arrival is not None
         if arrival is not None:
             self._time.at(arrival, self._on_passed)
 
     def _passed(self) -> None:
-        """Deliver the frames that end before any other event of their listeners, and schedule the next."""
+        """Deliver the frames that end before any other event, and schedule the end of the next frame."""
         wire, jump = self._wire, self._time.jump
         self._planned = False
         while True:
@@ -179,7 +179,7 @@ class SimulatedWire:
             self._carry(label, record, port)
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
-        """Whether a rule disturbs a frame; counts the error of its sender."""
+        """Whether a rule disturbs a frame; if so, raise the error counter of the sender."""
         port = self._ports.get(number)
         if port is None or self.silences(port.label):
             return False
@@ -219,12 +219,12 @@ class SimulatedWire:
 
 
 def _dropped(rules: list[DropRule], label: str, can_id: int) -> bool:
-    """Whether a rule selects a frame; every rule counts it."""
+    """Whether any rule selects a frame; every rule counts the frame."""
     return sum(rule.takes(label, can_id) for rule in rules) > 0
 
 
 class SimulatedPort:
-    """Port of a `SimulatedWire` for one process; see `canopen_control.bus.port.Port`."""
+    """Port of a `SimulatedWire` for one process, with the interface of `canopen_control.bus.port.Port`."""
 
     def __init__(self, wire: SimulatedWire, number: int, label: str, actor: Actor) -> None:
         self.number, self.label = number, label
@@ -239,24 +239,24 @@ class SimulatedPort:
 
     @property
     def channel(self) -> str:
-        """Name of the channel."""
+        """Name of the channel to which the port belongs."""
         return self._wire.channel
 
     def events(self) -> list[BusEvent]:
-        """Return the events since the last call."""
+        """Return and clear the bus events that have occurred."""
         return self._events.drain()
 
     def fileno(self) -> int:
-        """Return the number of the port in its reactor's selector."""
+        """Return the number of the port in the selector of the process."""
         return self._fileno
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Deliver only these identifiers."""
+        """Deliver only frames with these identifiers."""
         self.identifiers = frozenset(can_ids)
         self._wire.refilter()
 
     def put(self, records: bytes) -> None:
-        """Queue records for this reader (called by the wire)."""
+        """Queue received records for the process; called by the wire."""
         if not self._queue and self._actor.selector.set_ready(self._fileno):
             self._actor.arrived()
         self._queue.append(records)
@@ -267,7 +267,7 @@ class SimulatedPort:
         self.put(pack_records([frame]))
 
     def receive(self) -> bytes:
-        """Return the received whole records, or ``b""``; BusClosed on a closed port."""
+        """Return the received whole records, or ``b""``; BusClosed if the port is closed."""
         if self._closed:
             raise self._no_bus()
         queue = self._queue
@@ -283,20 +283,20 @@ class SimulatedPort:
         return records
 
     def send(self, records: Records) -> None:
-        """Send whole records, in order; BusClosed on a closed port."""
+        """Send whole records, in order; BusClosed if the port is closed."""
         if self._closed:
             raise self._no_bus()
         self.stats.tx += whole_records(records)
         self._wire.send(self, records if isinstance(records, bytes) else bytes(records))
 
     def flush(self) -> None:
-        """Do nothing: the controller's queue accepts everything."""
+        """Do nothing: the wire accepts all records at once."""
 
     def _no_bus(self) -> BusClosed:
         return BusClosed(self.channel, "closed on this side")
 
     def close(self) -> None:
-        """Leave the bus; a second call does nothing."""
+        """Leave the bus; no-op if the port is closed already."""
         self._closed = True
         self._actor.selector.clear_ready(self._fileno)
         self._wire.leave(self)

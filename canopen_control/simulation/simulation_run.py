@@ -1,4 +1,4 @@
-"""One simulation from start to end: a robot, its schedule, and the result."""
+"""Run of one simulation from start to end: a robot, its schedule, and the result."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Result of a simulation; `sha256` covers every frame and event with its time; `breaches` are sentences."""
+    """Result of a simulation; `sha256` covers every frame and event with its time, `breaches` are sentences."""
 
     seed: int
     robot_s: float
@@ -40,8 +40,8 @@ class SimulationResult:
 class SimulationRun:
     """Run of a schedule on a robot from its start; `outcome` is the result so far.
 
-    `speed` is the maximum ratio to real time, None: unlimited. `began_ns` is its virtual time 0. `robot` is an existing
-    one. `served` lets other programs take part.
+    `speed` is the largest ratio to real time, None: unlimited. `began_ns` is the virtual time at which the schedule
+    begins. `robot` is an existing robot to use. `served` is set to let other programs take part.
     """
 
     def __init__(
@@ -71,9 +71,9 @@ class SimulationRun:
         progress: Callable[[float, float], object] = lambda _robot, _real: None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Start and run; `progress` is called periodically with simulated and elapsed real time in s.
+        """Start the robot and run; `progress` is called periodically with the simulated and the real time in s.
 
-        It ends early if `stop` returns True.
+        The run ends early if `stop` returns True.
         """
         self._began = time.perf_counter()
         self.robot.start()
@@ -85,7 +85,7 @@ class SimulationRun:
             self._keep_pace()
 
     def _keep_pace(self) -> None:
-        """Wait for real time if the simulation is ahead of it."""
+        """Wait for real time if the simulation is ahead of `speed`, and exchange data with other programs."""
         ahead = 0.0 if self.speed is None else max(0.0, self.robot_s / self.speed - self.real_s)
         if self.served is not None:
             self.served.wait(ahead)
@@ -99,7 +99,7 @@ class SimulationRun:
 
     @property
     def real_s(self) -> float:
-        """Elapsed real time in s."""
+        """Real time in s since the start of the run."""
         return time.perf_counter() - self._began
 
     @property
@@ -113,11 +113,11 @@ class SimulationRun:
 
     @property
     def breaches(self) -> tuple[str, ...]:
-        """Violated invariants, in sentences."""
+        """Sentences that describe the violated invariants."""
         return tuple(breach.sentence for breach in self.invariants.breaches)
 
     def why_never(self, duration_ns: int) -> str:
-        """Return the reason why the robot never ran; "" if it ran, or a user ended it before."""
+        """Return the reason why the robot never ran; "" if it ran, or if the run was ended early."""
         core, seconds = self.robot.core, self.robot_s
         ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
         if core.has_run or not ended:

@@ -1,9 +1,9 @@
 """Invariants of reports: `status`, the state stream, events and `/joint_states` agree with the drives.
 
-Each report is read as by a client and compared with the drives themselves: states of NMT and CiA 402, mode, position
-and velocity of their shafts, within the time allowed for each. What cannot be known (a disturbed drive, a bus that
-loses frames) is not checked, but a drive without supply must be reported as lost, and a fault, an EMCY or a wrong
-toggle bit on the bus must have an event. Times in ns.
+Each report is read as a client reads it and compared with the drives themselves: states of NMT and CiA 402, mode,
+position and velocity of their shafts, within the time allowed for each. What cannot be known (a disturbed drive, a bus
+that loses frames) is not checked, but a drive without supply must be reported as lost, and a fault, an EMCY or a wrong
+toggle bit on the bus must have an event. Times are in ns.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ class _Shaft:
     """Joint of the first axis of a node, with the positions of its shaft in the last cycles.
 
     A drive that boots counts from 0, and the robot continues from the last position it received: `offset` is the
-    difference, None until the next reported position. It is unchanged by anything but a boot or a changed count;
-    `origin` identifies them. If the drive's count wraps at 32 bits, both continue. Between shaft and joint may be the
-    `transmission` of the description.
+    difference, None until the next reported position. Only a boot or a changed count changes the offset; `origin`
+    identifies them. If the drive's count wraps at 32 bits, both continue. The description may define a `transmission`
+    between shaft and joint.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class _Shaft:
         self._bounds: dict[int, tuple[float, float]] = {}  # by kind of value in the last cycles
 
     def take(self, robot: RobotUnderTest, now: int) -> None:
-        """Record the position."""
+        """Record the position and the velocity of the shaft at `now`."""
         device, truth = robot.drives[self.view.node_id].device, self.truth
         if device is None:
             truth.clear()
@@ -98,7 +98,7 @@ class _Shaft:
             self._bounds = {}
 
     def agrees(self, which: int, value: float | None) -> bool:
-        """Return whether a position or a velocity occurred in the last cycles."""
+        """Whether a reported position or velocity is within the values of the last cycles, or cannot be checked."""
         if value is None or not self.truth:
             return True
         bounds = self._bounds.get(which)
@@ -116,7 +116,7 @@ class _Shaft:
 
 
 class StatusInvariants:
-    """Check of a robot's reports; `report(rule, text)` receives breaches. `sampled` is called as time passes."""
+    """Check of a robot's reports, periodically by `sampled`; `report(rule, text)` receives the breaches."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class StatusInvariants:
         self._jumped = 0.0  # time of the newest jump event already checked
 
     def sampled(self, now: int) -> None:
-        """Check the current reports."""
+        """Check the current reports against the drives."""
         robot = self._robot
         for shaft in self._shafts:
             shaft.take(robot, now)
@@ -182,7 +182,7 @@ class StatusInvariants:
         self._judge_jumps(status.events)
 
     def true_place(self, joint: str) -> tuple[float, float] | None:
-        """Return the minimum and maximum of a joint's position in the last cycles, in SI units; None if unknown."""
+        """Return the lowest and highest position of a joint in the last cycles, in SI units; None if unknown."""
         for shaft in self._shafts:
             if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
                 places = [truth[_POSITION] for truth in shaft.truth]
@@ -190,12 +190,12 @@ class StatusInvariants:
         return None
 
     def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether a node has been undisturbed for a while and is on its bus."""
+        """Whether a node has been undisturbed for a while and has a supply."""
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
 
     def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
-        """Compare several identical reports with the drives."""
+        """Compare the named reports, which are identical, with the drives."""
         for name, view in self._nodes.items():
             self._judge_node(faces, shown.nodes[name], view, now)
         for shaft in self._shafts:
@@ -206,7 +206,7 @@ class StatusInvariants:
     # -- states
 
     def _judge_node(self, faces: Faces, reading: NodeReading, view: ObservedNode, now: int) -> None:
-        """Compare the reported states of a node and its axes with the actual ones."""
+        """Compare the reported states of a node and its axes with the actual states."""
         device = self._robot.drives[view.node_id].device
         if device is None:
             return
@@ -250,7 +250,7 @@ class StatusInvariants:
             self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
-        """Check the published `/joint_states` and their stamps."""
+        """Check the published `/joint_states` and their time stamp."""
         by_joint: dict[str, Values] = sample.joints
         for shaft in self._shafts:
             values = by_joint.get(shaft.joint, {})
@@ -268,7 +268,7 @@ class StatusInvariants:
             self._report("shown_wrong", f"{face}: {text}")
 
     def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
-        """Whether a violation of a report lasts longer than the permitted reporting time; True once."""
+        """Whether a wrong report lasts longer than the time allowed for it; True only once."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
@@ -298,7 +298,7 @@ class StatusInvariants:
             self._report_once(name, since, "event_missing", f"{name} was lost, and no event says so")
 
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that a fault on the bus has an event."""
+        """Check that an event reports a fault seen on the bus."""
         hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
         is_in_fault = view.in_fault and now - view.status_at < _EVERY_NS
         if (
@@ -309,7 +309,7 @@ class StatusInvariants:
             self._report_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an EMCY with an error has an event; of a series at least one."""
+        """Check that an event reports an EMCY with an error; for a series of EMCYs one event suffices."""
         sent = self._emcys.get(name, 0)
         if not sent:
             if view.emcy_at > self._emcys_told.get(name, 0):
@@ -323,7 +323,7 @@ class StatusInvariants:
             self._report("event_missing", f"{name} has sent an EMCY, and no event says so")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that a repeated toggle bit in a present node's guarding answer has an event."""
+        """Check that an event reports a repeated toggle bit in the guarding answer of a node that was ready."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
@@ -333,7 +333,7 @@ class StatusInvariants:
             )
 
     def _judge_jumps(self, events: list[RobotEvent]) -> None:
-        """Check that a jump event is reported only for a count that jumped."""
+        """Check that a jump event is reported only if the drive's count has jumped."""
         for event in events:
             if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
                 continue
@@ -355,16 +355,16 @@ class StatusInvariants:
 
 
 def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
-    """Whether an event of a node exists since about `since`, with a kind that begins with `kind`."""
+    """Whether a node has an event since about `since`, of a kind that begins with `kind`."""
     earliest = since / 1e9 - _MARGIN_S
     return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)
 
 
-# Invariants of goals and switches: a goal ends by its tolerances, a refused switch of controllers changes nothing. A
-# goal reported as reached has its joints at its last point, a missed one has one outside of its tolerance, and one
-# whose joints are there ends. After a cancelled goal the joints stop with the decelerations of the parameters or at
-# once, unless there is a newer request; one ended by a stop reports that. Checked are the shafts of undisturbed nodes
-# with the tolerances of the controller's parameters. Times in ns.
+# Invariants of goals and switches: a goal ends by its tolerances, a refused switch of controllers changes nothing. If a
+# goal is reported as reached, its joints are at its last point; if it is reported as missed, a joint is outside of its
+# tolerance; if all joints are at the last point, the goal ends. After a cancelled goal the joints stop with the
+# decelerations of the parameters or at once, unless there is a newer request; a goal that was ended by a stop reports
+# the stop. The shafts of undisturbed nodes are checked, with the tolerances of the controller's parameters. Times: ns.
 
 
 _LATE_NS: Final = 500 * _MS  # time after its end in which a reached goal must be reported
@@ -377,7 +377,7 @@ _LEADS: Final = ("command", "trajectory", "activate", "deactivate")
 
 
 class _Open:
-    """Accepted goal: final positions and tolerances of its joints, and its end time."""
+    """Accepted goal, with the final positions and tolerances of its joints, and the time at which it must end."""
 
     def __init__(
         self, act: ScenarioEvent, goal: TrajectoryGoal, places: dict[str, tuple[float, float]], over_ns: int
@@ -387,9 +387,9 @@ class _Open:
 
 
 class GoalInvariants:
-    """Check of the ends of goals; `report(rule, text)` receives breaches.
+    """Check of the ends of goals; `report(rule, text)` receives the breaches.
 
-    `requested`, `applied` and `sampled` are called as time passes.
+    The owner calls `requested`, `applied` and `sampled` as time passes.
     """
 
     def __init__(
@@ -403,7 +403,7 @@ class GoalInvariants:
         self._stopped_at = -1 << 62  # time of the last stop request, if there was no other request since
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client."""
+        """Record whether the request of a client stops or moves the robot."""
         self._stopped_at = now if act.kind in _STOPS else -1 << 62
         if act.kind in _LEADS:
             self._newest = act
@@ -424,7 +424,7 @@ class GoalInvariants:
         self._open.append(_Open(act, goal, places, over))
 
     def sampled(self, now: int) -> None:
-        """Check the goals that have ended, or should have."""
+        """Check the goals that have ended or should have ended, and the refused switches."""
         for text in self._player.torn[self._torn :]:
             self._report("switch_torn", text)
         self._torn = len(self._player.torn)
@@ -436,7 +436,7 @@ class GoalInvariants:
         self._open = [item for item in self._open if self._is_open(item, now)]
 
     def _is_open(self, goal: _Open, now: int) -> bool:
-        """Check a goal; return whether it must be checked again."""
+        """Check a goal; return whether the goal must be checked again."""
         if goal.goal.state is GoalState.CANCELED:
             return self._comes_to_rest(goal, now)
         off = self._deviations(goal)
@@ -459,11 +459,11 @@ class GoalInvariants:
         return False
 
     def _hides_its_stop(self, goal: _Open, now: int) -> bool:
-        """Whether a goal that was just ended by a stop reports another reason."""
+        """Whether a goal that a stop has just ended reports another reason."""
         return now - self._stopped_at < _STOPPED_NS and _STOP not in goal.goal.text
 
     def _comes_to_rest(self, goal: _Open, now: int) -> bool:
-        """Check that joints stop after a cancel; return whether they must be checked again.
+        """Check that joints stop after a cancel; return whether the goal must be checked again.
 
         Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
         """
@@ -482,7 +482,7 @@ class GoalInvariants:
         return False
 
     def _brake_s(self, goal: _Open, ways: dict[str, float]) -> float:
-        """Return the braking time of joints with these travels in the last cycles, by the parameters."""
+        """Return the braking time in s of joints that moved by `ways` in the last cycles, from the parameters."""
         params = self._robot.core.manager.get(goal.act.target).params  # type: ignore[attr-defined]
         slow = dict(
             zip(
@@ -493,9 +493,9 @@ class GoalInvariants:
         return max(times, default=0.0)
 
     def _deviations(self, goal: _Open) -> dict[str, tuple[float, float]]:
-        """Return each joint's minimum and maximum error beyond its tolerance in the last cycles.
+        """Return the highest and lowest error of each joint beyond its tolerance in the last cycles.
 
-        Empty if one of them is unknown.
+        The result is empty if the position of a joint is unknown.
         """
         errors = {}
         for joint, (place, tolerance) in goal.places.items():

@@ -1,12 +1,13 @@
-"""Invariants of targets: a drive receives the commands of its clients, and its shaft follows its targets.
+"""Invariants of targets: a drive receives the commands of the clients, and its shaft follows its targets.
 
-The first compares targets on the bus with values commanded per joint, scaled as in bus.yml; a target between them and
-standstill is valid too, because of stops and limits. The second compares the shaft with the targets on the bus, in
-modes with a target velocity (PV, CSV) or a position at every SYNC (CSP): it may lag by some cycles and by the drive's
-own ramps, and never exceeds them. Drives disturbed since their last enable, and drives on a floor, are not checked.
+The first invariant compares targets on the bus with the values commanded per joint, scaled as in bus.yml; a target
+between the command and standstill is valid too, because of stops and limits. The second compares the shaft with the
+targets on the bus, in modes with a target velocity (PV, CSV) or a position at every SYNC (CSP): it may lag by some
+cycles and by the drive's own ramps, and never exceeds the targets. Drives disturbed since their last enable, and drives
+on a floor, are not checked.
 
 In every mode a target stays within the drive's own limits (0x607D, 0x607F) and does not push against a limit switch, a
-renewed command is followed, and a disabled drive has standstill as target. Times in ns.
+renewed command is followed, and a disabled drive has standstill as its target. Times are in ns.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ _LEAST: Final = 5.0  # counts/s, or counts
 
 
 class _Followed:
-    """One axis, with the range of speeds its shaft may have."""
+    """Axis with the range of speeds that its shaft may have."""
 
     def __init__(self, view: ObservedNode) -> None:
         self.view = view
@@ -67,7 +68,7 @@ class _Followed:
         self._slope = 0.0
 
     def slope(self, drive: VirtualDrive) -> float:
-        """Return the lower one of the drive's two ramps, in counts/s^2, including those of a stop."""
+        """Return the lower of the drive's two ramps in counts/s^2, which limits stops too."""
         version = drive.objects.store.version
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
             self._slope_of, self._slope = (drive, version), _slope(drive)
@@ -84,11 +85,11 @@ class _Followed:
         return self._limits
 
     def rest(self) -> None:
-        """Reset until the next enable."""
+        """Clear the state of the check until the next enable."""
         self.at, self.reported = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
-        """Move the speed range towards that of the targets, with at least the drive's ramp."""
+        """Move the range of speeds towards the range of the targets, with the drive's ramp."""
         if not self.at:
             self.low, self.high = min(speed, low), max(speed, high)
         else:
@@ -99,13 +100,13 @@ class _Followed:
 
 
 class _Commanders:
-    """Last commands of a controller: by a client whose command ends with its connection, and by another client."""
+    """Times of the last commands of a controller, separately for clients whose commands end with their connection."""
 
     def __init__(self) -> None:
         self._leaving = self._staying = 0
 
     def command(self, at: int, *, leaves: bool) -> None:
-        """Record a command of a client; with `leaves` it ends with the client's connection."""
+        """Record a command of a client; with `leaves` the command ends with the client's connection."""
         if leaves:
             self._leaving = at
         else:
@@ -113,12 +114,12 @@ class _Commanders:
 
     @property
     def go_on(self) -> bool:
-        """Whether the command continues when the first client leaves, because another client's is newer."""
+        """Whether the command continues when the client with `leaves` disconnects, since another client's is newer."""
         return self._staying > self._leaving + _LAG_NS
 
 
 class TargetInvariants:
-    """Check of targets; `report(rule, text)` receives breaches. `requested` and `sampled` are called as time passes."""
+    """Check of targets, by `requested` and periodically `sampled`; `report(rule, text)` receives the breaches."""
 
     def __init__(
         self,
@@ -141,7 +142,7 @@ class TargetInvariants:
         self._lost: set[str] = set()
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client."""
+        """Record a request of a client that commands joints or may end commands."""
         reception = max(now, self._robot.host.stalled_until)
         commanders = self._commanders.setdefault(act.target, _Commanders())
         if act.kind in _STOPS or (act.kind == "leave" and not commanders.go_on):
@@ -186,7 +187,7 @@ class TargetInvariants:
     # -- all modes
 
     def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
-        """Check a drive's target against its own limits, or for standstill if it is disabled."""
+        """Check a drive's target against the drive's own limits, or for standstill if the drive is disabled."""
         view = axis.view
         pushes = ""
         if view.enabled:
@@ -214,7 +215,7 @@ class TargetInvariants:
         return since < now - _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return the target of an enabled drive beyond its limits, as text; "" for none."""
+        """Return a text about a target of an enabled drive that is beyond the drive's limits; "" if there is none."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
@@ -232,9 +233,9 @@ class TargetInvariants:
         return ""
 
     def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return the target of an enabled drive that moves further into an active limit, as text; "" for none.
+        """Return a text about a target of an enabled drive that pushes against an active limit; "" if there is none.
 
-        The closed direction is the one in which the target points while the shaft stands.
+        The blocked direction is the direction in which the target points while the shaft stands still.
         """
         if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
             return ""
@@ -243,7 +244,7 @@ class TargetInvariants:
         return f"to turn at {targets[-1]}, against the limit that it has come to" if pushes else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return the target other than standstill of a disabled drive; "" for none."""
+        """Return a text about a target of a disabled drive other than standstill; "" if there is none."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
         if target := view.targets.get(_VELOCITY, 0):
@@ -291,9 +292,9 @@ class TargetInvariants:
         bounds: tuple[float, float],
         does: str,
     ) -> None:
-        """Report a value outside of its bounds, with the drive's targets in a unit.
+        """Report a value outside of its bounds, with the drive's targets multiplied by `unit`.
 
-        A drive whose set-points do not count yet, or come from elsewhere, is healthy: the robot has to name it.
+        A drive whose set-points do not count yet, or come from elsewhere, is healthy: the robot has to report that.
         """
         low, high = bounds
         slack = _LEAST + _SLACK * max(abs(low), abs(high))
@@ -335,7 +336,7 @@ class TargetInvariants:
             self._report("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
-        """Check that a drive is not commanded to stand while a command is renewed."""
+        """Check that a drive is not commanded to stand still while a client renews a command."""
         commands, value = self._commanded[joint], recent[-1]
         earlier = max((at for at, _ in commands if at < now - _LAG_NS), default=-_RENEWED_NS)
         going_on = now - _RENEWED_NS < earlier < now - _LAG_NS < commands[-1][0]
@@ -354,7 +355,7 @@ class TargetInvariants:
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
-    """Return the current value, and previous ones that may still be active."""
+    """Return the newest commanded value, preceded by earlier values that may still be active."""
     values = []
     for at, value in reversed(commands):
         values.append(value)
@@ -364,7 +365,7 @@ def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
 
 
 def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]]:
-    """Return the joints of the first axis of each node with their velocity scales from the files."""
+    """Return the joints of the first axis of each node, with their velocity scales from the files."""
     scales: dict[int, list[tuple[str, float]]] = {}
     for joint, node in watched_joints(robot.setup):
         scales.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
@@ -372,13 +373,13 @@ def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]
 
 
 def _slope(drive: VirtualDrive) -> float:
-    """Return the lower one of a drive's two ramps, in counts/s^2, including those of a stop."""
+    """Return the lower of a drive's two ramps in counts/s^2, which limits stops too."""
     objects = drive.objects
     ramps = [objects.ramp(index) for index in (o.PROFILE_ACCELERATION, o.PROFILE_DECELERATION) if objects.has(index)]
     return min(ramps, default=_AT_ONCE) or _AT_ONCE
 
 
 def _reach(drive: VirtualDrive) -> float:
-    """Return the allowed distance of a shaft from its target: the window of 0x6065, if it is enabled."""
+    """Return the allowed distance of a shaft from its target: the window of 0x6065, 0 if the window is disabled."""
     window = drive.objects.number(o.FOLLOWING_ERROR_WINDOW)
     return float(window) if 0 < window < 1 << 30 else 0.0

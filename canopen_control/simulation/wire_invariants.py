@@ -1,6 +1,6 @@
-"""Invariants of the bus: timing of the master, bus load, SDO order, and configuration of the drives. Times in ns.
+"""Invariants of the bus: timing of the master, bus load, SDO order, and configuration of the drives.
 
-A stalled, killed or disconnected master has no timing; it is checked again one second later.
+A stalled, killed or disconnected master has no timing; it is checked again one second later. Times are in ns.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # is compared with the drive once after each boot, when the robot reports the node as ready; nodes disturbed meanwhile,
 # except by foreign frames, are skipped. COB-IDs of active PDOs are checked whenever a value of the drive has changed.
 # Values decoded by the robot from objects wider than 32 bits, which are not feedback of an axis, are compared with the
-# device. Times in ns.
+# device. Times are in ns.
 
 
 _MS: Final = 1_000_000
@@ -52,7 +52,7 @@ _WIDE: Final = 32  # objects above this width are checked only here
 
 
 class _Configured:
-    """One node: its last checked boot, its PDO records, and the values of its wide objects in the last cycles."""
+    """Node with its last checked boot, its PDO records, and the values of its wide objects in the last cycles."""
 
     def __init__(self, name: str, plan: NodePlan) -> None:
         self.name, self.plan = name, plan
@@ -69,7 +69,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Check of node configurations; `report(rule, text)` receives breaches. `sampled` is called as time passes."""
+    """Check of node configurations, periodically by `sampled`; `report(rule, text)` receives the breaches."""
 
     def __init__(
         self,
@@ -129,9 +129,9 @@ class ConfigurationInvariants:
     # -- forbidden values
 
     def _judge_pdos(self, node: _Configured, device: VirtualNode) -> None:
-        """Report a PDO that became active with an invalid COB-ID, other than the one that its EDS gives it.
+        """Report a PDO that became active with an invalid COB-ID other than the COB-ID in its EDS.
 
-        A device starts with what its file says, and such a PDO transfers nothing (CiA 301, table 40).
+        A device starts with the values of its file, and a PDO with such a COB-ID transfers nothing (CiA 301, table 40).
         """
         store = device.store
         if node.version == (store, store.version):
@@ -164,7 +164,7 @@ class ConfigurationInvariants:
                 values.popleft()
 
     def _judge_wide(self, node: _Configured, remote: RemoteNode, now: int) -> None:
-        """Compare the robot's decoded value with those of the object in the last cycles."""
+        """Compare the value decoded by the robot with the values of the object in the last cycles."""
         if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
             return
         for cob_id, position, mapped, observed in node.wide:
@@ -184,7 +184,7 @@ _TRANSMISSION: Final = 2
 
 
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
-    """Whether a drive has the value of a write; values that it need not keep count as kept."""
+    """Whether a drive has the value of a write; True too for a value that the drive need not keep."""
     od = device.od if device.motors is None else device.motors.device
     if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in od:
         return True
@@ -221,9 +221,9 @@ _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireInvariants:
-    """Check of one bus; `report(rule, text)` receives breaches.
+    """Check of one bus; `report(rule, text)` receives the breaches.
 
-    `heard` receives all frames, `sampled` is called periodically.
+    `hear` receives the frames that `wants` selects; `sampled` is called periodically.
     """
 
     def __init__(
@@ -250,7 +250,7 @@ class WireInvariants:
         return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Record a frame."""
+        """Record a frame of SYNC, heartbeat or SDO, and check its time."""
         can_id, length, data = RECORD.unpack(record)
         if label == MASTER:
             if can_id == 0x80:
@@ -273,7 +273,7 @@ class WireInvariants:
             )
 
     def _request(self, node: int, data: bytes, now: int) -> None:
-        """Check an SDO request: it may be sent only after the answer, an abort, or the timeout (CiA 301, 7.2.4)."""
+        """Check that an SDO request follows the previous answer, an abort, or the timeout (CiA 301, 7.2.4)."""
         command = data[0] >> 5 if data else _ABORT
         if command == _ABORT:
             self._waiting.pop(node, None)
@@ -293,7 +293,7 @@ class WireInvariants:
         self._waiting[node] = (now, data)
 
     def _all_recorded_since(self, asked_ns: int) -> bool:
-        """Whether an abort would have been recorded: no frame was lost meanwhile, and the master is the same."""
+        """Whether an abort would have been recorded: no frame was lost meanwhile, and the master was not restarted."""
         return not self._wire.has_wire_faults and asked_ns > max(self._quiet_until, self._last_start)
 
     @property
@@ -315,7 +315,7 @@ class WireInvariants:
             self._report("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:
-        """Return until when the master may be late: it was stalled, restarted, or could not send."""
+        """Return until when the master may be late, because it was stalled, restarted, or could not send."""
         stalled_until = self._robot.host.stalled_until
         if now < stalled_until or self._wire.has_wire_faults:  # or a cable was cut
             self._quiet_until = now + _SECOND

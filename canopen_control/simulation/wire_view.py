@@ -1,6 +1,6 @@
-"""State of each node and of the master as decoded from the bus alone: control and status words, targets, signs of life.
+"""State of the nodes and of the master, decoded from the bus alone: control and status words, targets, heartbeats.
 
-Frames are decoded by the layout of the PDOs in bus.yml, and by requests and answers of SDO. Times in ns.
+Frames are decoded by the PDO mappings in bus.yml; SDO downloads of the controlword are decoded too. Times are in ns.
 """
 
 from __future__ import annotations
@@ -34,14 +34,15 @@ _SHOWN_ENABLED: Final = 0x27  # state bits of OPERATION ENABLED (CiA 402-2)
 
 
 class ObservedNode:
-    """Traffic of a node: `controlword` and `targets` (by object) sent to it, `statusword` from it.
+    """Traffic of a node: `controlword` and `targets` (by object) sent to the node, `statusword` sent by it.
 
-    `timeout_ns` is its maximum silence, 0: unlimited. Times, 0 for never: `told_at` of the last controlword, `alive_at`
-    of the last sign of life, `booted_at` of the last boot-up, `status_at` of the statusword, `fault_at` of the
-    beginning of a fault; `enabled_at` of the first controlword that enables it, `shown_enabled_at` of the last
-    statusword that shows it; `emcy_at` of the last EMCY with an error, `toggled_at` of the last guarding answer with a
-    repeated toggle bit, `limited_at` of the beginning of an active limit. `drive_edges` and `nmt_edges` count pairs of
-    consecutive statuswords (state bits) and NMT states; `recent` has the newest values of each target with their times.
+    `timeout_ns` is the longest silence allowed, 0: unlimited. Times, 0 for never: `told_at` of the last controlword,
+    `alive_at` of the last heartbeat or guarding answer, `booted_at` of the last boot-up, `status_at` of the statusword,
+    `fault_at` of the beginning of a fault; `enabled_at` of the first controlword that enables the drive,
+    `shown_enabled_at` of the last statusword that shows OPERATION ENABLED; `emcy_at` of the last EMCY with an error,
+    `toggled_at` of the last guarding answer with a repeated toggle bit, `limited_at` of the beginning of an active
+    limit. `drive_edges` and `nmt_edges` count pairs of consecutive statuswords (state bits) and NMT states; `recent`
+    contains the newest values of each target with their times.
     """
 
     def __init__(self, plan: NodePlan) -> None:
@@ -58,7 +59,7 @@ class ObservedNode:
         self.nmt_edges: dict[tuple[int, int], int] = {}
 
     def alive(self, state: int, now: int) -> None:
-        """Record a sign of life with an NMT state, 0 for a boot-up."""
+        """Record a heartbeat or guarding answer with an NMT state; 0 is a boot-up."""
         self.alive_at = now
         if self.plan.guard:
             state = self._without_toggle(state, now)
@@ -70,7 +71,7 @@ class ObservedNode:
         self.nmt = state
 
     def _without_toggle(self, answer: int, now: int) -> int:
-        """Check a guarding answer and return its state. The toggle bit is 0 after a boot-up (CiA 301, 7.2.8.3.1)."""
+        """Check the toggle bit of a guarding answer, 0 after a boot-up (CiA 301, 7.2.8.3.1), and return the state."""
         toggle = answer >> 7
         if answer and toggle == self._toggle:
             self.toggled_at = now
@@ -93,7 +94,7 @@ class ObservedNode:
         return self.statusword & _STATE == _SHOWN_ENABLED
 
     def record_written(self, index: int, value: int, now: int) -> None:
-        """Record an object written by the master, of any axis."""
+        """Record a value that the master has written to an object of the node."""
         if index == o.CONTROLWORD:
             self.told_at = now
             if value != self.controlword:
@@ -106,7 +107,7 @@ class ObservedNode:
             self.recent.setdefault(index, deque(maxlen=_KEPT)).append((now, value))
 
     def targets_since(self, index: int, since: int) -> list[int]:
-        """Return the values of a target since a time, the newest last; empty if there is none."""
+        """Return the values of a target that were valid since a time, the newest last; empty if there is none."""
         values: list[int] = []
         for at, value in reversed(self.recent.get(index, ())):
             values.append(value)
@@ -115,7 +116,7 @@ class ObservedNode:
         return values[::-1]
 
     def record_sent(self, index: int, value: int, now: int) -> None:
-        """Record an object sent by the node."""
+        """Record a value that the node has sent; only the statusword is used."""
         if index == o.STATUSWORD:
             if value != self.statusword:
                 self._shows(value, now)
@@ -137,9 +138,9 @@ class ObservedNode:
 
 
 class WireView:
-    """State of one bus: `nodes` by node id.
+    """State of one bus, decoded from its frames; `nodes` contains the nodes by node id.
 
-    `master_at` is the time of the master's last heartbeat, `sync_at` that of the last SYNC.
+    `master_at` is the time of the master's last heartbeat, `sync_at` the time of the last SYNC.
     """
 
     def __init__(self, config: BusConfig) -> None:
@@ -174,7 +175,7 @@ class WireView:
         return any(can_id in identifiers for identifiers in identifier_sets)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Record a frame; foreign frames are received as by the robot."""
+        """Record a frame; foreign frames are recorded too, as the robot also receives them."""
         can_id, length, data = RECORD.unpack(record)
         pdo = self._pdos.get(can_id)
         if pdo is not None:
@@ -208,7 +209,7 @@ class WireView:
 
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
-    """Yield each joint of a drive's first axis, whose words are decoded, with its node in bus.yml."""
+    """Yield each joint of a drive's first axis, whose objects are decoded, with its node in bus.yml."""
     for config in setup.joined.values():
         for joint in (joint_tag for tag in setup.description.hardware for joint_tag in tag.joints):
             node = node_of(config, joint)
@@ -218,7 +219,7 @@ def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
 
 
 def _fields(objects: Iterable[MappedObject]) -> Iterable[tuple[int, int, int, bool]]:
-    """Yield index, position, mask and sign of the mapped objects that are checked."""
+    """Yield index, bit position, mask and sign of the mapped objects that are decoded."""
     at = 0
     for mapped in objects:
         if mapped.index in _JUDGED:
