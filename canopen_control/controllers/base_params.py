@@ -25,20 +25,33 @@ Six = tuple[float, float, float, float, float, float]
 class TwistAxisLimits:
     """Limits of one twist axis, such as `linear.x`; nan means unlimited."""
 
-    max_velocity: float = setting(NAN, low=0.0, nan=True, help="m/s, rad/s forward (left)")
+    max_velocity: float = setting(NAN, low=0.0, nan=True, help="largest velocity forward (m/s) or to the left (rad/s)")
     min_velocity: float = setting(
-        NAN, high=0.0, nan=True, help="backward (right), a negative number; absent: minus `max_velocity`"
+        NAN,
+        high=0.0,
+        nan=True,
+        help="largest velocity backward or to the right, as a negative number; absent: minus `max_velocity`",
     )
-    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="m/s^2, rad/s^2 while gaining speed forward")
+    max_acceleration: float = setting(
+        NAN, low=0.0, nan=True, help="acceleration limit in m/s^2 or rad/s^2 forward or to the left"
+    )
     max_deceleration: float = setting(
-        NAN, high=0.0, nan=True, help="while losing it, a negative number; absent: minus `max_acceleration`"
+        NAN,
+        high=0.0,
+        nan=True,
+        help="deceleration limit of a motion forward or to the left, as a negative number; absent: minus "
+        "`max_acceleration`",
     )
     max_acceleration_reverse: float = setting(
-        NAN, high=0.0, nan=True, help="while gaining speed backward, a negative number"
+        NAN, high=0.0, nan=True, help="acceleration limit backward or to the right, as a negative number"
     )
-    max_deceleration_reverse: float = setting(NAN, low=0.0, nan=True, help="while losing it")
-    max_jerk: float = setting(NAN, low=0.0, nan=True, help="m/s^3, rad/s^3")
-    min_jerk: float = setting(NAN, high=0.0, nan=True, help="a negative number; absent: minus `max_jerk`")
+    max_deceleration_reverse: float = setting(
+        NAN, low=0.0, nan=True, help="deceleration limit of a motion backward or to the right"
+    )
+    max_jerk: float = setting(NAN, low=0.0, nan=True, help="upper jerk limit in m/s^3 or rad/s^3")
+    min_jerk: float = setting(
+        NAN, high=0.0, nan=True, help="lower jerk limit, a negative number; absent: minus `max_jerk`"
+    )
 
     @property
     def freezes(self) -> bool:
@@ -63,11 +76,17 @@ class TwistAxisLimits:
 class BaseParams(CommonParams):
     """Parameters of every wheeled base: odometry frames, their transform, and covariances."""
 
-    odom_frame_id: str = setting("odom", help="parent frame of odometry")
-    base_frame_id: str = setting("base_link", help="child frame of odometry")
-    pose_covariance_diagonal: Six = setting((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="of the odometry's pose")
-    twist_covariance_diagonal: Six = setting((0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="of the odometry's twist")
-    enable_odom_tf: bool = setting(True, help="publishes odom to base as a transform")
+    odom_frame_id: str = setting("odom", help="parent frame of the odometry")
+    base_frame_id: str = setting("base_link", help="child frame of the odometry")
+    pose_covariance_diagonal: Six = setting(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="diagonal of the covariance of the odometry's pose"
+    )
+    twist_covariance_diagonal: Six = setting(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), help="diagonal of the covariance of the odometry's twist"
+    )
+    enable_odom_tf: bool = setting(
+        True, help="whether to publish the transform from the odometry frame to the base frame"
+    )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         """Yield checks as pairs: whether the parameters fail the check, and the error text; here none."""
@@ -91,8 +110,8 @@ P = TypeVar("P", bound=BaseParams)
 class PrefixedParams(BaseParams):
     """Parameters of a base whose frame names may have a prefix."""
 
-    tf_frame_prefix_enable: bool = setting(True, help="whether frame names have a prefix")
-    tf_frame_prefix: str = setting("", help="that prefix; empty: the namespace")
+    tf_frame_prefix_enable: bool = setting(True, help="whether frame names get a prefix")
+    tf_frame_prefix: str = setting("", help="prefix of the frame names; empty: the namespace")
 
     def frame_prefix(self, namespace: str) -> str:
         """Return the prefix of frame names, as `tf_prefix` does; empty if prefixes are disabled."""

@@ -70,14 +70,18 @@ class BatteryFacts:
     """
 
     minimum_voltage: float = setting(
-        math.nan, nan=True, help="V of an empty battery, for the percentage of one that reports none"
+        math.nan,
+        nan=True,
+        help="voltage of the empty battery in V; used to compute a percentage that the battery does not report",
     )
-    maximum_voltage: float = setting(math.nan, nan=True, help="V of a full one")
-    capacity: float = setting(math.nan, nan=True, help="Ah, when it was full last")
-    design_capacity: float = setting(math.nan, nan=True, help="Ah of a new battery")
-    power_supply_technology: int = setting(0, low=0, high=8, help="its chemistry, a number of sensor_msgs/BatteryState")
-    location: str = setting("", help="where it is, such as a slot")
-    serial_number: str = setting("", help="its serial number")
+    maximum_voltage: float = setting(math.nan, nan=True, help="voltage of the full battery in V")
+    capacity: float = setting(math.nan, nan=True, help="capacity in Ah at the last full charge")
+    design_capacity: float = setting(math.nan, nan=True, help="capacity in Ah of the new battery")
+    power_supply_technology: int = setting(
+        0, low=0, high=8, help="chemistry of the battery, a number of sensor_msgs/BatteryState"
+    )
+    location: str = setting("", help="location of the battery, such as a slot")
+    serial_number: str = setting("", help="serial number of the battery")
 
 
 @dataclass(frozen=True)
@@ -89,19 +93,19 @@ class BatteryParams(CommonParams):
     """
 
     batteries: tuple[str, ...] = setting(
-        (), help="names of <sensor>, <gpio> or <joint> parts, each with `battery_voltage` at least"
+        (), help="names of <sensor>, <gpio> or <joint> parts that have at least `battery_voltage`"
     )
     interfaces: dict[str, bool] = setting(
         key="interfaces",
         section=True,
         factory=dict,
-        help="`.BATTERY.battery_temperature` and so on, true: that state interface is read too "
-        "(`battery_current`, `battery_charge`, `battery_percentage`, `battery_power_supply_status`, "
-        "`..._health`, `battery_present`)",
+        help="`.BATTERY.battery_temperature` and so on; true: also read that state interface (`battery_current`, "
+        "`battery_charge`, `battery_percentage`, `battery_power_supply_status`, `..._health`, "
+        "`battery_present`)",
     )
-    sensor_name: str = setting("", help="one battery alone, of which `voltage` is read (deprecated)")
-    design_capacity: float = setting(math.nan, nan=True, help="Ah, of that one")
-    power_supply_technology: int = setting(0, low=0, high=8, help="of that one")
+    sensor_name: str = setting("", help="name of a single battery, whose `voltage` is read (deprecated)")
+    design_capacity: float = setting(math.nan, nan=True, help="capacity in Ah of the battery in `sensor_name`")
+    power_supply_technology: int = setting(0, low=0, high=8, help="chemistry of the battery in `sensor_name`")
     own: tuple[BatteryFacts, ...] = derived(())
 
     @property
@@ -180,10 +184,8 @@ _COVARIANCE: Final = 9
 class SensorParams(CommonParams):
     """Common parameters of sensor broadcasters: the <sensor> of the description, and the frame of its values."""
 
-    sensor_name: str = setting(
-        "", help="a <sensor> of the description, whose interfaces have the names of ros2_control"
-    )
-    frame_id: str = setting("", help="frame of the headers")
+    sensor_name: str = setting("", help="<sensor> of the description whose interfaces have the names of ros2_control")
+    frame_id: str = setting("", help="frame id of the message headers")
 
     def mistakes(self) -> Iterator[str]:
         """Yield an error text for each invalid parameter."""
@@ -205,13 +207,15 @@ class ImuParams(SensorParams):
     """
 
     static_covariance_orientation: tuple[float, ...] = setting(
-        _UNKNOWN, help="nine numbers, row by row about x, y, z; all 0: not known"
+        _UNKNOWN, help="covariance of the orientation: nine numbers, row by row about x, y, z; all 0: unknown"
     )
     static_covariance_angular_velocity: tuple[float, ...] = setting(
-        _UNKNOWN, help="the same of the angular velocity; -1 first: it is not measured"
+        _UNKNOWN,
+        help="covariance of the angular velocity: nine numbers, row by row about x, y, z; first number -1: not "
+        "measured",
     )
     static_covariance_linear_acceleration: tuple[float, ...] = setting(
-        _UNKNOWN, help="the same of the linear acceleration"
+        _UNKNOWN, help="covariance of the linear acceleration: nine numbers, row by row about x, y, z"
     )
 
     def mistakes(self) -> Iterator[str]:
@@ -227,11 +231,13 @@ class ImuParams(SensorParams):
 class RangeParams(SensorParams):
     """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster, in rad and m; the variance is in m^2."""
 
-    radiation_type: int = setting(0, low=0, high=1, help="0 ultrasound, 1 infrared")
-    field_of_view: float = setting(0.52, low=0.0, high=2 * math.pi, help="rad, the arc for which the distance holds")
-    min_range: float = setting(0.52, help="m, the least distance that is measured")
-    max_range: float = setting(4.0, help="m, the largest")
-    variance: float = setting(0.0, low=0.0, high=1e9, help="m^2; 0: not known")
+    radiation_type: int = setting(0, low=0, high=1, help="0: ultrasound, 1: infrared")
+    field_of_view: float = setting(
+        0.52, low=0.0, high=2 * math.pi, help="angle in rad within which objects are measured"
+    )
+    min_range: float = setting(0.52, help="smallest measured distance in m")
+    max_range: float = setting(4.0, help="largest measured distance in m")
+    variance: float = setting(0.0, low=0.0, high=1e9, help="variance of the distance in m^2; 0: unknown")
 
 
 @dataclass(frozen=True)
@@ -246,13 +252,19 @@ class ForceTorqueParams(SensorParams):
         key="interface_names",
         section=True,
         factory=dict,
-        help="`.force.x` to `.torque.z`: state interfaces by their full names, instead of `sensor_name`",
+        help="`.force.x` to `.torque.z`: full names of state interfaces, instead of `sensor_name`",
     )
     offset: dict[str, float] = setting(
-        key="offset", section=True, factory=dict, help="`.force.x` to `.torque.z`: N or Nm that are added"
+        key="offset",
+        section=True,
+        factory=dict,
+        help="`.force.x` to `.torque.z`: offset in N or Nm, added to the value",
     )
     multiplier: dict[str, float] = setting(
-        key="multiplier", section=True, factory=dict, help="`.force.x` to `.torque.z`: factor after that; absent: 1.0"
+        key="multiplier",
+        section=True,
+        factory=dict,
+        help="`.force.x` to `.torque.z`: factor, applied after the offset; absent: 1.0",
     )
 
     @property
@@ -285,9 +297,9 @@ class ForceTorqueParams(SensorParams):
 class PoseTransform:
     """Parameters of the transform that a pose broadcaster publishes: an enable flag and the child frame."""
 
-    enable: bool = setting(True, help="whether the pose is a transform in `/tf` too")
-    child_frame_id: str = setting("", help="the frame that is there; empty: `pose_name`")
-    publish_rate: float = setting(0.0, low=0.0, help="has no effect: there is a transform at every update")
+    enable: bool = setting(True, help="whether to publish the pose as a transform on `/tf` too")
+    child_frame_id: str = setting("", help="child frame of the transform; empty: `pose_name`")
+    publish_rate: float = setting(0.0, low=0.0, help="has no effect: the transform is published at every update")
 
 
 @dataclass(frozen=True)
@@ -297,13 +309,13 @@ class PoseParams(CommonParams):
     The state interfaces are those of `pose_name`, or are named singly by `interface_names`.
     """
 
-    frame_id: str = setting("", help="frame of the pose")
-    pose_name: str = setting("", help="a <sensor> of the description with `position.x` to `orientation.w`")
+    frame_id: str = setting("", help="frame in which the pose is given")
+    pose_name: str = setting("", help="<sensor> of the description with `position.x` to `orientation.w`")
     interface_names: dict[str, str] = setting(
         key="interface_names",
         section=True,
         factory=dict,
-        help="`.position.x` to `.orientation.w`: state interfaces by their full names, instead of it",
+        help="`.position.x` to `.orientation.w`: full names of state interfaces, instead of `pose_name`",
     )
     tf: PoseTransform = setting(PoseTransform(), key="tf", section=True)
 
@@ -621,9 +633,13 @@ class StateParams(CommonParams):
     An empty `joints` selects all joints, an empty `interfaces` the default interfaces of the broadcaster.
     """
 
-    joints: tuple[str, ...] = setting((), help="only these joints; empty: all")
-    interfaces: tuple[str, ...] = setting((), help="only these interfaces; empty: all that the broadcaster is about")
-    stale_after: float = setting(0.5, low=0.001, help="s without news after which a joint is STALE")
+    joints: tuple[str, ...] = setting((), help="publish only these joints; empty: all")
+    interfaces: tuple[str, ...] = setting(
+        (), help="publish only these interfaces; empty: the default interfaces of the broadcaster"
+    )
+    stale_after: float = setting(
+        0.5, low=0.001, help="time in s without new values after which a joint is reported as STALE"
+    )
 
 
 class _StateBroadcaster(Controller):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 class DeviceParams(CommonParams):
     """Parameters of both controllers: `joint` is a joint of the node, or the name of a node without joints."""
 
-    joint: str = setting("", help="a joint that a node drives, or the name of a node that drives none")
+    joint: str = setting("", help="a joint driven by a node, or the name of a node without joints")
 
 
 class CanopenProxyController(Controller):

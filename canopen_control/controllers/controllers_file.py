@@ -89,21 +89,27 @@ class ManagerParams:
         "cpu_affinity": "run --cpu sets it",
     }
 
-    update_rate: int = setting(100, low=1, high=10_000, help="Hz of the controllers, at most that of the cycle")
-    use_sim_time: bool = setting(False, help="for simulated robots; elsewhere it is reported to have no effect")
-    enforce_command_limits: bool = setting(False, help="whether commands are kept within the limits of the description")
-    handle_exceptions: bool = setting(True, help="has no effect: an exception of a controller never ends the cycle")
-    lock_memory: bool = setting(False, help="has no effect: `run --realtime` locks it")
-    thread_priority: int = setting(50, help="has no effect here: `run --realtime` sets that of the cycle")
-    cpu_affinity: Any = setting(None, help="has no effect: `run --cpu` sets it")
-    robot_description: str = setting("", help="what the file gives; the description is that of the robot's folder")
+    update_rate: int = setting(
+        100, low=1, high=10_000, help="update rate of the controllers in Hz, at most the rate of the cycle"
+    )
+    use_sim_time: bool = setting(
+        False, help="only for simulated robots; otherwise a warning says that the parameter has no effect"
+    )
+    enforce_command_limits: bool = setting(False, help="whether to keep commands within the limits of the description")
+    handle_exceptions: bool = setting(True, help="has no effect: an exception in a controller never ends the cycle")
+    lock_memory: bool = setting(False, help="has no effect: `run --realtime` locks the memory")
+    thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the cycle")
+    cpu_affinity: Any = setting(None, help="has no effect: `run --cpu` sets the CPU")
+    robot_description: str = setting("", help="has no effect: the description comes from the robot folder")
     unconfigured: tuple[str, ...] = setting(
-        (), key="hardware_components_initial_state.unconfigured", help="hardware that is left unconfigured at the start"
+        (),
+        key="hardware_components_initial_state.unconfigured",
+        help="hardware components that stay unconfigured at the start",
     )
     inactive: tuple[str, ...] = setting(
         (),
         key="hardware_components_initial_state.inactive",
-        help="hardware that is configured at the start and not activated",
+        help="hardware components that are configured at the start, but not activated",
     )
 
 

@@ -29,9 +29,9 @@ NAN: Final = math.nan
 class SwitchedLimits(TwistAxisLimits):
     """Limits of `linear.x` or `angular.z`; nan means unlimited, as does a false `has_*_limits` for its group."""
 
-    has_velocity_limits: bool = setting(True, help="false: the velocity limits do not count")
-    has_acceleration_limits: bool = setting(True, help="false: the acceleration limits do not count")
-    has_jerk_limits: bool = setting(True, help="false: the jerk limits do not count")
+    has_velocity_limits: bool = setting(True, help="whether to apply the velocity limits")
+    has_acceleration_limits: bool = setting(True, help="whether to apply the acceleration limits")
+    has_jerk_limits: bool = setting(True, help="whether to apply the jerk limits")
 
     @property
     def freezes(self) -> bool:
@@ -59,23 +59,29 @@ class DiffDriveParams(PrefixedParams):
     """Parameters of diff_drive_controller/DiffDriveController, in units of m, s, Hz and rad."""
 
     left_wheel_names: tuple[str, ...] | str = setting((), help="joints of the left wheels, a name or a list")
-    right_wheel_names: tuple[str, ...] | str = setting((), help="joints of the right wheels, as many")
+    right_wheel_names: tuple[str, ...] | str = setting((), help="joints of the right wheels, as many as on the left")
     wheel_separation: float = setting(
-        0.0, low=0.0, help="m between the wheels of both sides; absent: the description's"
+        0.0, low=0.0, help="distance in m between left and right wheels; absent: taken from the description"
     )
-    wheel_radius: float = setting(0.0, low=0.0, help="m; absent: the description's")
-    wheel_separation_multiplier: float = setting(1.0, help="calibration, a factor")
-    left_wheel_radius_multiplier: float = setting(1.0, help="calibration, a factor")
-    right_wheel_radius_multiplier: float = setting(1.0, help="calibration, a factor")
-    wheel_radius_multiplier: float = setting(NAN, help="both sides at once (noetic)")
-    open_loop: bool = setting(False, help="odometry from the commands instead of the wheels")
-    position_feedback: bool = setting(True, help="odometry from positions, else from velocities of the wheels")
-    cmd_vel_timeout: float = setting(0.5, low=0.0, high=1e9, help="s after which a twist ends; 0: never")
-    publish_limited_velocity: bool = setting(False, help="publishes what the limits left of a twist, on `cmd_vel_out`")
+    wheel_radius: float = setting(0.0, low=0.0, help="radius of the wheels in m; absent: taken from the description")
+    wheel_separation_multiplier: float = setting(1.0, help="calibration factor of `wheel_separation`")
+    left_wheel_radius_multiplier: float = setting(1.0, help="calibration factor of the radius of the left wheels")
+    right_wheel_radius_multiplier: float = setting(1.0, help="calibration factor of the radius of the right wheels")
+    wheel_radius_multiplier: float = setting(NAN, help="calibration factor of the radius on both sides (noetic)")
+    open_loop: bool = setting(
+        False, help="whether to compute the odometry from the commands instead of the feedback of the wheels"
+    )
+    position_feedback: bool = setting(
+        True, help="true: compute the odometry from wheel positions; false: from wheel velocities"
+    )
+    cmd_vel_timeout: float = setting(
+        0.5, low=0.0, high=1e9, help="time in s after which a twist command expires; 0: never"
+    )
+    publish_limited_velocity: bool = setting(False, help="whether to publish the limited twist on `cmd_vel_out`")
     velocity_rolling_window_size: int = setting(
-        10, low=1, high=100_000, help="samples over which the odometry's velocity is averaged"
+        10, low=1, high=100_000, help="number of samples over which the velocity of the odometry is averaged"
     )
-    publish_rate: float = setting(50.0, low=0.001, help="Hz of odometry and transform")
+    publish_rate: float = setting(50.0, low=0.001, help="rate in Hz of the odometry and the transform")
     linear: SwitchedLimits = setting(SwitchedLimits(), key="linear.x", section=True)
     angular: SwitchedLimits = setting(SwitchedLimits(), key="angular.z", section=True)
 

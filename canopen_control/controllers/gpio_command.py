@@ -51,29 +51,30 @@ class GpioParams(CommonParams):
         key="command_interfaces",
         section=True,
         factory=dict,
-        help="`.GPIO.interfaces`: the command interfaces, its outputs; none: it only reports",
+        help="`.GPIO.interfaces`: command interfaces, which are the outputs; none: the controller only publishes "
+        "states",
     )
     state_interfaces: dict[str, tuple[str, ...]] = setting(
         key="state_interfaces",
         section=True,
         factory=dict,
-        help="`.GPIO.interfaces`: the published state interfaces; none: every one of that gpio",
+        help="`.GPIO.interfaces`: state interfaces to publish; none: all state interfaces of the GPIO",
     )
     safe_values: dict[str, float] = setting(
         key="safe_values",
         section=True,
         factory=dict,
-        help="`.GPIO.INTERFACE`: where the output goes when commands end; absent: 0.0",
+        help="`.GPIO.INTERFACE`: value that the output gets when commands expire; absent: 0.0",
     )
     kept_outputs: tuple[str, ...] = setting(
-        (), help="`GPIO/INTERFACE`: outputs that stay as they are when commands end"
+        (), help="`GPIO/INTERFACE`: outputs that keep their value when commands expire"
     )
     command_timeout: float | None = setting(
         None,
         low=0.0,
         high=1e9,
-        help="s after which a command ends; absent or 0: never (2 for interfaces named velocity, effort or "
-        "acceleration)",
+        help="time in s after which a command expires; absent: 2 for interfaces named velocity, effort or "
+        "acceleration, else never; 0: never",
     )
 
     @property

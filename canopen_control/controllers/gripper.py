@@ -46,21 +46,35 @@ P = TypeVar("P", bound="GripperParams")
 class GripperParams(CommonParams):
     """Parameters of position_controllers/GripperActionController, in units of rad or m, Nm or N, and s."""
 
-    joint: str = setting("", help="the joint of the gripper")
-    action_monitor_rate: float = setting(20.0, low=0.1, help="Hz of feedback to the action's client")
-    goal_tolerance: float = setting(0.01, low=0.0, help="rad or m within which the goal is reached")
-    max_effort: float = setting(0.0, low=0.0, help="Nm or N of a goal that gives none, or 0")
-    allow_stalling: bool = setting(False, help="a gripper that moves no more has succeeded, and goes on gripping")
-    stall_velocity_threshold: float = setting(0.001, low=0.0, help="rad/s or m/s; what is no faster does not move")
-    stall_timeout: float = setting(1.0, low=0.0, high=1e6, help="s without motion after which it has stalled")
+    joint: str = setting("", help="joint of the gripper")
+    action_monitor_rate: float = setting(20.0, low=0.1, help="rate in Hz of the feedback to the action client")
+    goal_tolerance: float = setting(
+        0.01, low=0.0, help="distance to the goal in rad or m within which the goal is reached"
+    )
+    max_effort: float = setting(0.0, low=0.0, help="effort limit in Nm or N for goals that have none, or 0")
+    allow_stalling: bool = setting(
+        False, help="true: a goal succeeds when the gripper stalls, and the gripper keeps its grip"
+    )
+    stall_velocity_threshold: float = setting(
+        0.001, low=0.0, help="speed in rad/s or m/s up to which the gripper counts as standing still"
+    )
+    stall_timeout: float = setting(
+        1.0, low=0.0, high=1e6, help="time in s without motion after which the gripper counts as stalled"
+    )
     state_interfaces: tuple[str, ...] = setting(
-        (POSITION, VELOCITY), help="what is read of the joint; `effort` for the result's effort"
+        (POSITION, VELOCITY), help="state interfaces of the joint; `effort` adds the effort to the result of a goal"
     )
     max_effort_interface: str = setting(
-        "", help="the command interface that limits the effort, by its full name; empty: none"
+        "", help="full name of the command interface that limits the effort; empty: none"
     )
-    max_velocity_interface: str = setting("", help="the one that limits the velocity")
-    max_velocity: float = setting(0.1, low=0.0, help="rad/s or m/s of a goal that gives none, or 0, for that interface")
+    max_velocity_interface: str = setting(
+        "", help="full name of the command interface that limits the velocity; empty: none"
+    )
+    max_velocity: float = setting(
+        0.1,
+        low=0.0,
+        help="velocity limit in rad/s or m/s for goals that have none, or 0; used by `max_velocity_interface`",
+    )
 
     @property
     def limits(self) -> list[str]:

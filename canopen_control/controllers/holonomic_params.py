@@ -20,18 +20,31 @@ _NONE: Final[Six] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class OmniParams(PrefixedParams):
     """Parameters of omni_wheel_drive_controller/OmniWheelDriveController, in units of m, s and rad."""
 
-    pose_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.pose", help="of the odometry's pose")
-    twist_covariance_diagonal: Six = setting(_NONE, key="diagonal_covariance.twist", help="of the odometry's twist")
-    wheel_names: tuple[str, ...] = setting(
-        (), help="joints of the wheels, three or more, around the base against the clock"
+    pose_covariance_diagonal: Six = setting(
+        _NONE, key="diagonal_covariance.pose", help="diagonal of the covariance of the odometry's pose"
     )
-    wheel_offset: float | None = setting(None, help="rad from straight ahead to the first wheel, seen from the middle")
-    robot_radius: float = setting(0.0, low=0.0, help="m from the middle to a wheel")
-    wheel_radius: float = setting(0.0, low=0.0, help="m")
-    open_loop: bool = setting(False, help="odometry from the commands instead of the wheels")
-    position_feedback: bool = setting(True, help="odometry from positions, else from velocities of the wheels")
+    twist_covariance_diagonal: Six = setting(
+        _NONE, key="diagonal_covariance.twist", help="diagonal of the covariance of the odometry's twist"
+    )
+    wheel_names: tuple[str, ...] = setting(
+        (), help="joints of the wheels, at least three, counterclockwise around the base"
+    )
+    wheel_offset: float | None = setting(
+        None, help="angle in rad from straight ahead to the first wheel, seen from the centre of the base"
+    )
+    robot_radius: float = setting(0.0, low=0.0, help="distance in m from the centre of the base to a wheel")
+    wheel_radius: float = setting(0.0, low=0.0, help="radius of the wheels in m")
+    open_loop: bool = setting(
+        False, help="whether to compute the odometry from the commands instead of the feedback of the wheels"
+    )
+    position_feedback: bool = setting(
+        True, help="true: compute the odometry from wheel positions; false: from wheel velocities"
+    )
     cmd_vel_timeout: float = setting(
-        0.5, low=0.0, high=1e9, help="s after which a twist ends; 0: it counts for one update"
+        0.5,
+        low=0.0,
+        high=1e9,
+        help="time in s after which a twist command expires; 0: a command is used for one update",
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
@@ -67,25 +80,44 @@ class MecanumParams(PrefixedParams):
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
     reference_timeout: float = setting(
-        0.0, low=0.0, high=1e9, help="s after which a twist ends; 0: it counts for one update"
+        0.0,
+        low=0.0,
+        high=1e9,
+        help="time in s after which a twist command expires; 0: a command is used for one update",
     )
-    front_left_wheel_command_joint_name: str = setting("", help="joint of this wheel")
-    front_right_wheel_command_joint_name: str = setting("", help="joint of this wheel")
-    rear_right_wheel_command_joint_name: str = setting("", help="joint of this wheel")
-    rear_left_wheel_command_joint_name: str = setting("", help="joint of this wheel")
-    front_left_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
-    front_right_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
-    rear_right_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
-    rear_left_wheel_state_joint_name: str = setting("", help="joint where it is measured; empty: the same")
+    front_left_wheel_command_joint_name: str = setting("", help="command joint of the front left wheel")
+    front_right_wheel_command_joint_name: str = setting("", help="command joint of the front right wheel")
+    rear_right_wheel_command_joint_name: str = setting("", help="command joint of the rear right wheel")
+    rear_left_wheel_command_joint_name: str = setting("", help="command joint of the rear left wheel")
+    front_left_wheel_state_joint_name: str = setting(
+        "", help="joint with the feedback of the front left wheel; empty: the command joint"
+    )
+    front_right_wheel_state_joint_name: str = setting(
+        "", help="joint with the feedback of the front right wheel; empty: the command joint"
+    )
+    rear_right_wheel_state_joint_name: str = setting(
+        "", help="joint with the feedback of the rear right wheel; empty: the command joint"
+    )
+    rear_left_wheel_state_joint_name: str = setting(
+        "", help="joint with the feedback of the rear left wheel; empty: the command joint"
+    )
     offset_x: float = setting(
-        0.0, key="kinematics.base_frame_offset.x", help="m from the middle of the wheels to the frame of the base"
+        0.0,
+        key="kinematics.base_frame_offset.x",
+        help="distance in m forward from the centre of the wheels to the base frame",
     )
-    offset_y: float = setting(0.0, key="kinematics.base_frame_offset.y", help="the same to the left")
+    offset_y: float = setting(
+        0.0,
+        key="kinematics.base_frame_offset.y",
+        help="distance in m to the left from the centre of the wheels to the base frame",
+    )
     offset_angle: float = setting(
-        0.0, key="kinematics.base_frame_offset.theta", help="rad by which that frame is turned"
+        0.0, key="kinematics.base_frame_offset.theta", help="rotation of the base frame in rad, relative to the wheels"
     )
-    radius: float = setting(0.0, key=_RADIUS, low=0.0, help="m")
-    reach: float = setting(0.0, key=_REACH, low=0.0, help="m from the middle to a wheel along x and y, added")
+    radius: float = setting(0.0, key=_RADIUS, low=0.0, help="radius of the wheels in m")
+    reach: float = setting(
+        0.0, key=_REACH, low=0.0, help="distance in m from the centre to a wheel along x, plus that along y"
+    )
     linear_x: TwistAxisLimits = setting(TwistAxisLimits(), key="linear.x", section=True)
     linear_y: TwistAxisLimits = setting(TwistAxisLimits(), key="linear.y", section=True)
     angular_z: TwistAxisLimits = setting(TwistAxisLimits(), key="angular.z", section=True)

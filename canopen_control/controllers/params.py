@@ -187,15 +187,15 @@ class CommonParams:
         "thread_priority": "all controllers run in the cycle; run --realtime sets the priority of its thread",
     }
 
-    type: str = setting("", help="the type of the controller; it may stand in the controller manager's block instead")
-    update_rate: int = setting(0, low=0, help="Hz; 0: the controller manager's")
+    type: str = setting("", help="type of the controller; may be given in the controller manager's block instead")
+    update_rate: int = setting(0, low=0, help="update rate in Hz; 0: the rate of the controller manager")
     use_sim_time: bool = setting(
         False,
-        help="for simulated robots, which publish /clock; elsewhere it is reported to have no effect: stamps that "
-        "follow a `/clock` are the bridge's `use_sim_time`",
+        help="only for simulated robots, which publish /clock; otherwise a warning says that the parameter has no "
+        "effect. To stamp messages with the time of `/clock`, set `use_sim_time` of the bridge",
     )
-    is_async: bool = setting(False, help="has no effect: all controllers run in the cycle")
-    thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the cycle")
+    is_async: bool = setting(False, help="has no effect: all controllers run in the control cycle")
+    thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the control cycle")
 
 
 # Parameters of the forward command controllers and the joint state broadcaster, and gains of PID loops.
@@ -205,7 +205,7 @@ class CommonParams:
 
 _MAP: Final = "map_interface_to_joint_state."
 COMMAND_TIMEOUT_HELP: Final = (
-    "s after which a command ends; absent: 2 for velocities and efforts, none for positions; 0: never"
+    "time in s after which a command expires; absent: 2 for velocities and efforts, never for positions; 0: never"
 )
 
 
@@ -213,7 +213,7 @@ COMMAND_TIMEOUT_HELP: Final = (
 class GroupParams(CommonParams):
     """Parameters of the group controllers; `command_timeout` is in s, see the module of this name for default and 0."""
 
-    joints: tuple[str, ...] = setting((), help="the joints, in the order of a command's values")
+    joints: tuple[str, ...] = setting((), help="joints, in the order of the values of a command")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
 
 
@@ -221,14 +221,14 @@ class GroupParams(CommonParams):
 class ForwardParams(GroupParams):
     """Parameters of forward_command_controller/ForwardCommandController."""
 
-    interface_name: str = setting("", help="the command interface: position, velocity or effort")
+    interface_name: str = setting("", help="command interface: position, velocity or effort")
 
 
 @dataclass(frozen=True)
 class SingleParams(CommonParams):
     """Parameters of the ROS 1 controllers of one joint; their `pid` is ignored, because drives have their own loops."""
 
-    joint: str = setting("", help="the joint")
+    joint: str = setting("", help="name of the joint")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
 
 
@@ -236,8 +236,10 @@ class SingleParams(CommonParams):
 class MultiParams(CommonParams):
     """Parameters of forward_command_controller/MultiInterfaceForwardCommandController."""
 
-    joint: str = setting("", help="the joint")
-    interface_names: tuple[str, ...] = setting((), help="its command interfaces, in the order of a command's values")
+    joint: str = setting("", help="name of the joint")
+    interface_names: tuple[str, ...] = setting(
+        (), help="command interfaces of the joint, in the order of the values of a command"
+    )
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
 
 
@@ -245,17 +247,19 @@ class MultiParams(CommonParams):
 class BroadcasterParams(CommonParams):
     """Parameters of joint_state_broadcaster/JointStateBroadcaster."""
 
-    joints: tuple[str, ...] = setting((), help="with `interfaces`: only these joints")
-    interfaces: tuple[str, ...] = setting((), help="with `joints`: only these interfaces")
-    extra_joints: tuple[str, ...] = setting((), help="joints that nothing measures, published as 0.0")
-    position: str = setting(POSITION, key=_MAP + POSITION, help="the interface that is published as position")
-    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY, help="the interface that is published as velocity")
-    effort: str = setting(EFFORT, key=_MAP + EFFORT, help="the interface that is published as effort")
-    use_local_topics: bool = setting(False, help="publishes below its own name")
-    use_urdf_to_filter: bool = setting(True, help="only joints that the description moves, in alphabetical order")
-    frame_id: str = setting("base_link", help="frame of the headers")
+    joints: tuple[str, ...] = setting((), help="publish only these joints; needs `interfaces`")
+    interfaces: tuple[str, ...] = setting((), help="publish only these interfaces; needs `joints`")
+    extra_joints: tuple[str, ...] = setting((), help="joints without feedback, published as 0.0")
+    position: str = setting(POSITION, key=_MAP + POSITION, help="state interface that is published as position")
+    velocity: str = setting(VELOCITY, key=_MAP + VELOCITY, help="state interface that is published as velocity")
+    effort: str = setting(EFFORT, key=_MAP + EFFORT, help="state interface that is published as effort")
+    use_local_topics: bool = setting(False, help="whether to publish below the name of the broadcaster")
+    use_urdf_to_filter: bool = setting(
+        True, help="whether to publish only the movable joints of the description, in alphabetical order"
+    )
+    frame_id: str = setting("base_link", help="frame id of the message headers")
     publish_dynamic_joint_states: bool = setting(
-        True, help="publishes every state interface on `dynamic_joint_states` too"
+        True, help="whether to publish every state interface on `dynamic_joint_states` too"
     )
 
 
@@ -277,10 +281,12 @@ class LoopGains:
     antiwindup_strategy: str = setting(
         "legacy",
         choices=tuple(strategy.value for strategy in AntiWindup),
-        help="what the integral does at a limit of the output",
+        help="anti-windup strategy: what the integral does while the output is at a limit",
     )
-    tracking_time_constant: float = setting(0.0, help="s of back_calculation; 0: from the gains")
-    error_deadband: float = setting(0.0, help="an error that is not integrated")
+    tracking_time_constant: float = setting(
+        0.0, help="time constant of back_calculation in s; 0: derived from the gains"
+    )
+    error_deadband: float = setting(0.0, help="largest error that is not integrated")
 
     def __post_init__(self) -> None:
         for key, value in (("p", self.p), ("i", self.i), ("d", self.d)):

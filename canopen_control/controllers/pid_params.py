@@ -20,12 +20,14 @@ class DofGains(LoopGains):
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains all of it"}
 
-    antiwindup: bool = setting(False, help="with the strategy legacy: the integral itself is limited (deprecated)")
-    error_deadband: float = setting(1e-16, help="an error that is not integrated")
-    feedforward_gain: float = setting(0.0, help="factor of what leads")
-    angle_wraparound: bool = setting(False, help="the error of a joint without end is the short way round")
-    save_i_term: bool = setting(True, help="the integral outlives a deactivation")
-    activate_state_publisher: bool = setting(False, help="has no effect: `~/controller_state` contains all of it")
+    antiwindup: bool = setting(False, help="whether the strategy `legacy` limits the integral itself (deprecated)")
+    error_deadband: float = setting(1e-16, help="largest error that is not integrated")
+    feedforward_gain: float = setting(0.0, help="factor of the feed-forward")
+    angle_wraparound: bool = setting(
+        False, help="whether to use the shortest way round as the error of a continuous joint"
+    )
+    save_i_term: bool = setting(True, help="whether to keep the integral when the controller is deactivated")
+    activate_state_publisher: bool = setting(False, help="has no effect: `~/controller_state` contains the whole state")
 
     @property
     def clamps_integral(self) -> bool:
@@ -41,28 +43,30 @@ class PidParams(CommonParams):
     the states are received as messages, and are valid for `measured_state_timeout` in s.
     """
 
-    dof_names: tuple[str, ...] = setting((), help="the joints that are commanded")
+    dof_names: tuple[str, ...] = setting((), help="joints that receive the commands")
     reference_and_state_dof_names: tuple[str, ...] = setting(
-        (), help="their names in references and states, where those differ"
+        (), help="names of the joints in references and states, if they differ from `dof_names`"
     )
-    command_interface: str = setting("", help="velocity, acceleration or effort: what the loops command")
+    command_interface: str = setting("", help="command interface of the loops: velocity, acceleration or effort")
     reference_and_state_interfaces: tuple[str, ...] = setting(
-        (), help="what is controlled, and its derivative: [position, velocity]"
+        (), help="controlled quantity and its derivative, as in [position, velocity]"
     )
     set_current_state_as_first_setpoint: bool = setting(
-        True, help="begins by keeping the joints where they are, else with targets of 0"
+        True, help="true: the first references keep the joints where they are; false: they are 0"
     )
     use_external_measured_states: bool = setting(
-        False, help="states come on `~/measured_state`, and not by the interfaces"
+        False, help="whether to receive the states on `~/measured_state` instead of from the state interfaces"
     )
     measured_state_timeout: float = setting(
         0.2,
         low=0.001,
         high=60.0,
-        help="s; without a measured state for so long targets are 0, and references are forgotten",
+        help="time in s without a measured state after which targets become 0 and references are discarded",
     )
     enable_feedforward: bool = setting(
-        False, help="the reference leads by `feedforward_gain`, its derivative where that is given"
+        False,
+        help="whether to add `feedforward_gain` times the derivative of the reference, or times the reference if "
+        "no derivative is given",
     )
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
     gains: tuple[DofGains, ...] = derived(())

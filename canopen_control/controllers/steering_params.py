@@ -41,31 +41,37 @@ class SteeringParams(BaseParams):
     pose_covariance_diagonal: Six = _COVARIANCE
     twist_covariance_diagonal: Six = _COVARIANCE
     reference_timeout: float = setting(
-        1.0, low=0.0, high=1e9, help="s after which a twist ends; 0: it counts for one update"
+        1.0,
+        low=0.0,
+        high=1e9,
+        help="time in s after which a twist command expires; 0: a command is used for one update",
     )
-    traction_joints_names: tuple[str, ...] = setting((), help="joints that drive, from right to left")
-    steering_joints_names: tuple[str, ...] = setting((), help="joints that steer, from right to left")
+    traction_joints_names: tuple[str, ...] = setting((), help="joints of the driven wheels, from right to left")
+    steering_joints_names: tuple[str, ...] = setting((), help="joints of the steered wheels, from right to left")
     traction_joints_state_names: tuple[str, ...] = setting(
-        (), help="joints where traction is measured; empty: the same"
+        (), help="joints with the feedback of the driven wheels; empty: `traction_joints_names`"
     )
     steering_joints_state_names: tuple[str, ...] = setting(
-        (), help="joints where steering is measured; empty: the same"
+        (), help="joints with the feedback of the steered wheels; empty: `steering_joints_names`"
     )
     open_loop: bool = setting(
-        False, help="odometry and the speeds of the wheels from the desired curve instead of the measured one"
+        False,
+        help="whether to compute odometry and wheel speeds from the commanded curve instead of the measured curve",
     )
     reduce_wheel_speed_until_steering_reached: bool = setting(
-        False, help="drives slowly while the steering is 30 degrees or more off"
+        False, help="whether to drive slowly while a steering angle is off by 30 degrees or more"
     )
     position_feedback: bool = setting(
-        False, help="odometry from positions, else from velocities of the traction wheels"
+        False, help="true: compute the odometry from the positions of the driven wheels; false: from their velocities"
     )
     velocity_rolling_window_size: int = setting(
-        10, low=1, high=100_000, help="steps over which the odometry's velocity is averaged"
+        10, low=1, high=100_000, help="number of updates over which the velocity of the odometry is averaged"
     )
-    wheelbase: float = setting(0.0, low=0.0, help="m between the axles")
+    wheelbase: float = setting(0.0, low=0.0, help="distance between the axles in m")
     front_steering: bool = setting(
-        True, help="which wheels names by front and rear mean (deprecated, as are those names)"
+        True,
+        help="whether the front wheels steer, for the old parameter names with front and rear (deprecated, as are "
+        "those names)",
     )
 
     @property
@@ -121,7 +127,7 @@ class BicycleParams(SteeringParams):
     kinematics: ClassVar[type[SteeringKinematics]] = BicycleKinematics
     radius_key: ClassVar[str] = "traction_wheel_radius"
 
-    traction_wheel_radius: float = setting(0.0, low=0.0, help="m, of the wheel that drives")
+    traction_wheel_radius: float = setting(0.0, low=0.0, help="radius of the driven wheel in m")
 
 
 @dataclass(frozen=True)
@@ -130,8 +136,8 @@ class TricycleParams(SteeringParams):
 
     kinematics: ClassVar[type[SteeringKinematics]] = TricycleKinematics
 
-    traction_wheels_radius: float = setting(0.0, low=0.0, help="m, of the wheels that drive")
-    traction_track_width: float = setting(0.0, low=0.0, help="m between the wheels that drive")
+    traction_wheels_radius: float = setting(0.0, low=0.0, help="radius of the driven wheels in m")
+    traction_track_width: float = setting(0.0, low=0.0, help="distance between the driven wheels in m")
 
     @property
     def tracks(self) -> tuple[float, float]:
@@ -151,7 +157,9 @@ class AckermannParams(TricycleParams):
 
     kinematics: ClassVar[type[SteeringKinematics]] = AckermannKinematics
 
-    steering_track_width: float = setting(0.0, low=0.0, help="m between the wheels that steer; 0: as those that drive")
+    steering_track_width: float = setting(
+        0.0, low=0.0, help="distance between the steered wheels in m; 0: `traction_track_width`"
+    )
 
     @property
     def tracks(self) -> tuple[float, float]:

@@ -45,10 +45,12 @@ _RENAMES: Final = {
 class TractionLimits:
     """Limits of the wheel speed, for both directions; nan means unlimited."""
 
-    max_velocity: float = setting(NAN, low=0.0, nan=True, help="rad/s")
-    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while gaining speed")
-    max_deceleration: float = setting(NAN, low=0.0, nan=True, help="rad/s^2 while losing it; absent: the same")
-    max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^3")
+    max_velocity: float = setting(NAN, low=0.0, nan=True, help="limit of the wheel speed in rad/s")
+    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="limit in rad/s^2 while the wheel speeds up")
+    max_deceleration: float = setting(
+        NAN, low=0.0, nan=True, help="limit in rad/s^2 while the wheel slows down; absent: `max_acceleration`"
+    )
+    max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the jerk limit in rad/s^3, as upstream applies it")
 
     def law(self) -> RateLaw:
         """Convert to the limits of a `RateLimiter`, with twice the jerk, as upstream applies the limit."""
@@ -63,10 +65,12 @@ class TractionLimits:
 class SteeringLimits:
     """Limits of the steering angle, its velocity and acceleration; nan means unlimited."""
 
-    max_position: float = setting(NAN, nan=True, help="rad; absent: minus `min_position`")
-    min_position: float = setting(NAN, nan=True, help="rad; absent: minus `max_position`")
-    max_velocity: float = setting(NAN, low=0.0, nan=True, help="rad/s")
-    max_acceleration: float = setting(NAN, low=0.0, nan=True, help="half of the rad/s^2")
+    max_position: float = setting(NAN, nan=True, help="largest steering angle in rad; absent: minus `min_position`")
+    min_position: float = setting(NAN, nan=True, help="smallest steering angle in rad; absent: minus `max_position`")
+    max_velocity: float = setting(NAN, low=0.0, nan=True, help="limit of the steering velocity in rad/s")
+    max_acceleration: float = setting(
+        NAN, low=0.0, nan=True, help="half of the limit of the steering acceleration in rad/s^2, as upstream applies it"
+    )
 
     def bounds(self) -> tuple[float, float]:
         """Return the minimum and maximum steering angle in rad; nan if unlimited."""
@@ -85,18 +89,29 @@ class DrivenWheelParams(BaseParams):
     """Parameters of tricycle_controller/TricycleController, in units of m, rad and ms."""
 
     traction_joint_name: str = setting("", help="joint that drives the wheel")
-    steering_joint_name: str = setting("", help="joint that steers it")
-    wheelbase: float = setting(0.0, low=0.0, help="m from the wheel to the axle of the others")
-    wheel_radius: float = setting(0.0, low=0.0, help="m")
-    open_loop: bool = setting(False, help="odometry from the commands instead of the wheel")
-    enable_odom_tf: bool = setting(False, help="publishes odom to base as a transform")
-    odom_only_twist: bool = setting(False, help="leaves the pose out of the odometry, not out of the transform")
-    publish_ackermann_command: bool = setting(False, help="publishes speed (rad/s) and angle on `cmd_ackermann`")
+    steering_joint_name: str = setting("", help="joint that steers the wheel")
+    wheelbase: float = setting(0.0, low=0.0, help="distance in m from the driven wheel to the axle of the other wheels")
+    wheel_radius: float = setting(0.0, low=0.0, help="radius of the driven wheel in m")
+    open_loop: bool = setting(
+        False, help="whether to compute the odometry from the commands instead of the feedback of the wheel"
+    )
+    enable_odom_tf: bool = setting(
+        False, help="whether to publish the transform from the odometry frame to the base frame"
+    )
+    odom_only_twist: bool = setting(
+        False, help="whether to leave the pose out of the odometry; the transform keeps the pose"
+    )
+    publish_ackermann_command: bool = setting(
+        False, help="whether to publish speed (rad/s) and angle on `cmd_ackermann`"
+    )
     cmd_vel_timeout: int = setting(
-        500, low=0, high=10**9, help="ms after which a twist ends; 0: it counts for one update"
+        500,
+        low=0,
+        high=10**9,
+        help="time in ms after which a twist command expires; 0: a command is used for one update",
     )
     velocity_rolling_window_size: int = setting(
-        10, low=1, high=100_000, help="steps over which the odometry's velocity is averaged"
+        10, low=1, high=100_000, help="number of updates over which the velocity of the odometry is averaged"
     )
     traction: TractionLimits = setting(TractionLimits(), key="traction", section=True)
     steering: SteeringLimits = setting(SteeringLimits(), key="steering", section=True)

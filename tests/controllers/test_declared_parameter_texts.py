@@ -17,7 +17,7 @@ from canopen_control.yamlfile.convert import fields_of, help_of
 def test_an_overridden_default_keeps_the_help_text_of_the_base_class():
     params = MecanumParams()
     texts = {reading.name: reading.text for reading in declared_by(params)}
-    assert texts["pose_covariance_diagonal"] == "of the odometry's pose"
+    assert texts["pose_covariance_diagonal"] == "diagonal of the covariance of the odometry's pose"
     assert params.pose_covariance_diagonal != BaseParams().pose_covariance_diagonal
 
 
@@ -41,4 +41,7 @@ def test_the_manager_has_its_texts():
 def test_names_that_the_file_gives_have_the_text_of_their_section():
     given = GpioParams(gpios=("io",), safe_values={"io.lamp": 1.0})
     texts = {each.name: each.text for each in declared_by(given)}
-    assert texts["safe_values.io.lamp"] == "`.GPIO.INTERFACE`: where the output goes when commands end; absent: 0.0"
+    assert (
+        texts["safe_values.io.lamp"]
+        == "`.GPIO.INTERFACE`: value that the output gets when commands expire; absent: 0.0"
+    )

@@ -199,9 +199,9 @@ class JointGains(LoopGains):
     `i_clamp` is deprecated.
     """
 
-    p: float = setting(0.0, help="proportional gain of the loop over a velocity or effort")
-    ff_velocity_scale: float = setting(0.0, help="factor of the trajectory's velocity that is added")
-    i_clamp: float = setting(math.inf, help="limit of the integral on both sides (deprecated)")
+    p: float = setting(0.0, help="proportional gain of the loop; only for velocity and effort commands")
+    ff_velocity_scale: float = setting(0.0, help="factor of the trajectory's velocity, which is added to the command")
+    i_clamp: float = setting(math.inf, help="limit of the integral in both directions (deprecated)")
 
     @property
     def integral_limits(self) -> tuple[float, float]:
@@ -214,9 +214,15 @@ class JointGains(LoopGains):
 class JointConstraints:
     """Tolerances of a joint in rad or m, and its braking deceleration in rad/s2 or m/s2; 0 disables a value."""
 
-    trajectory: float = setting(0.0, help="rad or m off the path that abort; 0: any")
-    goal: float = setting(0.0, help="rad or m off the end within which it is reached; 0: any")
-    max_deceleration_on_cancel: float = setting(0.0, low=0.0, help="rad/s^2 with which it brakes")
+    trajectory: float = setting(
+        0.0, help="largest deviation from the path in rad or m, beyond which the goal is aborted; 0: not checked"
+    )
+    goal: float = setting(
+        0.0, help="largest deviation from the end in rad or m at which the goal is reached; 0: not checked"
+    )
+    max_deceleration_on_cancel: float = setting(
+        0.0, low=0.0, help="deceleration in rad/s² or m/s² with which a cancelled trajectory brakes"
+    )
 
 
 @dataclass(frozen=True)
@@ -227,16 +233,20 @@ class LimitParams:
     deceleration is as the acceleration.
     """
 
-    has_position_limits: bool = setting(True, help="false: positions are not limited")
-    min_position: float = setting(math.nan, nan=True, help="rad or m; nan: that of the description")
-    max_position: float = setting(math.nan, nan=True, help="rad or m; nan: that of the description")
-    has_velocity_limits: bool = setting(True, help="false: velocities are not limited")
-    max_velocity: float = setting(math.nan, low=0.0, nan=True, help="rad/s or m/s; nan: that of the description")
-    has_acceleration_limits: bool = setting(True, help="false: accelerations are not limited")
-    max_acceleration: float = setting(math.nan, low=0.0, nan=True, help="rad/s² or m/s²; nan: none")
-    has_deceleration_limits: bool = setting(True, help="false: braking is limited as speeding up is")
+    has_position_limits: bool = setting(True, help="whether to limit positions")
+    min_position: float = setting(math.nan, nan=True, help="lower limit in rad or m; nan: the limit of the description")
+    max_position: float = setting(math.nan, nan=True, help="upper limit in rad or m; nan: the limit of the description")
+    has_velocity_limits: bool = setting(True, help="whether to limit velocities")
+    max_velocity: float = setting(
+        math.nan, low=0.0, nan=True, help="limit in rad/s or m/s; nan: the limit of the description"
+    )
+    has_acceleration_limits: bool = setting(True, help="whether to limit accelerations")
+    max_acceleration: float = setting(math.nan, low=0.0, nan=True, help="limit in rad/s² or m/s²; nan: unlimited")
+    has_deceleration_limits: bool = setting(
+        True, help="whether braking has a limit of its own; false: the acceleration limit applies"
+    )
     max_deceleration: float = setting(
-        math.nan, low=0.0, nan=True, help="rad/s² or m/s², of braking; nan: as `max_acceleration`"
+        math.nan, low=0.0, nan=True, help="limit in rad/s² or m/s² while braking; nan: `max_acceleration`"
     )
 
     def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
@@ -266,85 +276,108 @@ class TrajectoryParams(CommonParams):
     0 disables its check.
     """
 
-    joints: tuple[str, ...] = setting((), help="the joints of a trajectory")
+    joints: tuple[str, ...] = setting((), help="joints of the trajectories")
     command_joints: tuple[str, ...] = setting(
-        (), help="those that are commanded; empty: all; as many with other names: those of another hardware"
+        (), help="joints that receive the commands, as many as `joints`; empty: `joints`"
     )
     command_interfaces: tuple[str, ...] = setting(
-        (), help="of position, velocity, acceleration and effort, as they go together"
+        (), help="command interfaces: position, velocity, acceleration or effort, or a valid combination of them"
     )
-    state_interfaces: tuple[str, ...] = setting((), help="of position, velocity and acceleration")
+    state_interfaces: tuple[str, ...] = setting(
+        (), help="state interfaces: position, or position with velocity and acceleration"
+    )
     initial_scaling_factor: float = setting(
         1.0,
         key="speed_scaling.initial_scaling_factor",
         low=0.0,
-        help="how fast the time of trajectories runs; positions alone",
+        help="speed factor of trajectories after activation; other than 1.0 only with position commands",
     )
     scaling_state: str = setting(
-        "", key="speed_scaling.state_interface", help="a state interface that says how fast it runs"
+        "", key="speed_scaling.state_interface", help="state interface from which the speed factor is read"
     )
     scaling_command: str = setting(
-        "", key="speed_scaling.command_interface", help="a command interface that receives the speed of the trajectory"
+        "", key="speed_scaling.command_interface", help="command interface to which the speed factor is written"
     )
-    allow_partial_joints_goal: bool = setting(False, help="takes trajectories of some joints; the others stay")
+    allow_partial_joints_goal: bool = setting(
+        False, help="whether to accept trajectories for some of the joints; the other joints hold their position"
+    )
     open_loop_control: bool = setting(
-        False, help="begins from the last command instead of the state, and closes no loop (deprecated)"
+        False,
+        help="whether to start trajectories at the last command instead of the state, without feedback (deprecated)",
     )
     interpolate_from_desired_state: bool = setting(
-        False, help="begins, and brakes, from the last command instead of the state"
+        False, help="whether to start trajectories, and to brake, at the last command instead of the state"
     )
     allow_integration_in_goal_trajectories: bool = setting(
-        False, help="takes points without positions and integrates what they have"
+        False, help="whether to accept points without positions, and integrate their velocities or accelerations"
     )
     set_last_command_interface_value_as_state_on_activation: bool = setting(
-        True, help="holds what stands commanded, where that is known"
+        True,
+        help="whether to hold the last commands after activation, where they are known, instead of the actual state",
     )
-    action_monitor_rate: float = setting(20.0, low=0.1, help="Hz of the feedback of goals")
+    action_monitor_rate: float = setting(20.0, low=0.1, help="rate in Hz of the feedback of goals")
     interpolation_method: str = setting(
-        "splines", choices=("splines", "none"), help="splines, or none: each point is commanded until it is reached"
+        "splines",
+        choices=("splines", "none"),
+        help="splines: interpolate between points; none: command each point until its time is reached",
     )
-    allow_nonzero_velocity_at_trajectory_end: bool = setting(False, help="takes trajectories that do not end at rest")
+    allow_nonzero_velocity_at_trajectory_end: bool = setting(
+        False, help="whether to accept trajectories whose last point has a velocity"
+    )
     cmd_timeout: float = setting(
-        0.0, help="s after the end of a trajectory without another one until the joints are held; above goal_time"
+        0.0,
+        help="time in s after the end of a trajectory until the joints hold, if no new trajectory arrives; must "
+        "exceed `goal_time`",
     )
     allow_trajectory_replacement: bool = setting(
-        False, help="blends a new trajectory in at its start, for the joints that it names"
+        False, help="whether a new trajectory replaces the running one at its start time, and only for its own joints"
     )
     upsampling: bool = setting(
-        False, key="positions_upsampling.enable", help="velocities of a spline for trajectories of positions alone"
+        False,
+        key="positions_upsampling.enable",
+        help="whether to give trajectories with positions only the velocities of a spline",
     )
     policy_frequency: float = setting(
-        0.0, key="positions_upsampling.policy_frequency", low=0.0, help="Hz of points that come without times"
+        0.0,
+        key="positions_upsampling.policy_frequency",
+        low=0.0,
+        help="points per second, for trajectories whose points have no times",
     )
     stopped_velocity_tolerance: float = setting(
         0.01,
         key="constraints.stopped_velocity_tolerance",
-        help="rad/s at the end, where velocity or effort is commanded",
+        help="largest velocity in rad/s or m/s at the end, if velocity or effort is commanded",
     )
     goal_time: float = setting(
-        0.0, key="constraints.goal_time", low=0.0, help="s after the end in which the goal must be reached; 0: no limit"
+        0.0,
+        key="constraints.goal_time",
+        low=0.0,
+        help="time in s after the end within which the goal must be reached; 0: no limit",
     )
     decelerate_on_cancel: bool = setting(
         False,
         key="constraints.decelerate_on_cancel",
-        help="brakes with `max_deceleration_on_cancel` where a trajectory is given up",
+        help="whether to brake with `max_deceleration_on_cancel` when a trajectory is cancelled",
     )
     allowed_start_tolerance: float = setting(
-        0.1, low=0.0, help="rad or m from a joint to the first point, beyond what it can go until then; 0: any"
+        0.1,
+        low=0.0,
+        help="largest distance in rad or m from a joint to its first point, beyond what the joint can travel in "
+        "time; 0: not checked",
     )
     unreachable_points: str = setting(
         "warn",
         choices=("warn", "refuse", "off"),
-        help="what happens to a trajectory with a point that a joint cannot reach in time from the one before "
-        "within its velocity limit: `warn` (accepted, with a warning), `refuse`, `off`",
+        help="how to treat a trajectory with a point that a joint cannot reach in time within its velocity limit: "
+        "`warn` (accept with a warning), `refuse`, `off`",
     )
     continue_without_client: bool = setting(
-        False, help="a goal goes on when the action client that sent it is gone, as upstream's does"
+        False, help="whether a goal continues when its action client disconnects, as upstream does"
     )
     joint_limiter_type: str = setting(
         "",
         choices=("", POINT_LIMITER),
-        help="keeps each commanded point within the limits (rolling); empty: nothing does",
+        help="limiter that keeps commanded points within `joint_limits` (rolling); empty: none",
     )
     gains: tuple[JointGains, ...] = derived(())
     constraints: tuple[JointConstraints, ...] = derived(())
