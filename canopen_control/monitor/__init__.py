@@ -1,1 +1,1 @@
-"""Terminal monitor: a running robot, or a bare bus in listening mode, as tables."""
+"""Terminal monitor that shows a running robot, or a bare bus in listen-only mode, as tables."""

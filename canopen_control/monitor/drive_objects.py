@@ -1,7 +1,7 @@
-"""Objects of the drive shown by the monitor: rows by address, read while visible, with search and edit.
+"""Objects of the drive that the monitor shows, with search and edits, and the commands that it starts.
 
-Drawing never waits. The EDS is read on a thread, objects by the reader that all screens share,
-at the rate of the verb `objects`; `write` and `undo` are for threads that may wait.
+Drawing never blocks. The EDS is read on a thread; objects are read while visible, by the reader that all screens of the
+process share, at the rate of the command `objects`. `write` and `undo` block and are for threads.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
 
 
-# Actions on the drive selected in the monitor: verbs of the command line, each with an editable command line.
+# Actions on the drive selected in the monitor: commands of the command line, whose arguments the user edits.
 #
-# A verb is a process of its own, as if a user had typed it: it sends requests to the running robot, obeys STOP, is
-# named in the events, and blocks nothing here. It ends with the monitor, by SIGINT, at which a verb that moves an axis
-# stops it; this holds for every end of the monitor.
+# A command runs in a separate process, as if the user had typed it: it sends requests to the running robot, obeys STOP,
+# is named in the events, and blocks nothing here. If the monitor ends, for whatever reason, the command gets a SIGINT,
+# at which a command that moves an axis stops it.
 
 
 _KEPT: Final = 1000
@@ -42,7 +42,7 @@ _GRACE_S: Final = 3.0  # for a verb to end after SIGINT: a ramp, and the drive d
 
 
 Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"
-"""Of a node and the parts of a line, the words of a verb."""
+"""Function that returns the arguments of a command for a node and the parts of the input line."""
 
 
 def _jog(node: str, parts: Sequence[str]) -> list[str]:
@@ -65,7 +65,7 @@ def _on_node(verb: str) -> Words:
 
 
 def _with_node(verb: str) -> Words:
-    """Return the arguments of a verb, its first part before the node."""
+    """Return a function that puts the first part of the input between the command and the node."""
     return lambda node, parts: [verb, parts[0], node, *parts[1:]]
 
 
@@ -81,11 +81,11 @@ _WORDS: Final[dict[str, Words]] = {
     "dump": lambda node, parts: ["dump", node, "--format", *parts],
     "nmt": _with_node("nmt"),
 }
-"""By the verb of a job."""
+"""Arguments of the commands, by the name of the job."""
 
 
 def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
-    """Return the command line; ConfigError without input or a selected drive."""
+    """Return the arguments of the command; ConfigError without input or without a selected drive."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if not node:
         raise ConfigError(f"{name}: no drive is selected")
@@ -95,9 +95,9 @@ def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
 
 
 class WorkRun:
-    """Run of a verb; `title` is its line, `code` its exit code, None while it runs.
+    """Process of a command; `title` is the command line, `code` the exit code, None while the process runs.
 
-    CanopenError where there can be no process.
+    CanopenError if the process cannot be started.
     """
 
     def __init__(self, words: Sequence[str]) -> None:
@@ -122,23 +122,23 @@ class WorkRun:
 
     @property
     def code(self) -> int | None:
-        """Exit code."""
+        """Exit code; None while the process runs."""
         return self._process.poll()
 
     def fresh(self) -> list[str]:
-        """Return the lines since the last call."""
+        """Return the output lines since the last call."""
         rows = []
         while self._lines:
             rows.append(self._lines.popleft())
         return rows
 
     def end(self) -> None:
-        """Interrupt the verb like Ctrl-C; a no-op once it has ended."""
+        """Interrupt the command as Ctrl-C does; does nothing once it has ended."""
         if self.code is None:
             self._process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
-        """End the verb and wait until the drive has stopped."""
+        """Interrupt the command and wait until it has stopped the drive; kill it after `_GRACE_S`."""
         self.end()
         try:
             self._process.wait(_GRACE_S)
@@ -153,7 +153,7 @@ class WorkRun:
 
 
 def _tied_to_this_thread() -> Callable[[], object] | None:
-    """Return a preexec function that sends the child SIGINT when this thread ends."""
+    """Return a preexec function that makes Linux send SIGINT to the child when this thread ends; else None."""
     if not sys.platform.startswith("linux"):
         return None
     prctl = ctypes.CDLL(None).prctl
@@ -166,7 +166,7 @@ _WIDEST: Final = 40
 
 
 class DriveObjects:
-    """Objects of the selected node; `title` names it and the reason why it cannot be read."""
+    """Objects of the selected node; `title` names the node, with the reason if its objects cannot be read."""
 
     def __init__(self, source: str) -> None:
         self._source, self._reader = source, LiveReader()
@@ -182,7 +182,7 @@ class DriveObjects:
         self._sent = 0
 
     def choose(self, robot: str, place: NodePlace | None) -> None:
-        """Select a node, None for none."""
+        """Select the node at `place`; None selects no node."""
         if place is None:
             self.leave()
             self._node, self._why = None, "no drive is selected"
@@ -204,13 +204,13 @@ class DriveObjects:
             self._od = od
 
     def search(self, words: str) -> None:
-        """Filter by the words of the verb `objects`; ConfigError if they match nothing."""
+        """Show only the objects that match the words, as for the command `objects`; ConfigError if none match."""
         if self._od is not None and words:
             select_objects(self._od, words.split(","))
         self._words, self._entries, self._cells, self._sent = words, {}, {}, 0
 
     def write(self, text: str) -> str:
-        """Write an object, as in 0x6081=1000, and return the change; CanopenError with the reason. Waits."""
+        """Write an object, as in 0x6081=1000, and return the change as text; CanopenError if refused. Blocks."""
         node, od = self._node, self._od
         address, equals, value = text.partition("=")
         if node is None or od is None:
@@ -226,7 +226,7 @@ class DriveObjects:
             return self._history(node).write(session, entry, value).words
 
     def undo(self) -> str:
-        """Undo the newest write at this node, and return the change; CanopenError with the reason. Waits."""
+        """Undo the newest write at this node, and return the change as text; CanopenError if impossible. Blocks."""
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
         with self._editing, node.session() as session:
@@ -237,7 +237,7 @@ class DriveObjects:
 
     @property
     def title(self) -> str:
-        """Name of the node, with the reason if it cannot be read."""
+        """Name of the node, with the reason if its objects cannot be read, and the search."""
         if self._node is None:
             return self._why
         place = self._node.place
@@ -245,7 +245,7 @@ class DriveObjects:
         return "  ·  ".join([f"{place.name}, node {place.node_id}", *filter(None, notes)])
 
     def rows(self) -> Mapping[str, tuple[Cell, ...]]:
-        """Return the rows by address."""
+        """Return the table rows by address, with the values read so far."""
         node, od = self._node, self._od
         if node is None or od is None:
             return {}
@@ -258,13 +258,13 @@ class DriveObjects:
         return self._cells
 
     def watch(self, addresses: Iterable[str]) -> None:
-        """Read only these rows from now on."""
+        """Read only the objects of these rows from now on."""
         if self._node is not None:
             entries = [self._entries[address] for address in addresses if address in self._entries]
             self._reader.watch(_SCREEN, self._node, entries)
 
     def leave(self) -> None:
-        """Stop reading."""
+        """Stop reading objects."""
         if self._node is not None:
             self._reader.watch(_SCREEN, self._node, ())
 
@@ -287,7 +287,7 @@ def _address(address: Address) -> str:
 
 
 def _cells(row: ObjectRow) -> tuple[Cell, ...]:
-    """Return the cells of an object; changed and refused values are marked."""
+    """Return the cells of an object; values that differ from the default and refused objects are marked."""
     value = Cell(_cut(row.value or "-"), Tone.WARN if row.changed else Tone.PLAIN)
     if row.error:
         value = Cell("refused", Tone.BAD)

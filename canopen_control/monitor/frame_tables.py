@@ -1,8 +1,8 @@
-"""Frames of a bus in the monitor: one row for each identifier, and the newest that pass a filter.
+"""Frames of a bus in the monitor: one row for each identifier, and the newest frames that pass a filter.
 
-Memory is bounded. A filter is one line of words with commas between them: a service
-(`pdo`, `sdo`, ...), a node (name, or its number), an identifier or a range of them (`0x181`, `0x180-0x1FF`), `changes`.
-Words of one kind are alternatives, different kinds must all hold; nothing is everything.
+Memory is bounded. A filter is a line of words separated by commas: a service (`pdo`, `sdo`, ...), a node (name or
+number), an identifier or a range of identifiers (`0x181`, `0x180-0x1FF`), or `changes`. Words of the same kind are
+alternatives, words of different kinds must all match; an empty filter passes all frames.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _CHANGES: Final = "changes"
 
 
 def parse_filter(text: str, network: NetworkDescription) -> Filter:
-    """Return the filter of a line; ConfigError with the valid words."""
+    """Parse the line of a filter; the ConfigError names the valid words."""
     services, nodes, ids = set[str](), list[str](), list[range]()
     words = [word.strip() for word in text.split(",") if word.strip()]
     for word in words:
@@ -66,7 +66,7 @@ def _nodes(network: NetworkDescription, words: list[str]) -> frozenset[int]:
 
 @dataclass(slots=True)
 class _Row:
-    """Row of one identifier; `period_ns` is smoothed, None after one frame."""
+    """Row of one identifier; `period_ns` is the smoothed interval between frames, None after the first frame."""
 
     count: int
     last: DecodedFrame
@@ -75,12 +75,12 @@ class _Row:
 
 @dataclass(slots=True)
 class FrameTable:
-    """Frame counter by identifier."""
+    """Count, period and last frame by identifier."""
 
     rows: dict[int, _Row] = field(default_factory=dict)
 
     def add(self, decoded: DecodedFrame) -> None:
-        """Count a frame; new identifiers above the maximum number are ignored."""
+        """Count a frame; a new identifier is ignored if the table is full."""
         row = self.rows.get(decoded.can_id)
         if row is None:
             if len(self.rows) < _IDENTIFIERS:
@@ -93,7 +93,7 @@ class FrameTable:
 
 
 class TraceLog:
-    """Newest frames; `wanted` pass the filter, `fresh` are those since the last call."""
+    """Newest frames, with a filter; stores `KEPT` frames so that a new filter can be applied to earlier frames."""
 
     def __init__(self) -> None:
         self.filter = Filter()
@@ -101,13 +101,13 @@ class TraceLog:
         self._fresh: deque[DecodedFrame] = deque(maxlen=KEPT)
 
     def add(self, decoded: DecodedFrame) -> None:
-        """Add a frame."""
+        """Store a frame, to be returned by `fresh` if the filter wants it."""
         self._all.append(decoded)
         if self.filter.wants(decoded):
             self._fresh.append(decoded)
 
     def choose(self, chosen: Filter) -> None:
-        """Change the filter; stored frames that pass it become fresh."""
+        """Change the filter; `fresh` will return all stored frames that pass the new filter."""
         self.filter = chosen
         self._fresh = deque((frame for frame in self._all if chosen.wants(frame)), maxlen=KEPT)
 
@@ -119,7 +119,7 @@ class TraceLog:
 
 
 class LoadMeter:
-    """Bus load of the last full second without stuff bits; times in ns."""
+    """Meter of the bus load over the last full second, without stuff bits; times are in ns."""
 
     def __init__(self, bitrate: int) -> None:
         self.bitrate = bitrate
@@ -128,11 +128,11 @@ class LoadMeter:
         self._since: int | None = None
 
     def add(self, frame: CanFrame) -> None:
-        """Count a frame's bits."""
+        """Count the bits of a frame."""
         self._bits += FRAME_BITS + 8 * len(frame.data)
 
     def tick(self, now: int) -> None:
-        """Advance the time."""
+        """Advance the time; update the load once a second."""
         if self._since is None:
             self._since, self._bits = now, 0
         elif now - self._since >= _SECOND_NS:
@@ -140,9 +140,9 @@ class LoadMeter:
             self._since, self._bits = now, 0
 
 
-# A listener on one bus: frames in words as they come. Nothing is ever sent.
+# Listener on one bus, which decodes frames as they arrive and sends nothing.
 #
-# A bus that goes (its robot has ended, the interface is down) is opened again, once a second.
+# A bus that is lost (its robot has ended, the interface is down) is opened again, with a try once a second.
 
 
 LABEL: Final = "monitor"
@@ -150,17 +150,17 @@ _AGAIN_NS: Final = 1_000_000_000
 
 
 class PortWatcher(Protocol):
-    """Reader of a port, which wakes when frames arrive."""
+    """Observer of a port that reads when frames arrive."""
 
     def port_changed(self, port: Port | None) -> None:
-        """Use another port; None if the previous one was lost."""
+        """Read from another port; None if the previous port was lost."""
         ...
 
 
 class BusTap:
-    """Decoder of a bus's frames, passed to `take`; `problem` is the reason why none arrive, or "".
+    """Listener that decodes the frames of a bus and passes them to `take`.
 
-    `owner` is the robot that runs on it, or empty.
+    `problem` is the reason why no frames arrive, or "". `owner` is the robot that runs on the bus, or "".
     """
 
     def __init__(self, network: NetworkDescription, take: Callable[[DecodedFrame], None], *, owner: str = "") -> None:
@@ -176,17 +176,17 @@ class BusTap:
 
     @property
     def lost(self) -> int:
-        """Number of frames lost for slow reading."""
+        """Number of frames that were lost because reading was too slow."""
         return 0 if self._port is None else self._port.stats.lost
 
     def watch(self, watcher: PortWatcher) -> None:
-        """Register a watcher of the port; it gets None when the port is lost."""
+        """Register the watcher of the port; it is called whenever the port is opened or lost."""
         self._watcher = watcher
         if self._port is not None:
             watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
-        """Open the bus when due; `now` in monotonic ns."""
+        """Advance the time to `now` in monotonic ns; open the bus if it is not open and a second has passed."""
         self.meter.tick(now)
         if self._port is not None or now < self._retry_ns:
             return
@@ -202,7 +202,7 @@ class BusTap:
             self._watcher.port_changed(self._port)
 
     def receive(self) -> None:
-        """Process received frames."""
+        """Decode all received frames."""
         arrivals = self._arrivals
         if arrivals is None:
             return

@@ -1,10 +1,10 @@
 """Screen of the monitor: tables, logs and keys. Its STOP key is not a safety function (ISO 13850).
 
-It draws five times a second and never waits; a thread sends the requests of keys to the robot, and the answers are
-shown. STOP has priority over the widget that has the focus.
+The screen is drawn five times a second and never blocks; threads send the requests of keys to the robot, and the
+answers are shown. STOP has priority over the widget that has the focus.
 
-It draws when a sample of the robot has come, which is right after a cycle: a computer that both share is then free for
-most of a period. What would have the whole screen laid out again is done only when it must be.
+The screen is drawn when a sample of the robot arrives, which is right after a cycle: a computer that both share is then
+idle for most of the period. A layout of the whole screen is done only if necessary.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
 
 
-# The monitor's looks: textual's CSS, and the colour of each tone. A colour never stands alone (monitor_content.py).
+# Style of the monitor: Textual's CSS, and the colour of each level. A colour is never the only sign of a level.
 
 
 _COLOURS: Final = {
@@ -62,12 +62,12 @@ _COLOURS: Final = {
     Tone.WARN: "yellow",
     Tone.BAD: "bold red",
 }
-#: without colours a red would become a dark grey: what is bad must stand out nevertheless
+# without colours, red would become a dark grey, but errors must stand out
 _PLAIN: Final = {Tone.PLAIN: "", Tone.GOOD: "", Tone.IDLE: "", Tone.WARN: "bold", Tone.BAD: "bold reverse"}
 
 
 def tone_styles(environment: Mapping[str, str]) -> dict[Tone, str]:
-    """Return the style of each tone; without colours with NO_COLOR."""
+    """Return the text style of each level; without colours if NO_COLOR is set."""
     return _PLAIN if environment.get("NO_COLOR") else _COLOURS
 
 
@@ -99,15 +99,15 @@ DataTable { background: $surface; }
 """
 
 
-# A table that is drawn again only where something changed.
+# Table that redraws only the cells that have changed.
 
 
-_SLACK: Final = 4  # characters that a column stays too wide
+_SLACK: Final = 4  # number of characters by which a column may stay too wide
 FRAME_COLUMNS: Final = ("id", "count", "period ms", "node", "what", "data", "text")
 
 
 class LiveTable(DataTable[Text]):
-    """Rows of cells by name; `show` updates them, `written` counts the updated cells."""
+    """Table with rows by name; `show` updates the rows, `written` counts the updated cells."""
 
     def __init__(self, columns: Sequence[str], **how: Any) -> None:  # noqa: ANN401 - textual's own keywords
         super().__init__(cursor_type="row", zebra_stripes=False, **how)
@@ -121,7 +121,7 @@ class LiveTable(DataTable[Text]):
             self.add_column(title, key=title)
 
     def show(self, rows: Mapping[str, tuple[Cell, ...]]) -> None:
-        """Show these rows; new rows are added in their order."""
+        """Show exactly these rows; new rows are added at the end, in the order of `rows`."""
         for removed in [key for key in self._shown if key not in rows]:
             self.remove_row(removed)
             del self._shown[removed]
@@ -136,7 +136,7 @@ class LiveTable(DataTable[Text]):
 
     @property
     def selected(self) -> str | None:
-        """The name of the row with the cursor."""
+        """Name of the row with the cursor; None without rows."""
         if not self._shown:
             return None
         return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
@@ -155,7 +155,7 @@ class LiveTable(DataTable[Text]):
                 self.written += 1
 
     def _resizes(self, title: str, old: Cell, new: Cell) -> bool:
-        """Whether a column changes its width, which redraws the screen; ignored for a difference of one digit."""
+        """Whether a new text changes the width of a column, which redraws the screen; a small decrease is ignored."""
         width, before, after = self.columns[ColumnKey(title)].content_width, cell_len(str(old)), cell_len(str(new))
         return after > width or (before >= width and after < before - _SLACK)
 
@@ -165,7 +165,7 @@ def _text(cell: Cell) -> Text:
 
 
 def frame_rows(table: FrameTable) -> dict[str, tuple[Cell, ...]]:
-    """Return a row for each identifier, by identifier."""
+    """Return a table row for each CAN identifier, with the identifier as the key."""
     rows = {}
     for can_id, row in sorted(table.rows.items()):
         last = row.last
@@ -176,7 +176,7 @@ def frame_rows(table: FrameTable) -> dict[str, tuple[Cell, ...]]:
     return rows
 
 
-# The monitor's tab of one drive: its objects, what may be done with it, and what came of that.
+# Tab for one drive: its objects, the actions on the drive, and their output.
 
 
 SET: Final = "set"
@@ -185,7 +185,7 @@ _LISTENS: Final = "this monitor only listens: to read objects is to send"
 
 
 class WorkChoice(OptionList):
-    """Choice of actions on the drive, hidden until requested; `space` remains STOP."""
+    """Menu of actions on the drive, hidden until requested; the space key remains STOP."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "select", "Choose", show=False)]
 
@@ -195,7 +195,7 @@ class WorkChoice(OptionList):
 
 
 class DrivePane(Vertical):
-    """Objects of the drive, with the choice of actions and the output of its verb."""
+    """Objects of the drive, with the menu of actions and the output of the running command."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -212,7 +212,7 @@ class DrivePane(Vertical):
         yield self.output
 
     def show(self, looking: DriveObjects | None) -> None:
-        """Show the objects of the selected drive, and read the visible ones."""
+        """Show the objects of the selected drive, and read the visible ones; None if the monitor only listens."""
         title = _LISTENS if looking is None else looking.title
         if str(self.title.content) != title:
             self.title.update(Text(title))
@@ -221,36 +221,36 @@ class DrivePane(Vertical):
             looking.watch(self.objects.in_sight)
 
     def choose(self) -> None:
-        """Open the choice of actions."""
+        """Open the menu of actions."""
         self.choice.highlighted = 0
         self.choice.add_class("shown")
         self.choice.focus()
 
-    # -- the verb that runs
+    # -- the running command
 
     @property
     def busy(self) -> bool:
-        """Whether a verb runs."""
+        """Whether a command is running."""
         return self._run is not None and self._run.code is None
 
     def follow(self, run: WorkRun) -> None:
-        """Show the output of a verb from now on."""
+        """Show the output of a command from now on."""
         self._run, self._ended = run, False
         self.output.add_class("shown")
         self._report(run.title, Tone.IDLE)
 
     def end(self) -> None:
-        """Interrupt the verb like Ctrl-C."""
+        """Interrupt the command as Ctrl-C does."""
         if self._run is not None:
             self._run.end()
 
     def close(self) -> None:
-        """End the verb and wait until the drive has stopped."""
+        """End the command; wait a few seconds until it has stopped the drive."""
         if self._run is not None:
             self._run.close()
 
     def show_work(self) -> None:
-        """Show the output since the last call, and the result."""
+        """Show the output since the last call, and the result if the command has ended."""
         run = self._run
         if run is None or self._ended:
             return
@@ -266,7 +266,7 @@ class DrivePane(Vertical):
 
 
 PERIOD_S: Final = 0.2
-TRACE_LINES: Final = 60  # new ones at a time; a busy bus has more than a user can read
+TRACE_LINES: Final = 60  # new lines at a time; a busy bus has more than a user can read
 KEPT_LINES: Final = 1000
 _COMMANDS: Final = ("release", "axis", "work", "undo", "end_work")
 _WORDS: Final = "pdo, sdo, a node's name, 0x181, 0x180-0x1FF, changes; empty: everything"
@@ -288,7 +288,7 @@ _LATE_S: Final = 0.9 * PERIOD_S
 
 
 class MonitorApp(App[None]):
-    """The monitor's screen, of a robot or of a bare bus."""
+    """Screen of the monitor, for a robot or for a bare bus."""
 
     CSS = CSS
     TITLE = "canopen-control monitor"
@@ -350,7 +350,7 @@ class MonitorApp(App[None]):
         yield Footer(compact=True)
 
     def on_mount(self) -> None:
-        """Start to listen and to draw."""
+        """Start the source and the drawing."""
         self._drives.focus()
         loop, context = asyncio.get_running_loop(), contextvars.copy_context()
 
@@ -363,17 +363,17 @@ class MonitorApp(App[None]):
         self.set_interval(PERIOD_S, self._refresh_if_late)
 
     def on_unmount(self) -> None:
-        """End verbs and sources."""
+        """End the running command and the source."""
         self._drive.close()
         self.source.close()
 
     def _refresh_if_late(self) -> None:
-        """Redraw without new data: the robot is missing or silent."""
+        """Redraw if no sample has arrived lately, because the robot is missing or silent."""
         if time.monotonic() - self._drawn > _LATE_S:
             self.refresh_picture()
 
     def refresh_picture(self) -> None:
-        """Redraw changed parts."""
+        """Update all parts of the screen; unchanged parts are not redrawn."""
         if not self.is_running:
             return
         self._drawn = time.monotonic()
@@ -434,7 +434,7 @@ class MonitorApp(App[None]):
             self._show_trace()
 
     def _show_objects(self) -> None:
-        """Show the objects of the selected drive while its tab is open."""
+        """Show the objects of the selected drive while the drive tab is open; else stop reading."""
         if self.query_one("#tabs", TabbedContent).active != _DRIVE_TAB:
             if self._looking is not None:
                 self._looking.leave()
@@ -452,59 +452,59 @@ class MonitorApp(App[None]):
             self._logs["trace"].write(Text(writer.line(decoded), style=MARK_STYLES[decoded.mark]))
 
     def _watch(self, taps: list[BusTap]) -> None:
-        """Register the ports with the event loop, since kernel buffers are small."""
+        """Register the ports with the event loop, so that frames are read before the small kernel buffers overflow."""
         for tap in taps:
             if not any(tap is watched for watched in self._watched):
                 tap.watch(_Reader(tap))
         self._watched = list(taps)
 
     def picture_svg(self) -> str:
-        """Return the screen as an SVG with its own fonts."""
+        """Return the screen as an SVG image, without references to web fonts."""
         return _FONT_FACES.sub("", self.export_screenshot())
 
     # -- keys
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002 - textual's
-        """Hide the actions that a listening source lacks."""
+        """Hide the keys for commands if the source only listens."""
         return self.source.can_command or action not in _COMMANDS
 
     def action_keys(self) -> None:
-        """Show all keys, for narrow terminals."""
+        """Show a list of all keys, for narrow terminals."""
         self.notify(_KEYS, title="Keys", timeout=20, markup=False)
 
     def action_stop(self) -> None:
-        """Ramp to zero, disable, and latch."""
+        """Request a latched STOP, which ramps to zero and disables the drives."""
         if self.source.can_command:
             self._ask("STOP", Stop(latch=True, source=SOURCE))
         else:
             self.notify("listening only: this monitor sends nothing, so it cannot stop anything", severity="warning")
 
     def action_release(self) -> None:
-        """Release a latched STOP."""
+        """Request the release of a latched STOP."""
         self._ask("release", Release(source=SOURCE))
 
     def action_axis(self, action: str, node: str = "") -> None:
-        """Enable, disable or fault-reset the selected drive, or all."""
+        """Enable, disable or fault-reset the selected drive, or `node` ("all" for all drives)."""
         target = node or self._selected
         if target:
             self._ask(f"{action} {target}", AxisRequest(action=action, node=target, source=SOURCE))
 
     def action_tab(self, name: str) -> None:
-        """Show one of the tabs."""
+        """Show a tab."""
         self.query_one("#tabs", TabbedContent).active = f"tab-{name}"
 
     def action_pause(self) -> None:
-        """Pause or resume the frames."""
+        """Pause or resume the display of frames."""
         self.paused = not self.paused
         self.notify("frames stand still; p goes on" if self.paused else "frames go on", timeout=2)
 
     @property
     def _selected(self) -> str:
-        """Node of the row with the cursor, "" for none."""
+        """Name of the node whose row has the cursor, "" without rows."""
         return (self._drives.selected or "").partition("/")[0]
 
     def action_filter(self) -> None:
-        """Prompt for a filter of the trace, or for a search if objects are shown."""
+        """Prompt for a filter of the trace, or for a search if the drive tab is open."""
         on_objects = self.query_one("#tabs", TabbedContent).active == _DRIVE_TAB
         if not on_objects:
             self.action_tab("trace")
@@ -512,7 +512,7 @@ class MonitorApp(App[None]):
         self._ask_for(_OBJECT_WORDS if on_objects else _WORDS)
 
     def _ask_for(self, words: str, value: str = "") -> None:
-        """Show an input line."""
+        """Show the input line with a hint and an initial value."""
         field = self.query_one(FilterLine)
         field.placeholder, field.value = words, value
         field.cursor_position = len(value)
@@ -520,28 +520,28 @@ class MonitorApp(App[None]):
         field.focus()
 
     def action_leave_filter(self) -> None:
-        """Hide the filter and the choice."""
+        """Hide the input line and the menu of actions."""
         self._chosen = ""
         for widget in (self.query_one(FilterLine), self._drive.choice):
             widget.remove_class("shown")
         (self._drives if self._looking is None else self._drive.objects).focus()
 
     def action_work(self) -> None:
-        """Open the choice of actions for the selected drive."""
+        """Open the menu of actions for the selected drive."""
         self.action_tab("drive")
         self._drive.choose()
 
     def action_end_work(self) -> None:
-        """Interrupt the running verb like Ctrl-C."""
+        """Interrupt the running command as Ctrl-C does."""
         self._drive.end()
 
     def action_undo(self) -> None:
-        """Undo the newest write of an object of this drive."""
+        """Undo the newest write to an object of the shown drive."""
         if (looking := self._looking) is not None:
             self._on_thread("undo", looking.undo)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Open the input line of the chosen action."""
+        """Open the input line for the chosen action."""
         self._chosen = event.option.id or ""
         self._drive.choice.remove_class("shown")
         if self._chosen == SET:
@@ -551,7 +551,7 @@ class MonitorApp(App[None]):
             self._ask_for(JOBS[self._chosen].asks)
 
     def _begin(self, chosen: str, text: str) -> None:
-        """Start the chosen verb; ConfigError, CanopenError if it cannot be started."""
+        """Start the chosen action with the input; CanopenError if the action cannot start."""
         if chosen == SET:
             if (looking := self._looking) is not None:
                 self._on_thread("set", lambda: looking.write(text))
@@ -561,7 +561,7 @@ class MonitorApp(App[None]):
         self._drive.follow(self.source.begin(chosen, text, self._selected))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Use the input; an error is shown and can be corrected."""
+        """Apply the input; after an error the user can correct the input."""
         try:
             if self._chosen:
                 self._begin(self._chosen, event.value)
@@ -576,7 +576,7 @@ class MonitorApp(App[None]):
         self.action_leave_filter()
 
     def _ask(self, title: str, request: Request[Any]) -> None:
-        """Send a request on a thread and show its result."""
+        """Send a request on a thread and show the result."""
 
         def ask() -> str:
             self.source.command(request)
@@ -585,7 +585,7 @@ class MonitorApp(App[None]):
         self._on_thread(title, ask)
 
     def _on_thread(self, title: str, work: Callable[[], str]) -> None:
-        """Run a blocking function on a thread and show its result or error."""
+        """Run a blocking function on a thread, and show the returned text or the error."""
 
         def run() -> None:
             try:
@@ -593,27 +593,27 @@ class MonitorApp(App[None]):
             except CanopenError as error:
                 self._messages.append((f"{title}: {error}", "error"))
 
-        # Not one of textual's workers: those are few, and a STOP may not wait for the others.
+        # Not a worker of Textual: those are few, and a STOP must not wait for the others.
         threading.Thread(target=run, name=title, daemon=True).start()
 
 
 class FilterLine(Input):
-    """Input line for words without spaces: textual gives bindings precedence over input, even for printable keys."""
+    """Input line without the space key; by default Textual gives input precedence over bindings for printable keys."""
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
-        """Pass the STOP key on to the screen."""
+        """Leave the space key to the screen, where the key is STOP."""
         return key != "space" and super().check_consume_key(key, character)
 
 
 class _Reader:
-    """Registration of a tap's port with the running event loop."""
+    """Registration of a bus tap's port with the running event loop."""
 
     def __init__(self, tap: BusTap) -> None:
         self._tap, self._loop = tap, asyncio.get_running_loop()
         self._fd: int | None = None
 
     def port_changed(self, port: Port | None) -> None:
-        """Read this port from now on."""
+        """Read from this port from now on; None ends the reading."""
         if self._fd is not None:
             self._loop.remove_reader(self._fd)
         self._fd = None if port is None else port.fileno()

@@ -1,7 +1,7 @@
-"""Content of the monitor as plain data: cells with a tone, tables of cells, lines of logs.
+"""Content of the monitor as plain data: cells with a level, tables of cells, and log lines.
 
-A tone is never the only sign: a character stands before the words, so that they are read without colours too. Pure: no
-terminal, no socket, no clock.
+The level is not shown by colour alone: a symbol precedes the text, so that it can be read without colours. No terminal,
+no socket, no clock.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.health import StateWords
 
 
-#: what matters most comes first: a terminal of 80 columns shows no more than the beginning
+# the most important columns come first, because a terminal of 80 columns shows only those
 DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "heard", "mode", "SDO", "statusword")
 JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 
 
 class Tone(enum.Enum):
-    """Level of a status; the value is its sign."""
+    """Level of a status; the value is the symbol before the text."""
 
     PLAIN = ""
     GOOD = "●"
@@ -35,7 +35,7 @@ class Tone(enum.Enum):
 
 
 class Cell(NamedTuple):
-    """Text with its tone."""
+    """Text of a table cell, with its level."""
 
     text: str
     tone: Tone = Tone.PLAIN
@@ -46,7 +46,7 @@ class Cell(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """Line of a log; `time` in Unix seconds."""
+    """Line of a log, with a level; `time` is in Unix seconds."""
 
     time: float
     text: str
@@ -55,7 +55,7 @@ class LogLine:
 
 @dataclass(frozen=True, slots=True)
 class MonitorContent:
-    """Content of the screen: tables by row name, `facts` for the head, `alarm` for the most important problem or ""."""
+    """Content of the screen: tables by row name, `facts` for the head, `alarm` for the main problem or ""."""
 
     title: str
     state: Cell
@@ -66,17 +66,17 @@ class MonitorContent:
 
 
 def tone_of(words: StateWords | None) -> Tone:
-    """Return the tone of a state; an unknown one rests."""
+    """Return the level of a state; IDLE if the state is unknown."""
     return Tone.IDLE if words is None else Tone[words.tone.upper()]
 
 
 def state_cell(state: str | None) -> Cell:
-    """Return a CiA 402 state in the words of the standard, or "none"."""
+    """Return a cell with a CiA 402 state as the standard names it, "-" if the state is unknown."""
     return plain("-") if state is None else Cell(state_name(state), tone_of(AXIS_STATES[state]))
 
 
 def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
-    """Return the age of a node's last frame, marked from `stale` and `dead` seconds on."""
+    """Return a cell with the age of a node's last frame, marked from `stale` and from `dead` seconds on."""
     if seconds is None:
         return Cell("never", Tone.BAD)
     text = f"{1e3 * seconds:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
@@ -86,11 +86,11 @@ def age_cell(seconds: float | None, *, stale: float, dead: float) -> Cell:
 
 
 def sdo_cell(reads: int, writes: int, failed: int) -> Cell:
-    """Return the number of SDO transfers and of failed ones."""
+    """Return a cell with the numbers of SDO reads, writes and failures."""
     text = f"{reads}r {writes}w"
     return Cell(f"{text}, {failed} failed", Tone.WARN) if failed else Cell(text)
 
 
 def plain(text: str) -> Cell:
-    """Return a cell with a neutral tone."""
+    """Return a cell with a neutral level."""
     return Cell(text)

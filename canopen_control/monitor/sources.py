@@ -1,7 +1,7 @@
 """Sources of the monitor: a running robot, or a bare bus.
 
-A source never blocks the drawing. Only a robot accepts commands; on a bare bus nothing is ever sent.
-A robot's buses are received only while frames are shown: on the robot's own computer every frame costs time.
+A source never blocks the drawing. Only a robot accepts commands; on a bare bus nothing is ever sent. Frames of a
+robot's buses are received only while they are shown, because on the robot's own computer every frame costs time.
 """
 
 from __future__ import annotations
@@ -50,10 +50,10 @@ if TYPE_CHECKING:
     from canopen_control.trace.values import SignalValue
 
 
-# The tables of a bare bus, from unsolicited frames of its nodes: heartbeats, TPDOs, emergencies, SDO answers.
+# Tables of a bare bus, from the frames that nodes send anyway: heartbeats, TPDOs, emergencies, SDO answers.
 #
-# Sans-IO, times in ns; it sends nothing. The expected interval of a node's frames is its longest silence so far. After
-# twice that it is stale, after five times that it is lost; after its first frame a node has one second.
+# Sans-IO, times in ns; nothing is sent. The expected interval of a node's frames is its longest silence so far. After
+# twice that interval a node is stale, after five times dead; after its first frame a node has one second.
 
 
 _SECOND: Final = 1_000_000_000
@@ -67,7 +67,7 @@ _LOGGED: Final = ("nmt", "hb", "emcy", "error", "lss")
 
 @dataclass(slots=True)
 class _Axis:
-    """Last values of an axis, in device units."""
+    """Last values of one axis, in device units."""
 
     statusword: int | None = None
     mode: int | None = None
@@ -76,7 +76,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Node:
-    """Last values of a node."""
+    """Last values of one node; `longest_ns` is its longest silence."""
 
     last_ns: int
     longest_ns: int = 0
@@ -88,10 +88,10 @@ class _Node:
     axes: dict[int, _Axis] = field(default_factory=dict)
 
 
-#: column of the joints' table -> its object
+# column of the joint table -> object
 _ACTUAL: Final = {"velocity": 0x606C, "position": 0x6064, "effort": 0x6077}
 _TARGET_POSITION, _TARGET_VELOCITY, _TARGET_TORQUE = 0x607A, 0x60FF, 0x6071
-#: mode displayed -> the target that it follows
+# mode of operation display -> object of the target
 _TARGETS: Final[dict[int, int]] = {
     **dict.fromkeys((OperationMode.PP, OperationMode.IP, OperationMode.CSP), _TARGET_POSITION),
     **dict.fromkeys((OperationMode.PV, OperationMode.CSV), _TARGET_VELOCITY),
@@ -101,7 +101,7 @@ _VALUES: Final = frozenset((*_ACTUAL.values(), *_TARGETS.values()))
 
 
 class BusTable:
-    """Table of the nodes on a bus, learned from decoded frames."""
+    """Tables of the nodes on a bus, learned from decoded frames."""
 
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
@@ -110,7 +110,7 @@ class BusTable:
         self._emergencies: list[LogLine] = []
 
     def feed(self, decoded: DecodedFrame) -> None:
-        """Process a frame; its time is Unix ns."""
+        """Process a decoded frame, whose time is in Unix ns."""
         if decoded.mark > Mark.PLAIN and decoded.service in _LOGGED:
             self._note(decoded)
         if decoded.node_id is None or decoded.service not in _OWN:
@@ -118,11 +118,11 @@ class BusTable:
         if self._from_node(decoded):
             node = self._update_node(decoded.node_id, decoded.time)
         else:
-            node = self._nodes.get(decoded.node_id) or _Node(decoded.time)  # of one never heard nothing is kept
+            node = self._nodes.get(decoded.node_id) or _Node(decoded.time)  # a node that was never heard is not stored
         self._take(node, decoded)
 
     def content(self, now: int, title: str, facts: tuple[str, ...]) -> MonitorContent:
-        """Return the tables at `now`, Unix ns."""
+        """Return the tables at the Unix time `now` in ns."""
         rows = sorted(self._nodes.items())
         state = Cell("listening", Tone.GOOD) if rows else Cell("receiving, no node is seen", Tone.WARN)
         drives = {str(node_id): self._row(node_id, node, now) for node_id, node in rows}
@@ -135,7 +135,7 @@ class BusTable:
         return MonitorContent(title, state, "", facts, drives, joints)
 
     def log(self) -> list[LogLine]:
-        """Return the log since the last call."""
+        """Return the log lines since the last call."""
         lines, self._log = self._log, []
         return lines
 
@@ -147,7 +147,7 @@ class BusTable:
     # -- frames
 
     def _from_node(self, decoded: DecodedFrame) -> bool:
-        """Whether the node sent the frame; frames to the node do not show that it exists."""
+        """Whether the node sent the frame; frames to the node do not show that the node exists."""
         return not decoded.subject.startswith(("RPDO", "SDO request")) and "request" not in decoded.text
 
     def _update_node(self, node_id: int, time: int) -> _Node:
@@ -156,7 +156,7 @@ class BusTable:
             node = self._nodes[node_id] = _Node(time)
         silence = time - node.last_ns
         if node.longest_ns and silence > 5 * node.longest_ns:
-            node.longest_ns = 0  # it was gone: its pace is learnt again
+            node.longest_ns = 0  # it was gone: its interval is learned again
         else:
             node.longest_ns = max(node.longest_ns, silence)
         node.last_ns = time
@@ -176,7 +176,7 @@ class BusTable:
 
     def _heartbeat(self, node: _Node, byte: int) -> None:
         state = state_of_byte(byte)
-        if state is NmtState.INITIALISING:  # a boot-up: what was known of it is over
+        if state is NmtState.INITIALISING:  # after a boot-up, earlier values are invalid
             node.axes.clear()
             node.error, state = "", NmtState.PRE_OPERATIONAL
         node.nmt = state or node.nmt
@@ -245,10 +245,10 @@ def _take_value(node: _Node, value: SignalValue) -> None:
         axis.values[base] = value.value
 
 
-# Reconnecting client of a running robot: its newest state and its events, fetched by a thread.
+# Client of a running robot that reconnects; a thread receives the newest state and the events.
 #
-# Drawing never waits for the robot. An error is kept as a sentence, and the connection is tried again once a second;
-# the robot that was found first is the one that is looked for later.
+# Drawing never waits for the robot. An error is kept as a text, and the connection is tried again once a second. After
+# the first connection, the client only looks for that robot.
 
 
 A = TypeVar("A")
@@ -261,9 +261,9 @@ _REPEATED: Final = 200  # newest events that are compared, so that none is repor
 
 
 class RobotLink:
-    """Connection to the robot `name`, or to the only one; `why` is the reason of a missing connection, or "".
+    """Connection to the robot `name`, or to the only running robot; reconnects by itself.
 
-    `start` takes what is called on the connection's thread when a sample has come.
+    `why` is the reason of a missing connection, or "".
     """
 
     def __init__(self, name: str | None = None) -> None:
@@ -281,12 +281,12 @@ class RobotLink:
         self._thread: threading.Thread | None = None
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Start to search for the robot."""
+        """Start the thread that connects; `on_sample` is called on that thread for each sample."""
         self._thread = threading.Thread(target=self._run, args=(on_sample,), name="robot link", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Close the connection, also one that is being made."""
+        """Close the connection, even while it is being established, and wait for the thread."""
         self._closed.set()
         connection = self._connection
         if connection is not None:
@@ -296,7 +296,7 @@ class RobotLink:
 
     @property
     def connected(self) -> bool:
-        """Whether the state is up to date."""
+        """Whether a sample has arrived within the last `_SILENCE_S`."""
         return self.state is not None and time.monotonic() - self._last_message < _SILENCE_S
 
     def events(self) -> list[RobotEvent]:
@@ -307,7 +307,7 @@ class RobotLink:
         return events
 
     def ask(self, request: Request[A], timeout: float) -> A:
-        """Send a request and wait up to `timeout` seconds; RemoteError. For threads that may block."""
+        """Send a request and wait up to `timeout` seconds; RemoteError if it fails. For threads that may block."""
         robot = self._robot
         if robot is None:
             raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} does not reach the robot: {self.why}")
@@ -347,23 +347,23 @@ class RobotLink:
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: RobotEvent) -> None:
-        """Store an event unless it is known: the stream repeats the events of the status."""
+        """Store an event unless it is known already, because the stream repeats events of the status."""
         if event not in self._recent:
             self._recent.append(event)
             self._events.append(event)
 
 
-# The tables of a running robot, made of a sample of its state stream.
+# Tables of a running robot, from a state sample.
 
 
 STALE_S: Final = 0.25
-"""A node that the robot takes for alive and that has been silent so long is stale; dead is what the robot has lost."""
+"""Age in s from which a node is shown as stale; a node that the robot has lost is shown as dead."""
 _LEVEL_TONES: Final = {"warning": Tone.WARN, "error": Tone.BAD}
 _NO_AXIS: Final = AxisReading("")
 
 
 def content_of(robot: str, state: StateSample) -> MonitorContent:
-    """Return the content of one sample."""
+    """Return the content of the screen for a state sample."""
     alarm = state.hint or ""
     if state.latched:
         alarm = f"STOP is latched by {state.latched_by}: nothing moves before it is released (key r)"
@@ -378,17 +378,17 @@ def content_of(robot: str, state: StateSample) -> MonitorContent:
 
 
 def without_robot(robot: str, why: str) -> MonitorContent:
-    """Return the content without a robot."""
+    """Return the content of the screen without a robot, with the reason."""
     return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP does not reach it; trying again")
 
 
 def log_line(event: RobotEvent) -> LogLine:
-    """Return an event as a line."""
+    """Convert an event to a log line."""
     return LogLine(event.time, event.text, _LEVEL_TONES.get(event.level, Tone.PLAIN))
 
 
 def is_emergency(event: RobotEvent) -> bool:
-    """Whether an event is an emergency, or the end of one."""
+    """Whether an event is an emergency, or the end of an emergency."""
     return event.kind in ("emcy", "emcy_reset")
 
 
@@ -435,7 +435,7 @@ def _nmt(node: NodeReading) -> Cell:
 
 
 def _statusword(axis: AxisReading) -> str:
-    """Return the statusword with its flags, without the state."""
+    """Return the statusword with its flags as text, without the state."""
     if axis.statusword is None:
         return "-"
     mode = OperationMode.__members__.get(axis.mode or "")
@@ -454,7 +454,7 @@ TIMEOUT_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
 
 
 class ScreenSource(Protocol):
-    """Interface of a source; `frames` and `trace` are those of its buses, which are `taps`."""
+    """Interface of a source; `frames` and `trace` contain the frames of its buses, which are `taps`."""
 
     can_command: bool
     frames: FrameTable
@@ -463,38 +463,38 @@ class ScreenSource(Protocol):
 
     @property
     def network(self) -> NetworkDescription:
-        """Nodes of the bus, for the filter."""
+        """Nodes of the buses, for the filter."""
         ...
 
     def start(self, on_sample: Callable[[], None]) -> None:
-        """Begin; `on_sample` is called, from any thread, for each new sample of the robot."""
+        """Start the source; `on_sample` is called, on any thread, for each sample of the robot."""
 
     def close(self) -> None:
         """End the source."""
 
     def tick(self) -> None:
-        """Run due work; called a few times a second."""
+        """Open buses that are due; called a few times a second."""
 
     def listen(self, on: bool) -> None:
-        """Start or stop listening to frames."""
+        """Start or stop receiving the frames of a robot's buses."""
 
     def choose(self, node: str) -> DriveObjects | None:
-        """Select a node and return its objects; None if they cannot be read."""
+        """Select a node and return its objects; None if the source cannot read objects."""
 
     def content(self) -> MonitorContent:
-        """Return the present content."""
+        """Return the current content of the screen."""
 
     def log(self) -> list[LogLine]:
-        """Return the log since the last call."""
+        """Return the log lines since the last call."""
 
     def emergencies(self) -> list[LogLine]:
         """Return the emergencies since the last call."""
 
     def command(self, request: Request[Any]) -> None:
-        """Send a request and wait; RemoteError. For threads that may block."""
+        """Send a request and wait; RemoteError if it fails. For threads that may block."""
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a verb on a node with the input line; CanopenError if it cannot be started."""
+        """Start a command on a node with the text of the input line; CanopenError if the command cannot start."""
         ...
 
 
@@ -515,30 +515,30 @@ class LiveRobot:
 
     @property
     def network(self) -> NetworkDescription:
-        """All nodes of all buses, for the filter."""
+        """Nodes of all buses, for the filter."""
         nodes = {node_id: node for network in self._networks for node_id, node in network.nodes.items()}
         master = self._networks[0].master_node_id if self._networks else None
         return NetworkDescription(nodes=nodes, master_node_id=master)
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Start to search for the robot."""
+        """Start to connect to the robot."""
         self._link.start(on_sample)
 
     def close(self) -> None:
-        """Close the connections to robot and buses."""
+        """Close the connections to the robot and to its buses."""
         self._objects.leave()
         self._link.close()
         for tap in self.taps:
             tap.close()
 
     def listen(self, on: bool) -> None:
-        """Open its buses, or close them."""
+        """Open the robot's buses, or close them."""
         if on is not self._listening:
             self._listening = on
             self._tap()
 
     def tick(self) -> None:
-        """Open the robot's buses once they are known, if requested."""
+        """Open the robot's buses once they are known, and again after a loss, if frames are shown."""
         if self._link.layouts is not self._layouts:
             self._layouts = self._link.layouts
             self._networks = [network_of_layout(layout) for layout in self._layouts.values()]
@@ -547,38 +547,38 @@ class LiveRobot:
             tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> DriveObjects:
-        """Select the node of the object table."""
+        """Select the node for the object table."""
         self._objects.choose(self._link.name or "", self._link.places.get(node))
         return self._objects
 
     def content(self) -> MonitorContent:
-        """Return the newest sample."""
+        """Return the content for the newest sample, or for a missing connection."""
         state = self._link.state
         if state is None or not self._link.connected:
             return without_robot(self._link.name or "robot", self._link.why or "no answer")
         return content_of(str(self._link.name), state)
 
     def log(self) -> list[LogLine]:
-        """Return the events since the last call."""
+        """Return the events since the last call as log lines."""
         events = self._link.events()
         self._emergencies += [log_line(event) for event in events if is_emergency(event)]
         return [log_line(event) for event in events]
 
     def emergencies(self) -> list[LogLine]:
-        """Return the emergencies in the result of `log`."""
+        """Return the emergencies among the events that `log` has returned since the last call."""
         emergencies, self._emergencies = self._emergencies, []
         return emergencies
 
     def command(self, request: Request[Any]) -> None:
-        """Send a request to the robot."""
+        """Send a request to the robot and wait; RemoteError if it fails."""
         self._link.ask(request, TIMEOUT_S)
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a verb through the running robot."""
+        """Start a command through the running robot."""
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
-        """Open the buses of a robot that was found or has returned, perhaps with others; or close them."""
+        """Open the buses of the robot as it is now, or close them if frames are not shown."""
         for tap in self.taps:
             tap.close()
         owner, networks = self._link.name or "", self._networks if self._listening else []
@@ -590,7 +590,7 @@ class LiveRobot:
 
 
 class BusSource:
-    """Source for a bare bus, which it only listens to."""
+    """Source for a bare bus, on which nothing is sent."""
 
     can_command = False
 
@@ -602,25 +602,25 @@ class BusSource:
         self.taps = [self._tap]
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Do nothing: `tick` opens the bus."""
+        """Do nothing, because `tick` opens the bus."""
 
     def listen(self, on: bool) -> None:
-        """Do nothing: it always listens."""
+        """Do nothing, because this source always listens."""
 
     def close(self) -> None:
         """Close the bus."""
         self._tap.close()
 
     def tick(self) -> None:
-        """Open the bus, also after a loss."""
+        """Open the bus if it is not open, also after a loss."""
         self._tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> None:  # noqa: ARG002 - as every source has it
-        """Return None: reading objects would require sending."""
+        """Return None, because reading objects would require sending."""
         return
 
     def content(self) -> MonitorContent:
-        """Return the present values of the nodes."""
+        """Return the tables of the nodes seen on the bus."""
         load = self._tap.meter.load
         facts = [
             f"{self.network.bitrate // 1000} kbit/s",
@@ -629,7 +629,7 @@ class BusSource:
         return self._table.content(time.time_ns(), f"{self.network.channel} (listening only)", tuple(facts))
 
     def log(self) -> list[LogLine]:
-        """Return the log since the last call."""
+        """Return the log lines since the last call."""
         return self._table.log()
 
     def emergencies(self) -> list[LogLine]:
@@ -637,13 +637,13 @@ class BusSource:
         return self._table.emergencies()
 
     def command(self, request: Request[Any]) -> None:
-        """Refuse the request: this source never sends."""
+        """Raise RemoteError, because this source never sends."""
         raise RemoteError(
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as every source has it
-        """Refuse the request: this source never sends."""
+        """Raise ConfigError, because this source never sends."""
         raise ConfigError(f"{title}: this monitor only listens on {self.network.channel}")
 
     def _take(self, decoded: DecodedFrame) -> None:
