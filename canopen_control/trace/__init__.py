@@ -1,1 +1,1 @@
-"""Decoder of bus traffic, and recordings, reports and exports made from recorded frames."""
+"""Decoding of bus traffic, recordings, and reports and exports from recorded frames."""

@@ -2,13 +2,13 @@
 
     meta.json     `FlightMeta`: robot, `reason` and time, `buses` {name: channel}, `layout` and `status` of the robot
     can.log       all frames of the window in candump's log format; the interface is the name of the bus in bus.yml
-    events.jsonl  events of the run as in the robot's stream, one per line, also from before the window
+    events.jsonl  events of the run as in the robot's stream, one per line, including those before the window
     states.jsonl  samples of the state stream, read as `TimedSnapshot`
     requests.jsonl  requests of clients other than reads
     eds/          EDS files of the nodes, so that the frames can be decoded with names anywhere
 
-Times are Unix s, those of frames Unix ns. A file is complete or absent: it gets its name when it is complete. A folder
-keeps `MAX_FILES`; the oldest are deleted.
+Times are Unix s, those of frames Unix ns. A file is complete or absent, because it gets its name only when complete. A
+folder keeps `MAX_FILES`; older files are deleted.
 
 Files may come from anywhere: sizes are limited before unpacking, the declared structures are checked, and the first
 error is reported with its place. Undeclared content is ignored, so that recordings of other versions can be read.
@@ -49,9 +49,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
 
-# Memory of a flight recorder: the newest frames and the newest lines, each bounded. An append has constant cost and
-# nothing is decoded. Frames remain 16-byte records, each with its own time. Memory is bounded by age and by bytes,
-# whichever is less; if the bytes are the limit the window is shorter, and `begin` gives its start.
+# Memory of a flight recorder: the newest frames and the newest lines, both bounded. An append has constant cost, and
+# nothing is decoded. Frames remain 16-byte records with their times. Memory is bounded by age and by bytes, whichever
+# is less; if bytes are the limit, the window is shorter, and `begin` is its start.
 
 
 _SEGMENT_NS = 1_000_000_000
@@ -59,7 +59,7 @@ _SEGMENTS_OF_LIMIT = 8  # fraction of the limit per segment, so that memory is r
 
 
 class KeptFrame(NamedTuple):
-    """Recorded frame: `time` in monotonic ns, the number of the bus."""
+    """Recorded frame: monotonic time in ns, number of the bus, and the 16-byte record."""
 
     time: int
     bus: int
@@ -67,7 +67,7 @@ class KeptFrame(NamedTuple):
 
 
 class _Segment:
-    """One second of frames of one bus, concatenated in `data`; `times` has one time for each."""
+    """About one second of frames of one bus, as concatenated records in `data` with their times in `times`."""
 
     __slots__ = ("begin", "bus", "data", "times")
 
@@ -78,7 +78,7 @@ class _Segment:
 
 
 class FrameRing:
-    """Buffer of the frames of the last `window_ns`, with at most about `limit` bytes; released in seconds."""
+    """Buffer for the frames of the last `window_ns`, within about `limit` bytes; frames are released in segments."""
 
     def __init__(self, window_ns: int, limit: int) -> None:
         self._window_ns, self._limit = window_ns, limit
@@ -87,7 +87,7 @@ class FrameRing:
         self._size = 0  # bytes of all complete segments
 
     def add(self, bus: int, records: bytes, times: Sequence[int]) -> None:
-        """Append the records of one read with their times, in order and not before earlier ones of this bus."""
+        """Append records with their times, which must be in order and not before earlier times of this bus."""
         segment, now = self._newest.get(bus), times[-1]
         if segment is None or now - segment.begin >= _SEGMENT_NS or self._is_long(segment):
             segment = self._begin_segment(bus, times[0], now)
@@ -96,11 +96,11 @@ class FrameRing:
 
     @property
     def size(self) -> int:
-        """Number of bytes kept, including times."""
+        """Number of stored bytes, including times."""
         return self._size + sum(map(_size_of, self._newest.values()))
 
     def frames(self, since: int) -> Iterator[KeptFrame]:
-        """Yield the frames at `since` or later, in the order of time."""
+        """Yield the frames of all buses at `since` or later, in order of time."""
         buses = {segment.bus for segment in self._segments}
         return heapq.merge(*(self._frames_of(bus, since) for bus in sorted(buses)), key=operator.itemgetter(0))
 
@@ -124,7 +124,7 @@ class FrameRing:
         return newest
 
     def _forget(self, now: int) -> None:
-        """Release the oldest segments outside the window or above the limit, except the newest."""
+        """Release the oldest segments outside of the window or above the limit, but not the last segment."""
         while len(self._segments) > 1 and (
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):
@@ -140,9 +140,9 @@ def _size_of(segment: _Segment) -> int:
 
 
 class LineRing:
-    """Buffer of text lines as bytes with their times; `window_ns` None keeps lines of any age.
+    """Buffer for text lines as bytes, within `limit` bytes and `window_ns`; None as the window means any age.
 
-    Lines are released one by one.
+    Old lines are released one by one.
     """
 
     def __init__(self, window_ns: int | None, limit: int) -> None:
@@ -151,7 +151,7 @@ class LineRing:
         self.size = 0
 
     def add(self, line: bytes, now: int) -> None:
-        """Append a line."""
+        """Append a line and release old lines."""
         lines = self._lines
         lines.append((now, line))
         self.size += len(line)
@@ -159,7 +159,7 @@ class LineRing:
             self.size -= len(lines.popleft()[1])
 
     def lines(self, since: int = 0) -> Iterator[bytes]:
-        """Yield the lines added at `since` or later, oldest first."""
+        """Yield the lines added at `since` or later, the oldest first."""
         for added, line in self._lines:
             if added >= since:
                 yield line
@@ -190,18 +190,18 @@ NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="n
 
 
 class FlightFileError(ValueError):
-    """Error in a file: a sentence with its place."""
+    """Error in a flight recording, with the place in the file."""
 
 
 class FlightFormat(Document, frozen=True, kw_only=True):
-    """Format and version of a file."""
+    """Format and version of a flight recording."""
 
     format: str = ""
     version: int = 0
 
 
 class FlightMeta(FlightFormat, frozen=True, kw_only=True):
-    """Metadata of a recording: `reason` is the fault, `written` and `begin` are Unix s.
+    """Metadata of a flight recording; `reason` is the fault, and `written` and `begin` (of the window) are Unix s.
 
     `unheard` are buses that could not be opened, `frames_lost` counts frames that arrived too fast, `faults_left_out`
     faults without a file of their own. `status` is None if the robot never answered. `world` is the world of a
@@ -225,9 +225,9 @@ class FlightMeta(FlightFormat, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class FlightFile:
-    """Content of a file; `frames` are in order of time, `eds` contains the texts of the EDS files by file name.
+    """Content of a flight recording; `frames` are in order of time, `eds` contains the EDS texts by file name.
 
-    `unread_lines` of its log contain no frame; `notes` are sentences about other missing parts.
+    `unread_lines` is the number of log lines without a frame; `notes` are sentences about other missing parts.
     """
 
     meta: FlightMeta
@@ -262,7 +262,7 @@ def save(
     states: Iterable[bytes],
     requests: Iterable[bytes] = (),
 ) -> Path:
-    """Write a file about `meta.reason` to `folder`, and delete the oldest files there; ConfigError and DiskFull."""
+    """Write a recording of `meta.reason` to `folder`, and delete the oldest files there; ConfigError or DiskFull."""
     with telling(folder, "no recording was written"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = _free_path(folder, meta)
@@ -279,7 +279,7 @@ def write_flight(
     states: Iterable[bytes],
     requests: Iterable[bytes],
 ) -> None:
-    """Write a file at `path`, which appears when it is complete; ConfigError and DiskFull."""
+    """Write a recording to `path`, which exists only when complete; ConfigError or DiskFull if that fails."""
     part = path.with_suffix(".part")
     try:
         with telling(path, _LOST):
@@ -301,7 +301,7 @@ def write_flight(
 
 
 def _bytes_of(path: str) -> bytes:
-    """Return the content of an EDS file; empty if it was removed meanwhile."""
+    """Return the content of an EDS file; empty if the file cannot be read any more."""
     try:
         return Path(path).read_bytes()
     except OSError:
@@ -313,7 +313,7 @@ def _eds_paths(meta: FlightMeta) -> set[str]:
 
 
 def _free_path(folder: Path, meta: FlightMeta) -> Path:
-    """Return an unused path named after time and reason; the names of a folder sort by time."""
+    """Return an unused path named after time and reason, so that the names of a folder sort by time."""
     stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta.written))
     why = [word[:40] for word in (meta.reason.kind, meta.reason.node) if word]
     words = "-".join(re.sub(r"\W+", "_", word, flags=re.ASCII) for word in why)
@@ -330,30 +330,30 @@ def _forget_oldest(folder: Path) -> None:
 
 
 def newest(folder: Path) -> Path | None:
-    """Return the newest file of a folder, None if there is none."""
+    """Return the newest recording in a folder; None if there is none."""
     return max(folder.glob("*.zip"), default=None)
 
 
 def is_flight_file(path: Path) -> bool:
-    """Whether a path names a file of a flight recorder, by its suffix."""
+    """Whether a path has the suffix of a flight recording, ".zip"."""
     return path.suffix.lower() == ".zip"
 
 
 def read_flight(path: Path) -> FlightFile:
-    """Return the content of a file; ConfigError with a sentence if it is invalid.
+    """Read a flight recording; ConfigError with a sentence if the file is invalid.
 
-    Log lines without a frame are counted.
+    Log lines without a frame are counted in `unread_lines`.
     """
     return _opened(path, _read)
 
 
 def read_samples(path: Path) -> list[StateSample]:
-    """Return the samples of the state stream with all their data; ConfigError as for `read_flight`."""
+    """Read the state samples of a recording with all their data; ConfigError as for `read_flight`."""
     return _opened(path, lambda archive, _meta: _lines(archive, _STATES, StateSample))
 
 
 def read_meta(path: Path) -> FlightMeta:
-    """Return only the metadata of a file; ConfigError as for `read_flight`."""
+    """Read only the metadata of a recording; ConfigError as for `read_flight`."""
     return _opened(path, lambda _archive, meta: meta)
 
 
@@ -376,7 +376,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a file of the archive; one that unpacks to more than a recorder writes is refused."""
+    """Return a member of the archive; FlightFileError if it unpacks to more than a recorder writes."""
     limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
     if archive.getinfo(name).file_size > limit:
         raise _too_large(name, limit)
@@ -407,7 +407,7 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
-    """Return the samples with the controllers' data, which are omitted if an earlier version stored them otherwise."""
+    """Return the samples with the data of controllers; without these if an earlier version stored them differently."""
     samples = _lines(archive, _STATES, TimedSnapshot)  # mandatory
     try:
         return list(_lines(archive, _STATES, StateSample))

@@ -25,18 +25,19 @@ if TYPE_CHECKING:
 # Filters are applied after decoding, because the decoder needs all frames.
 
 
-# services with periodic frames; all frames of others count as events
+# services with periodic frames; all frames of other services count as events
 _REPEATED = frozenset(("pdo", "hb", "sync", "time"))
-_KNOWN = 4096  # number of identifiers whose last data are kept
+_KNOWN = 4096  # maximum number of identifiers whose last data are stored
 _ALIASES = {"heartbeat": "hb", "heartbeats": "hb", "guarding": "hb"}
 _STANDARD = 0x7FF
 
 
 @dataclass(slots=True)
 class Filter:
-    """Filter of decoded frames; empty fields select all.
+    """Filter of decoded frames; empty fields select all frames.
 
-    `changes` omits a frame with the same data as the previous one of its identifier, `events` everything without news.
+    `changes` omits a periodic frame with the same data as the previous frame of its identifier; `events` also omits
+    frames that are not marked as notable, as a warning or as an error.
     """
 
     nodes: frozenset[int] = frozenset()
@@ -47,7 +48,7 @@ class Filter:
     _last: dict[int, bytes] = field(default_factory=dict)
 
     def wants(self, decoded: DecodedFrame) -> bool:
-        """Whether the frame passes; a filter of changes stores its data."""
+        """Whether the frame passes; a filter for changes or events remembers the data of the frame."""
         if self.nodes and decoded.node_id not in self.nodes:
             return False
         if self.services and decoded.service not in self.services:
@@ -69,7 +70,7 @@ class Filter:
 
 
 def parse_services(text: str) -> frozenset[str]:
-    """Return the services of ``pdo,sdo``; ValueError with the valid names."""
+    """Parse a list of services, as in ``pdo,sdo``; the ValueError names the valid services."""
     names = {_ALIASES.get(part, part) for part in text.lower().replace(" ", "").split(",") if part}
     if unknown := sorted(names - set(SERVICES)):
         raise ValueError(f"no service {unknown[0]!r}; there are: {', '.join(SERVICES)}")
@@ -77,9 +78,9 @@ def parse_services(text: str) -> frozenset[str]:
 
 
 def parse_ids(text: str) -> range:
-    """Parse an identifier or a range, ``181`` or ``0x181`` or ``180-1FF``, always hexadecimal.
+    """Parse an identifier or a range, as in ``181``, ``0x181`` or ``180-1FF``; always hexadecimal.
 
-    ValueError if invalid.
+    ValueError if the text is invalid.
     """
     first, _, last = text.partition("-")
     low, high = _identifier(first), _identifier(last or first)
@@ -99,7 +100,7 @@ def _identifier(text: str) -> int:
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
-    """Return the node ids of names or numbers; ConfigError with the valid names."""
+    """Return the node ids of names or numbers, "master" included; the ConfigError lists the names."""
     node_ids = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)
@@ -120,8 +121,8 @@ def _node_id(network: NetworkDescription, text: str) -> int:
     return node_id
 
 
-# CSV tables of a recording: one row per value, or, wide, one row per frame and one column per signal. Numbers remain
-# numbers, with their text in another column; times in Unix s.
+# CSV tables of a recording: a row per value, or, in the wide form, a row per frame with a column per signal. Numbers
+# remain numbers, with their text in another column; times are Unix s.
 
 
 COLUMNS = ("time", "id", "node", "service", "signal", "value", "text")
@@ -129,7 +130,7 @@ _NS = 1_000_000_000
 
 
 def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
-    """Write a row for each value and for each frame without values; return the number of rows."""
+    """Write a CSV row for each value, and for each frame without values; return the number of rows."""
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
     count = 0
@@ -149,7 +150,7 @@ def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
 
 
 def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: TextIO) -> int:
-    """Write a row for each PDO with a column for each of `signals`, empty if the frame lacks it.
+    """Write a CSV row for each PDO, with a column for each of `signals`, empty if the frame lacks the signal.
 
     Return the number of rows.
     """
@@ -170,7 +171,7 @@ def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: Text
 
 
 def signal_name(frame: DecodedFrame, name: str) -> str:
-    """Return the column name of a value of `frame`: node and name."""
+    """Return the column name for a value of a frame, "NODE.NAME"."""
     return f"{frame.who}.{name}"
 
 
@@ -191,7 +192,7 @@ _SHORTEST_NODE = 8
 
 
 class LineWriter:
-    """Formatter of the lines of one trace; times count from the first frame, or are the local time with `absolute`."""
+    """Formatter for the lines of a trace; times are relative to the first frame, or local times with `absolute`."""
 
     def __init__(self, network: NetworkDescription, *, absolute: bool = False, colour: bool = False) -> None:
         self._absolute, self._colour = absolute, colour
@@ -201,7 +202,7 @@ class LineWriter:
         self._start: int | None = None
 
     def line(self, decoded: DecodedFrame) -> str:
-        """Return one line without its end."""
+        """Return the line of a frame, without a line end."""
         text = (
             f"{self._time(decoded.time)}  {identifier_text(decoded.can_id):>3}  {_data(decoded):<{_DATA_WIDTH}}  "
             f"{decoded.who:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
@@ -220,7 +221,7 @@ class LineWriter:
 
 
 def identifier_text(can_id: int) -> str:
-    """Return an identifier in hex, three digits or eight; for error frames the error classes."""
+    """Return an identifier in hexadecimal with three or eight digits; for an error frame, the error classes."""
     width = 8 if can_id & (EXTENDED_FLAG | ERROR_FLAG) else 3
     return f"{can_id & 0x1FFFFFFF:0{width}X}"
 
@@ -232,7 +233,7 @@ def _data(decoded: DecodedFrame) -> str:
 
 
 class ValueDocument(Document, frozen=True):
-    """Object in a frame; `value` is bytes in hexadecimal, None if it is not a number."""
+    """Object in a frame; a `value` of bytes is in hexadecimal, and a number that JSON cannot represent is None."""
 
     index: int
     subindex: int
@@ -242,7 +243,7 @@ class ValueDocument(Document, frozen=True):
 
 
 class FrameDocument(Document, frozen=True, kw_only=True):
-    """Frame in `trace --json`: `time` in Unix seconds, `id` and `data` in hexadecimal."""
+    """Frame in `trace --json`; `time` is in Unix seconds, `id` and `data` are in hexadecimal."""
 
     time: float
     id: str
@@ -259,7 +260,7 @@ class FrameDocument(Document, frozen=True, kw_only=True):
 
 
 def document_of(decoded: DecodedFrame) -> FrameDocument:
-    """Return a frame as a document."""
+    """Convert a decoded frame to a document."""
     return FrameDocument(
         time=decoded.time / _NS,
         id=identifier_text(decoded.can_id),
@@ -280,7 +281,7 @@ def document_of(decoded: DecodedFrame) -> FrameDocument:
 
 
 def _plain(value: Value) -> int | float | str | None:
-    """Return a value that is valid in JSON, without bytes and infinity."""
+    """Return a value that JSON can represent: bytes in hexadecimal, None for nan and infinity."""
     if isinstance(value, bytes | bytearray):
         return value.hex()
     return None if isinstance(value, float) and not math.isfinite(value) else value
