@@ -1,4 +1,4 @@
-"""Conformance checks: ids, clauses and levels, and their effects on the device."""
+"""Definition of conformance checks: ids, clauses, levels, and effects on the device."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 class CheckLevel(enum.Enum):
-    """Level of a clause: mandatory or recommended."""
+    """Level of a clause: mandatory (MUST) or recommended (SHOULD)."""
 
     MUST = "must"
     SHOULD = "should"
 
 
 class CheckTouch(enum.Enum):
-    """Effect of a check on the device; the value is the option that allows it, "" for none."""
+    """Effect of a check on the device; the value is the option that permits the check, "" if none is needed."""
 
     READ = ""
     CONFIGURE = "--configure"
@@ -35,7 +35,7 @@ class CheckTouch(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check: `run` raises CheckFailed or NotApplicable; `group` is the document: 301, 302, 305, 306 or 402."""
+    """Conformance check; `run` raises CheckFailed or NotApplicable, `group` is the document (301, 302, 305 ...)."""
 
     id: str
     group: str
@@ -61,7 +61,7 @@ class CheckList(list[Check]):
         level: CheckLevel = CheckLevel.MUST,
         touch: CheckTouch = CheckTouch.READ,
     ) -> Callable[[Callable[[CheckedNode], None]], Callable[[CheckedNode], None]]:
-        """Return a decorator that appends a function as a check."""
+        """Return a decorator that appends a function to the list as a check."""
 
         def append(run: Callable[[CheckedNode], None]) -> Callable[[CheckedNode], None]:
             self.append(Check(check_id, self.group, clause, title, level, touch, run))
@@ -75,12 +75,12 @@ _NAMED = re.compile(r"0x[0-9A-F]{4}|\d+(?:\.\d+)*")
 
 
 def clause_names(text: str) -> frozenset[str]:
-    """Return the sections and objects in a clause: 7.5.2.19 and 0x1016 for "CiA 301, 7.5.2.19 (0x1016)"."""
+    """Return the sections and objects named in a clause: 7.5.2.19 and 0x1016 for "CiA 301, 7.5.2.19 (0x1016)"."""
     return frozenset(_NAMED.findall(_DOCUMENT.sub("", text)))
 
 
 def is_of_clause(check: Check, clause: str) -> bool:
-    """Whether a check belongs to a clause or a section of it; `clause` as in "CiA 301, 7.2.4.3 (SDO)"."""
+    """Whether a check belongs to a clause or to a section of it; `clause` as in "CiA 301, 7.2.4.3 (SDO)"."""
     names, own = clause_names(clause), clause_names(check.clause)
     sections = {name for name in names if not name.startswith("0x")}
     if names & own - sections:
@@ -90,7 +90,7 @@ def is_of_clause(check: Check, clause: str) -> bool:
     return any(mine == section or mine.startswith(section + ".") for section in sections for mine in own)
 
 
-GENERAL_ERROR = 0x08000000  # a device may always abort with it (CiA 301, 7.2.4.3.17)
+GENERAL_ERROR = 0x08000000  # abort code that a device may always use (CiA 301, 7.2.4.3.17)
 
 
 def expect(good: bool, actual: str, expected: str) -> None:
@@ -100,7 +100,7 @@ def expect(good: bool, actual: str, expected: str) -> None:
 
 
 def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
-    """Send a raw SDO request that must be aborted with one of `codes`, or with the general error."""
+    """Send a raw SDO request and check that the device aborts it with one of `codes` or the general error."""
     answer = node.ask(request)
     expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     if answer is None:
@@ -113,7 +113,7 @@ def expect_abort(node: CheckedNode, request: bytes, *codes: int) -> None:
 
 
 def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *codes: int) -> None:
-    """Download a value that must be refused with one of `codes`, or with the general error."""
+    """Download a value and check that the device refuses it with one of `codes` or the general error."""
     expected = "abort " + " or ".join(f"0x{code:08X}" for code in codes)
     try:
         node.write(index, subindex, data)
@@ -125,5 +125,5 @@ def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *c
 
 
 def mux(index: int, subindex: int = 0) -> bytes:
-    """Return the multiplexer of an SDO request."""
+    """Return the three bytes of the multiplexer of an SDO request."""
     return bytes((index & 0xFF, index >> 8, subindex))

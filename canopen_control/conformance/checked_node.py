@@ -1,7 +1,7 @@
 """Communication between a check and one node, on a channel or in virtual time.
 
-With a manual clock of the reactor everything runs in virtual time. Every frame from or to the node is kept for the
-report, up to `KEPT` per check.
+If the reactor has a manual clock, everything runs in virtual time. Every frame from or to the node is kept for the
+report, up to `KEPT` frames per check.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _UNBOOTED, _UNBOOTED_S = 2, 1.0  # resets without a boot-up message, and the tim
 
 
 class CheckFailed(Exception):
-    """Violation of a clause by the device: what was received, and what was expected."""
+    """Violation of a clause by the device: what was observed, and what was expected."""
 
     def __init__(self, observed: str, expected: str) -> None:
         self.observed, self.expected = observed, expected
@@ -43,20 +43,20 @@ class CheckFailed(Exception):
 
 
 class NotApplicable(Exception):
-    """A check does not apply to this device: an optional object is missing, or there is no EDS to compare with."""
+    """Exception of a check that does not apply: an optional object is missing, or there is no EDS to compare with."""
 
 
 class MotionBounds(NamedTuple):
-    """Bounds of motions in the drive's units of position and velocity; 0: taken from its objects."""
+    """Bounds of motions in the drive's units of position and velocity; 0: derived from the drive's objects."""
 
     distance: int = 0
     speed: int = 0
 
 
 class CheckedNode:
-    """Node under test on a port; `eds` is its description, None without one.
+    """Node under test on a port; `eds` is its EDS file, None if there is none.
 
-    `timeout_s` is the time allowed for each answer, `bounds` are those of motions. BusError when the bus is gone.
+    `timeout_s` is the time allowed for each answer, `bounds` limits motions. BusError is raised when the bus is lost.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class CheckedNode:
         self.reactor.remove_reader(self.port)
 
     def begin(self) -> None:
-        """Clear frames and notes of the previous check."""
+        """Clear the frames and notes of the previous check."""
         self.log.clear()
         self.notes = []
         self._frames.clear()
@@ -98,7 +98,7 @@ class CheckedNode:
     # -- frames
 
     def send(self, can_id: int, data: bytes = b"") -> None:
-        """Send a frame."""
+        """Send a frame with an identifier and data."""
         self._send([CanFrame(can_id, data)])
 
     def exchange(self, can_id: int, data: bytes, answer_id: int, seconds: float | None = None) -> bytes | None:
@@ -115,14 +115,14 @@ class CheckedNode:
         return self.wait_for(can_id, seconds)
 
     def listen(self, seconds: float) -> list[tuple[int, CanFrame]]:
-        """Return the frames of the next `seconds`, each with its time in ns."""
+        """Return the frames received in the next `seconds`, each with its time in ns."""
         self._frames.clear()
         self.reactor.run_for(round(seconds * 1e9))
         self._check_bus()
         return list(self._frames)
 
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Return the first frame with an identifier, including one received before; None after `seconds`."""
+        """Return the first frame with an identifier, even one received before the call; None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
         self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
         self._check_bus()
@@ -135,7 +135,7 @@ class CheckedNode:
         return None if frame is None or not frame.data else state_of_byte(frame.data[0])
 
     def nmt(self, command: NmtCommand, node_id: int | None = None) -> None:
-        """Send an NMT command, to this node unless `node_id` is given."""
+        """Send an NMT command to this node, or to `node_id` if given."""
         self._frames.clear()
         self._client.forget()
         self._send([nmt_frame(command, self.node_id if node_id is None else node_id)])
@@ -151,9 +151,9 @@ class CheckedNode:
             self.reactor.run_for(MS)
 
     def reset(self, command: NmtCommand, seconds: float = 10.0) -> float | None:
-        """Reset the node; return the time to its boot-up message in s, None if there is none.
+        """Reset the node; return the time to its boot-up message in s, None if no boot-up message came.
 
-        A node that sent none after two resets is not waited for as long.
+        After two resets without a boot-up message, further resets are awaited for a second at most.
         """
         self.nmt(command)
         seconds = seconds if self._unbooted < _UNBOOTED else min(seconds, _UNBOOTED_S)
@@ -171,42 +171,42 @@ class CheckedNode:
     # -- SDO
 
     def answers(self, seconds: float) -> int:
-        """Return the number of answers to one request within a time."""
+        """Return the number of answers to one SDO request within `seconds`."""
         self.send(REQUEST + self.node_id, bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0)))
         return sum(frame.can_id == ANSWER + self.node_id for _, frame in self.listen(seconds))
 
     def ask(self, request: bytes) -> bytes | None:
-        """Send eight raw bytes to the SDO server; return its answer, None after the timeout."""
+        """Send eight raw bytes to the SDO server; return the answer, None after the timeout."""
         return self.exchange(REQUEST + self.node_id, request, ANSWER + self.node_id)
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
-        """Upload an object; raises SdoAbort, SdoTimeout or another RemoteProtocolError."""
+        """Upload an object; raise SdoAbort, SdoTimeout or another RemoteProtocolError."""
         return self._transfer(self._client.read(index, subindex, block=block, now=self.reactor.now()))
 
     def write(self, index: int, subindex: int, data: bytes, *, block: bool = False) -> None:
-        """Download an object; raises as `read` does."""
+        """Download an object; raise the same errors as `read`."""
         self._transfer(self._client.write(index, subindex, data, block=block, now=self.reactor.now()))
 
     def optional(self, index: int, subindex: int = 0) -> bytes:
-        """Upload an object that is optional for devices; NotApplicable if the device refuses the upload."""
+        """Upload an object that is optional for devices; raise NotApplicable if the device refuses the upload."""
         try:
             return self.read(index, subindex)
         except SdoAbort as error:
             raise NotApplicable(f"0x{index:04X}:{subindex:02X} cannot be read: 0x{error.code:08X}") from None
 
     def number(self, index: int, subindex: int = 0) -> int:
-        """Upload an unsigned number, as `optional` does."""
+        """Upload an optional unsigned number; raise NotApplicable if the device refuses the upload."""
         return int.from_bytes(self.optional(index, subindex), "little")
 
     def put(self, index: int, subindex: int, value: int, size: int) -> None:
-        """Download an unsigned number of `size` bytes; raises as `read` does."""
+        """Download an unsigned number of `size` bytes; raise the same errors as `read`."""
         self.write(index, subindex, value.to_bytes(size, "little"))
 
     @contextmanager
     def kept(self, index: int, subindex: int = 0) -> Iterator[int]:
-        """Context with the value of an object, which is written back at its end; NotApplicable as `optional`.
+        """Context with the value of an object, which is restored on exit; NotApplicable if it cannot be read.
 
-        An object that the EDS calls read-only is not applicable either. A value that cannot be written back is
+        NotApplicable is also raised for an object that the EDS calls read-only. A value that cannot be restored is
         reported by the comparison at the end of the run.
         """
         entry = None if self.eds is None else self.eds.od.get(index, subindex)

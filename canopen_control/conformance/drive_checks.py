@@ -1,7 +1,7 @@
 """Checks of a drive without motion: objects, modes and the power state machine (CiA 402-2, 6 and 8).
 
-For a drive with several axes the first one is checked. The checks of the power state machine switch on the power stage,
-in a mode and with a set-point by which the motor stands.
+Of a drive with several axes the first axis is checked. The checks of the power state machine switch on the power
+stage, in a mode and with a set-point in which the motor stands still.
 """
 
 from __future__ import annotations
@@ -210,7 +210,7 @@ def _mode_at_once(node: CheckedNode) -> None:
 
 
 def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
-    """Return the modes that the drive accepts."""
+    """Return those of `modes` that the drive accepts."""
     accepted = []
     with node.operational(), node.kept(o.MODES_OF_OPERATION):
         for mode in modes:
@@ -335,7 +335,7 @@ _FORBIDDEN = (
 
 
 def _by_rpdo(node: CheckedNode, word: int) -> None:
-    """Send a controlword in the first RPDO, with the present values of its other objects."""
+    """Send a controlword in the first RPDO, with the present values of the other mapped objects."""
     record = first_pdo(node)
     image, shift = int.from_bytes(present_values(node, record), "little"), 0
     for entry in record.entries:
@@ -464,7 +464,7 @@ def _resumed(node: CheckedNode) -> None:
 
 @contextmanager
 def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
-    """Context in which the drive is in FAULT without the fault's cause; it gives the codes of its EMCY messages."""
+    """Context in which the drive is in FAULT, with the cause removed; yields the error codes of the EMCY messages."""
     is_drive(node)
     other = 126 if node.node_id != 126 else 125
     can_id = node.number(0x1014) & 0x7FF
@@ -593,7 +593,7 @@ def _method_enabled(node: CheckedNode) -> None:
 
 @contextmanager
 def _set_point_here(node: CheckedNode) -> Iterator[None]:
-    """Context in which bit 4 commands a set-point of PP at the present position."""
+    """Context in which bit 4 commands a PP set-point at the present position."""
     with drive_at(node, OE, OperationMode.PP), node.kept(o.TARGET_POSITION):
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
         control(node, 0x1F)

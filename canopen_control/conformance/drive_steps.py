@@ -34,22 +34,22 @@ def is_drive(node: CheckedNode) -> None:
 
 
 def signed(node: CheckedNode, index: int, subindex: int = 0) -> int:
-    """Read a signed number; NotApplicable if the device lacks it."""
+    """Read a signed number; raise NotApplicable if the device does not have the object."""
     return int.from_bytes(node.optional(index, subindex), "little", signed=True)
 
 
 def statusword(node: CheckedNode) -> int:
-    """Read 0x6041."""
+    """Read the statusword, 0x6041."""
     return int.from_bytes(node.read(o.STATUSWORD), "little")
 
 
 def control(node: CheckedNode, word: int) -> None:
-    """Write 0x6040."""
+    """Write the controlword, 0x6040."""
     node.put(o.CONTROLWORD, 0, word, 2)
 
 
 def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
-    """Return the time in s until the drive reaches a state; CheckFailed after the timeout."""
+    """Wait until the drive reaches a state and return the time in s; raise CheckFailed after the timeout."""
     begin = node.reactor.now()
     while True:
         word = statusword(node)
@@ -64,7 +64,7 @@ def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
 
 
 def stays(node: CheckedNode, state: State, seconds: float) -> None:
-    """Expect that the drive remains in a state for some time."""
+    """Check that the drive remains in a state for some time."""
     for _ in range(10):
         word = statusword(node)
         shown = decode_statusword(word)
@@ -73,7 +73,7 @@ def stays(node: CheckedNode, state: State, seconds: float) -> None:
 
 
 def go(node: CheckedNode, goal: State) -> None:
-    """Bring the drive to a state by commands, one per transition."""
+    """Bring the drive to a state by controlwords, one per transition."""
     for _ in range(8):
         state = decode_statusword(statusword(node))
         if state is goal:
@@ -90,7 +90,7 @@ def go(node: CheckedNode, goal: State) -> None:
 
 
 def _word_to(state: State | None, goal: State) -> int:
-    """Return the controlword of the next step to a goal among the states of `_UP`."""
+    """Return the controlword of the next transition towards a goal among the states of `_UP`."""
     if state not in _UP or goal is _UP[0]:
         return 0x00
     place, target = _UP.index(state), _UP.index(goal)
@@ -105,7 +105,7 @@ def _wait_until_left(node: CheckedNode, state: State | None) -> None:
 
 
 def set_mode(node: CheckedNode, mode: int) -> None:
-    """Select a mode of operation, and wait until 0x6061 shows it; NotApplicable for one that 0x6502 does not list."""
+    """Select a mode of operation, and wait until 0x6061 shows it; NotApplicable if 0x6502 does not list the mode."""
     if not node.number(o.SUPPORTED_DRIVE_MODES) >> (mode - 1) & 1:
         raise NotApplicable(f"0x6502 does not list mode {mode}")
     node.put(o.MODES_OF_OPERATION, 0, mode, 1)
@@ -116,7 +116,7 @@ def set_mode(node: CheckedNode, mode: int) -> None:
 
 
 def select_standstill_mode(node: CheckedNode) -> None:
-    """Select a mode in which an enabled drive does not move."""
+    """Select a mode in which an enabled drive does not move; raise NotApplicable if there is none."""
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
     mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
     if mode is None:
@@ -130,7 +130,7 @@ def select_standstill_mode(node: CheckedNode) -> None:
 
 @contextmanager
 def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
-    """Context with the node OPERATIONAL and its drive in a state; at its end the power is off and the mode restored."""
+    """Context with the drive in state `goal` and the node OPERATIONAL; on exit the drive is disabled again."""
     is_drive(node)
     with node.operational():
         before = node.read(o.MODES_OF_OPERATION)
@@ -157,7 +157,7 @@ def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterato
 
 @contextmanager
 def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
-    """Context with another value of an option code; NotApplicable if the drive refuses it."""
+    """Context with another value of an option code; raise NotApplicable if the drive refuses the value."""
     with node.kept(index):
         try:
             node.put(index, 0, value, 2)

@@ -1,6 +1,6 @@
-"""Offline checks of the EDS (CiA 306-1); nothing is sent. `T` is the number of the case in CiA's tool 3.0.3.
+"""Offline checks of the EDS (CiA 306-1); nothing is sent. `T` in a comment is a case number of CiA's tool 3.0.3.
 
-Most rules are those of `od.eds`, whose issues have codes; a check fails by the issues of its codes.
+Most rules are those of `od.eds`, whose issues have codes; a check fails if there is an issue with one of its codes.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def _eds(node: CheckedNode) -> EdsFile:
 
 
 def _without_issues(codes: tuple[str, ...], node: CheckedNode) -> None:
-    """Expect no issue with certain codes in the EDS."""
+    """Check that the EDS has no issue with certain codes."""
     issues = [issue for issue in _eds(node).issues if issue.code in codes]
     lines = "; ".join(f"line {issue.line}: {issue.text}" for issue in issues[:_SHOWN])
     more = f"; and {len(issues) - _SHOWN} more" if len(issues) > _SHOWN else ""

@@ -1,7 +1,7 @@
 """Report of a conformance run as one self-contained HTML page, for users, manufacturers and maintainers of a device.
 
-The summary lists the consequences for a master; then follow a verdict per clause, each failure with its frames by name,
-the problems of the EDS, and what was not tested.
+The summary lists the consequences for a master. Then follow a verdict per clause, the failures with their decoded
+frames, the problems of the EDS, and the list of what was not tested.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Deviation(NamedTuple):
-    """Quirk of virtual drives, the check that detects it, and the key of bus.yml that compensates it ("" for none)."""
+    """Quirk of virtual drives, the check that detects it, and the bus.yml key that compensates for it ("" if none)."""
 
     quirk: str
     check: str
@@ -141,9 +141,9 @@ DEVIATIONS = (
     Deviation("sdo_first_lost", "S31"),
     Deviation("optional_missing", "D093f"),
 )
-"""Which check finds which quirk; several quirks may look alike to a check."""
+"""Quirks and the checks that detect them; a check may be unable to tell several quirks apart."""
 
-# What a failure means for a master, by the first section or object of the clause that has an entry.
+# Consequence of a failure for a master, by the first section or object of the clause that has an entry.
 _MEANINGS = (
     ("7.2.4", "A master that configures the device by SDO will see refused or wrong transfers."),
     (
@@ -205,7 +205,7 @@ _MEANINGS = (
     ("6.3", "A master that enables the drive will wait longer than usual, or report a failed transition."),
     ("402", "A master that relies on this object of the profile will not get what it expects."),
 )
-_OF_MASTER = {  # by the first letters of the ids of the checks of a master
+_OF_MASTER = {  # by the first two letters of the ids of the checks of a master
     "MC": "A device may run with another configuration than the one that this master means.",
     "MN": "A device may miss an NMT command of this master, or stay in another state than it assumes.",
     "MT": "A device with a strict SDO server will refuse requests of this master, or get a wrong value.",
@@ -224,7 +224,7 @@ _ORDER = (ERROR, FAILED, PASSED, SKIPPED)
 
 
 def html_page(report: ConformanceReport, does: Mapping[str, str], issues: Iterable[str] = ()) -> str:
-    """Return the page; `does` maps each quirk to its text, `issues` are those of the EDS."""
+    """Return the HTML page; `does` maps each quirk to its description, `issues` are the issues of the EDS."""
     failures = [result for result in report.results if result.verdict in (FAILED, ERROR)]
     title = f"Conformance of {report.name}"
     identity = ", ".join(f"{name} 0x{value}" for name, value in report.identity.items())
@@ -272,7 +272,7 @@ def _code(text: str) -> str:
 
 
 def meaning_of(result: CheckResult) -> str:
-    """Return the consequence of a failure for a master, or of a master's failure for its devices."""
+    """Return the consequence of a device's failure for a master, or of a master's failure for its devices."""
     if result.id[:2] in _OF_MASTER:
         return _OF_MASTER[result.id[:2]]
     names = {*clause_names(result.clause), result.group}
@@ -283,7 +283,7 @@ def meaning_of(result: CheckResult) -> str:
 
 
 def deviations_of(result: CheckResult, does: Mapping[str, str]) -> list[Deviation]:
-    """Return the known deviations that a failed check detects."""
+    """Return the known quirks with a description that a failed check detects."""
     return [one for one in DEVIATIONS if one.check == result.id and one.quirk in does]
 
 
@@ -327,7 +327,7 @@ def _untested(results: Iterable[CheckResult]) -> list[str]:
 
 
 def frame_name(line: str) -> str:
-    """Return the name of a logged frame: "SDO upload 0x1000:00", "heartbeat of node 5"; "" if it has none."""
+    """Return the name of a logged frame, such as "SDO request: upload of 0x1000:00"; "" if the frame has no name."""
     _time, _direction, identifier, *data = line.split()
     service = service_of(int(identifier, 16))
     if service is None:

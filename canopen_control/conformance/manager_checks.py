@@ -1,6 +1,6 @@
 """Checks of optional objects of CiA 302: NMT start-up, configuration manager, program download.
 
-Nothing is downloaded to 0x1F50 and 0x1F51: they replace the firmware.
+Nothing is downloaded to 0x1F50 and 0x1F51, because that would replace the firmware.
 """
 
 from __future__ import annotations

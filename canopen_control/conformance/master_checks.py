@@ -1,7 +1,7 @@
-"""Checks of a master by the frames received by a virtual device: their table, and the findings of a run.
+"""Checks of a master, based on the frames that a virtual device receives: their table, and the findings of a run.
 
-`MASTER_CHECKS` declares the checks. Observers (`master_sdo`, `master_network`, `master_drive`) hear each frame before
-the device does, and record in `MasterFindings` what a check found.
+`MASTER_CHECKS` declares the checks. Observers (`master_sdo`, `master_network`, `master_drive`) receive each frame
+before the device does, and record in `MasterFindings` what they found.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 
 
 class MasterCheck(NamedTuple):
-    """Check of a master: `expected` is the expected behaviour, `occasion` the event without which it is not tested."""
+    """Check of a master: `expected` is the expected behaviour, `occasion` the reason why it was not tested."""
 
     id: str
     group: str
@@ -40,7 +40,7 @@ class MasterCheck(NamedTuple):
 _SDO, _PDO, _MAP, _NMT, _HB, _SYNC = "7.2.4.3", "7.2.2", "7.5.2.36 and 7.5.2.38", "7.2.8.3", "7.2.8.3.2.2", "7.2.5"
 _BOOT, _POWER = "302-2, boot NMT slave", "402-2, 6.3 (power state machine)"
 _CONTROL = "402-2, object 0x6040"
-# A restart without an intended command is forbidden by EN 60204-1, 9.2.3 (start) and 7.5 (restoration of the supply).
+# EN 60204-1, 9.2.3 (start) and 7.5 (restoration of the supply) forbid a restart without an intended command.
 _RESTART = "402-2, 6.3, with EN 60204-1, 9.2.3"
 
 MASTER_CHECKS: tuple[MasterCheck, ...] = (
@@ -138,7 +138,7 @@ class _Finding:
 
 
 class MasterFindings:
-    """Results of the checks; `log` has the last frames except SYNC and PDOs, in the form of `CheckedNode`."""
+    """Findings of the checks; `log` contains the last frames except SYNC, formatted as in `CheckedNode`."""
 
     def __init__(self) -> None:
         self.now = self.begin = 0
@@ -152,7 +152,7 @@ class MasterFindings:
         self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
 
     def expect(self, good: bool, check_id: str, observed: str) -> None:
-        """Count an occasion of a check, and a failure unless `good`; the first failure keeps its frames."""
+        """Count an occasion of a check, and a failure unless `good`; the log is kept for the first failure."""
         finding = self._by_id[check_id]
         finding.occasions += 1
         if good:
@@ -163,7 +163,7 @@ class MasterFindings:
             finding.frames = list(self.log)
 
     def note(self, check_id: str, text: str) -> None:
-        """Add a figure, or a remark."""
+        """Add a measured value or a remark to the result of a check."""
         self._by_id[check_id].notes.append(text)
 
     def results(self) -> list[CheckResult]:
@@ -186,25 +186,25 @@ class MasterFindings:
 
 
 class MasterObserver:
-    """Passive observer of the frames between a master and `node`; it receives each frame before the device does."""
+    """Passive observer of the frames between a master and `node`, notified of each frame before the device is."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         self.node, self.findings = node, findings
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check a frame from the bus."""
+        """Process a frame from the bus."""
 
     def sent(self, frame: CanFrame) -> None:
-        """Record a frame of the device."""
+        """Process a frame sent by the device."""
 
     def tick(self, now: int) -> None:
-        """Check for missing frames."""
+        """Check for frames that are overdue."""
 
     def finish(self) -> None:
         """Check the rules that need the whole run."""
 
 
 def present(node: VirtualNode, index: int) -> int:
-    """Return the present value of a number, 0 if the device lacks the object."""
+    """Return the present value of a number, 0 if the device does not have the object."""
     value = node.get(index) if node.store.has(index) else 0
     return value if isinstance(value, int) else 0

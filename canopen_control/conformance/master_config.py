@@ -28,12 +28,12 @@ _MOST_COMMANDS = 10  # in a second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
-    """Whether an object is a communication record of PDOs of one direction."""
+    """Whether an object is a PDO record in the ranges that begin at `bases`."""
     return any(base <= index < base + 0x200 for base in bases)
 
 
 class ConfigurationObserver(MasterObserver):
-    """Observer of boot, configuration and NMT; `boots` counts boot-up messages, `started` is the last NMT start."""
+    """Observer of boot, configuration and NMT; `boots` counts boot-up messages, `started` is the time of NMT start."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         super().__init__(node, findings)
@@ -51,7 +51,7 @@ class ConfigurationObserver(MasterObserver):
     # -- frames
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check NMT commands, and requests to a device that has not booted."""
+        """Check NMT commands, and SDO requests to a device that has not booted."""
         if frame.can_id == NMT_COB_ID:
             self._nmt(frame.data, now)
         elif frame.can_id == REQUEST_BASE + self.node.node_id:
@@ -62,7 +62,7 @@ class ConfigurationObserver(MasterObserver):
             self.guarded = True
 
     def sent(self, frame: CanFrame) -> None:
-        """Restart the observation at a boot-up message."""
+        """Restart the observation at a boot-up message of the device."""
         if frame.can_id == ERROR_CONTROL_COB_ID + self.node.node_id and frame.data == b"\0":
             self.boots += 1
             if self._open and self.started is None:
@@ -102,7 +102,7 @@ class ConfigurationObserver(MasterObserver):
     # -- transfers
 
     def reading(self, mux: Mux) -> None:
-        """Record the objects that are read."""
+        """Record the index of an object that is read."""
         self.configured = True
         self._reads.add(mux[0])
 
@@ -131,7 +131,7 @@ class ConfigurationObserver(MasterObserver):
             self.findings.expect(not own, "MC15", f"{name_of(mux)} names node {node_id}, the device itself")
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Record failed writes."""
+        """Record whether a write has failed."""
         if code is None:
             if self._open.pop(mux, None) is not None:
                 self.findings.expect(True, "MC14", "")
@@ -149,7 +149,7 @@ class ConfigurationObserver(MasterObserver):
         return self.node.store.has(record, 1) and not self.node.store.number(record, 1) & _INVALID
 
     def _communication(self, mux: Mux, value: int) -> None:
-        """Check a write to a record of communication parameters (CiA 301, 7.5.2.35 and 7.5.2.37)."""
+        """Check a write to a PDO communication record (CiA 301, 7.5.2.35 and 7.5.2.37)."""
         record, subindex = mux
         expect, valid = self.findings.expect, self._is_valid(record)
         if subindex == 1:
@@ -163,10 +163,10 @@ class ConfigurationObserver(MasterObserver):
             expect(same or not valid, "MC11", f"{name_of(mux)} while the PDO is valid")
 
     def _mapping(self, mux: Mux, value: int) -> None:
-        """Check a write to a mapping record: the steps of CiA 301, 7.5.2.36."""
+        """Check a write to a mapping record for the order of CiA 301, 7.5.2.36."""
         record, subindex = mux
         expect = self.findings.expect
-        disabled = not self._is_valid(record - 0x200) or record - 0x200 in self._disabled  # or it was refused
+        disabled = not self._is_valid(record - 0x200) or record - 0x200 in self._disabled  # or the device refused it
         expect(disabled, "MC07", f"{name_of(mux)} while bit 31 of its COB-ID is 0")
         state = self.node.nmt.state
         expect(state is NmtState.PRE_OPERATIONAL, "MC12", f"{name_of(mux)} in {state.text}")
@@ -194,6 +194,6 @@ class ConfigurationObserver(MasterObserver):
             self.findings.expect(heartbeat > 0 or self.guarded, "MC05", "0x1017 is 0, and no remote frame came")
 
     def finish(self) -> None:
-        """Check a run that ends soon after NMT start."""
+        """Check the supervision of the device even if the run ends soon after NMT start."""
         if self.started is not None:
             self.tick(max(self.findings.now, self.started + _SETTLE_NS + MS))

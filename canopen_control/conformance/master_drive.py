@@ -1,6 +1,6 @@
 """Checks of a master's commands to a drive, and of its reaction to faults of the device (CiA 402-2).
 
-The first axis is judged. Commands are those of RPDOs and of SDO writes.
+The first axis is checked. Commands are received in RPDOs and in SDO writes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _UP = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 def window_of(node: VirtualNode) -> int:
-    """Return the maximum distance from 0x6064 that does not count as a jump: the following error window."""
+    """Return the largest distance from 0x6064 that does not count as a jump: the following error window."""
     window = node.store.number(_WINDOW)
     return window if 0 < window < 1 << 31 else _FALLBACK_WINDOW
 
@@ -60,7 +60,7 @@ class ControlObserver(MasterObserver):
         return self.node.drives[0].state
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check the objects of an RPDO."""
+        """Check the objects in an RPDO."""
         if frame.is_remote or not self.node.drives:
             return
         for rpdo in rpdos_of(self.node, frame):
@@ -68,7 +68,7 @@ class ControlObserver(MasterObserver):
                 self._object(index, value, now)
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Check an object that is written by SDO."""
+        """Check an object that the master writes by SDO."""
         entry = self.node.od.get(*mux)
         if not self.node.drives or entry is None or mux[1] or not 0x6000 <= mux[0] < 0x6800:
             return
@@ -80,10 +80,10 @@ class ControlObserver(MasterObserver):
             self._object(mux[0], value, self.findings.now)
 
     def reading(self, mux: Mux) -> None:
-        """Ignore reads."""
+        """Ignore the start of an upload."""
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Ignore the end of a write."""
+        """Ignore the end of a download."""
 
     def _object(self, index: int, value: int, now: int) -> None:
         if index == o.CONTROLWORD:
@@ -149,7 +149,7 @@ class ControlObserver(MasterObserver):
             self.findings.expect(not drive.statusword() & _ACKNOWLEDGED, "MW10", "bit 4 rose while bit 12 was 1")
 
     def tick(self, now: int) -> None:
-        """Check a bit 7 that remains 1."""
+        """Report a fault reset bit that remains 1 for more than a second."""
         if self._rose_at is not None and now - self._rose_at > _BIT_7_NS:
             self.findings.expect(False, "MW03", "bit 7 still 1 after 1 s")
             self._rose_at = None
@@ -157,10 +157,11 @@ class ControlObserver(MasterObserver):
 
 @dataclass(slots=True)
 class Stage:
-    """Fault of the device in the schedule, and the frames received while it lasted; times in ns.
+    """Stage of the schedule: a fault of the device, and what the master did meanwhile. Times are in ns.
 
-    `kind` chooses the checks, `fault` and `also` are of `fault_table`. The fault lasts for `lasts`, and the reaction is
-    awaited `after` it. Before a stage that `enables` an enabled drive is awaited; one that `holds` delays an answer.
+    `kind` determines the checks; `fault` and `also` are faults in `fault_table`. The fault lasts for `lasts`, and the
+    reaction is awaited for a further time `after`. With `enables` the stage begins when the drive is enabled; with
+    `holds` an SDO answer is delayed.
     """
 
     kind: str
@@ -177,19 +178,19 @@ class Stage:
     operational: bool = False
     configured: bool = False
     word: int | None = None  # controlword at the beginning
-    contact: int | None = None  # first SDO request or NMT command
-    noticed: int | None = None  # first of them, or other controlword
+    contact: int | None = None  # time of the first SDO request or NMT command
+    noticed: int | None = None  # time of the first SDO request, NMT command or other controlword
     words: list[tuple[int, int]] = field(default_factory=list)  # controlwords and their times
     set_points: dict[int, list[int]] = field(default_factory=dict)  # after the time allowed for the reaction
 
     @property
     def total(self) -> int:
-        """Duration."""
+        """Duration of the stage including the time for a reaction, in ns."""
         return self.lasts + self.after
 
 
 def schedule() -> list[Stage]:
-    """Return the faults of a run in order."""
+    """Return the stages of a run, in order."""
     return [
         Stage("fault", "EMCY and FAULT (over-temperature)", "drive_fault", 3 * S, 2 * S, enables=True),
         Stage("power", "the power stage loses its supply", "power_stage_off", 3 * S, 2 * S, enables=True),
@@ -212,7 +213,7 @@ _RESET_NOTICE_NS, _RETURN_NOTICE_NS = 5 * S, 6 * S
 
 
 class ReactionObserver(MasterObserver):
-    """Observer of the reactions to the stages of the schedule; `stage` is the present one."""
+    """Observer of the master's reaction to the faults in each stage; `stage` is the current stage or None."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, boots: ConfigurationObserver) -> None:
         super().__init__(node, findings)
@@ -230,7 +231,7 @@ class ReactionObserver(MasterObserver):
         return bool(self.node.drives) and self.node.drives[0].state is State.OPERATION_ENABLED
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage before its fault is injected."""
+        """Begin a stage, before its fault is injected."""
         stage.begun, stage.enabled, stage.word = now, self.enabled, self._word
         stage.operational = self.node.nmt.state is NmtState.OPERATIONAL
         stage.configured = self.boots.configured
@@ -240,7 +241,7 @@ class ReactionObserver(MasterObserver):
     # -- frames and commands
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Record contacts with the device, and cyclic frames."""
+        """Record SDO requests and NMT commands to the device, and cyclic frames."""
         node, can_id = self.node, frame.can_id
         if can_id == REQUEST_BASE + node.node_id:
             self._noticed(now)
@@ -273,7 +274,7 @@ class ReactionObserver(MasterObserver):
                 self._contacts.append(now)
 
     def controlword(self, word: int, now: int) -> None:
-        """Record a controlword."""
+        """Record a controlword and the first change of it."""
         self._word = word
         stage = self.stage
         if stage is None:
@@ -284,7 +285,7 @@ class ReactionObserver(MasterObserver):
             stage.words.append((word, now))
 
     def set_point(self, index: int, value: int, now: int) -> None:
-        """Record a set-point after the time of the reaction."""
+        """Record the range of a set-point in a fault stage, after the time allowed for the reaction."""
         stage = self.stage
         if stage is not None and stage.kind == "fault" and now - stage.begun > _GRACE_NS and now < stage.healed:
             values = stage.set_points.setdefault(index, [value, value])
@@ -293,7 +294,7 @@ class ReactionObserver(MasterObserver):
     # -- the end of a stage
 
     def end(self) -> None:
-        """Check the stage at its end."""
+        """End the current stage, and check the master's reaction."""
         stage, self.stage = self.stage, None
         if stage is None:
             return
@@ -303,7 +304,7 @@ class ReactionObserver(MasterObserver):
         self._contacts.clear()
 
     def _commands_enable(self, stage: Stage, begin: int) -> tuple[int, int] | None:
-        """Return the first new command to enable after `begin`, and its time."""
+        """Return the first controlword after `begin` that newly enables the drive, and its time; None if none."""
         before = stage.word or 0
         for word, time in stage.words:
             new = word & _ENABLE_BITS == _ENABLE_BITS != before & _ENABLE_BITS
@@ -313,7 +314,7 @@ class ReactionObserver(MasterObserver):
         return None
 
     def _not_enabled(self, stage: Stage, check_id: str) -> None:
-        """Check that a drive that was enabled is not enabled again without a command."""
+        """Check that a drive that was enabled at the beginning is not commanded to enable again."""
         if not stage.enabled:
             return
         commanded = self._commands_enable(stage, stage.begun)

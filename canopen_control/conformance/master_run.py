@@ -1,7 +1,7 @@
-"""Run of master checks: a virtual device on the master's bus goes through scheduled faults.
+"""Run of the master checks: a virtual device on the master's bus goes through scheduled faults.
 
-The device first serves the master for `FIRST_NS` after the first frame for it, then steps through the stages of
-`master_drive.schedule`. A stage that does not fit into the time of the run is left out.
+After the first frame from the master the device runs without faults for `FIRST_NS`, then steps through the stages of
+`master_drive.schedule`. Stages that do not fit into the time of the run are left out.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _BOOT_NS = 200 * MS  # of the device
 _STEP_NS = 20 * MS
 _BEHIND_NS = 100 * MS
 _EMCY = 0x80
-#: checks of a stage, which a run that is too short leaves out
+#: checks of each kind of stage, which a run that is too short leaves out
 _OF_STAGE = {
     "fault": ("MF01", "MF02"),
     "power": ("MF03",),
@@ -48,9 +48,9 @@ _OF_STAGE = {
 
 
 class _HeldAnswers:
-    """Delay of one SDO answer until the master's next request, which is answered `_BEHIND_NS` later.
+    """Delay of one SDO answer until after the master's next request, whose answer follows `_BEHIND_NS` later.
 
-    A master that takes the late answer for that of its request goes on before the right one has come.
+    A master that mistakes the late answer for the answer to its next request continues before the right answer arrives.
     """
 
     def __init__(self, node: VirtualNode) -> None:
@@ -62,18 +62,18 @@ class _HeldAnswers:
         self._until: int | None = None
 
     def arm(self, *, on: bool) -> None:
-        """Hold the next answer."""
+        """Delay the next SDO answer, or with `on` False do not."""
         self._armed = on
 
     def request(self, frame: CanFrame, now: int) -> None:
-        """Release the late answer at the next request other than an abort."""
+        """Release the delayed answer at the next request other than an abort."""
         if self._late is None or frame.can_id != REQUEST_BASE + self._node.node_id or frame.data[:1] == bytes((ABORT,)):
             return
         self._released.append(self._late)
         self._late, self._until = None, now + _BEHIND_NS
 
     def pass_on(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that the device sends now."""
+        """Return the frames that the device sends now, in order."""
         leaving, self._released = self._released, []
         if self._until is not None and now >= self._until:
             leaving += self._behind
@@ -91,7 +91,7 @@ class _HeldAnswers:
 
 
 class MasterJudge:
-    """Observers of a device, sans-I/O, between `receive` and `frames`; `contacts` counts the frames for the device."""
+    """Virtual device and its observers, without I/O; `contacts` counts the frames for the device."""
 
     def __init__(self, node: VirtualNode, now: int) -> None:
         self.node, self.findings = node, MasterFindings()
@@ -116,7 +116,7 @@ class MasterJudge:
         node.set_reset_delay(_BOOT_NS, now)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check a frame of the bus, then pass it on to the device."""
+        """Check a frame from the bus, then pass the frame to the device."""
         self.findings.now = now
         self._log("<", frame)
         self.contacts += self._is_for_device(frame)
@@ -151,7 +151,7 @@ class MasterJudge:
             observer.tick(now)
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage by injecting its faults."""
+        """Begin a stage and inject its faults."""
         self.findings.now = now
         self.reactions.begin(stage, now)
         self._answers.arm(on=stage.holds)
@@ -160,18 +160,18 @@ class MasterJudge:
                 self._switches.set(fault, True, now)
 
     def heal(self, stage: Stage, now: int) -> None:
-        """Clear the remaining faults of a stage."""
+        """Clear the faults of a stage that are still active."""
         for fault in (stage.fault, stage.also):
             if fault in self._switches.active:
                 self._switches.set(fault, False, now)
 
     def end(self, now: int) -> None:
-        """End the stage."""
+        """End the current stage."""
         self.findings.now = now
         self.reactions.end()
 
     def report(self, now: int) -> ConformanceReport:
-        """Check the rules that need the whole run, and return the results."""
+        """Check the rules that need the whole run, and return the report."""
         self.findings.now = now
         for observer in self.observers:
             observer.finish()
@@ -182,7 +182,7 @@ class MasterJudge:
         return ConformanceReport(self.node.node_id, identity, self.findings.results(), "master")
 
     def _log(self, direction: str, frame: CanFrame) -> None:
-        """Log a frame of the device or for it; RPDOs only when they change."""
+        """Log a frame from or for the device; an RPDO only if its data have changed."""
         node_id, can_id = self.node.node_id, frame.can_id & 0x7FF
         services = (NMT_COB_ID, *(base + node_id for base in (REQUEST_BASE, ANSWER_BASE, ERROR_CONTROL_COB_ID, _EMCY)))
         if can_id in services:
@@ -193,7 +193,7 @@ class MasterJudge:
 
 
 class MasterRun:
-    """Run of a judge on a port for `seconds`, or until its schedule ends; `say` gets the title of each stage."""
+    """Run of the master checks on a port for `seconds` or to the end of the schedule; `report` gets stage titles."""
 
     def __init__(
         self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]
@@ -213,7 +213,7 @@ class MasterRun:
         self._timer = reactor.call_at(now, self._on_timer)
 
     def run(self, progress: Callable[[int, int], object] = lambda _done, _total: None) -> ConformanceReport:
-        """Return the report; raises as `report`. `progress` is called with the elapsed and the total seconds."""
+        """Run to the end and return the report; `progress` is called with the elapsed and the total seconds."""
         total = (self._end - self._begin) // S
         while not self.done:
             self._reactor.run_for(min(S // 2, self._end - self._reactor.now()))
@@ -227,13 +227,13 @@ class MasterRun:
         return self._closing or self._lost is not None or self._reactor.now() >= self._end
 
     def close(self) -> None:
-        """Leave the reactor; the port stays open."""
+        """Remove the device from the reactor; the port stays open."""
         self._closing = True
         self._reactor.remove_reader(self._port)
         self._timer.cancel()
 
     def report(self) -> ConformanceReport:
-        """Return the results; ConfigError if no frame for the device came, BusClosed if the bus was lost."""
+        """Return the report; ConfigError if no frame for the device came, BusClosed if the bus was lost."""
         if self._lost is not None:
             raise self._lost
         if not self.judge.contacts:
@@ -242,7 +242,7 @@ class MasterRun:
         return self.judge.report(self._reactor.now())
 
     def stop(self) -> None:
-        """End the run early; its report remains available."""
+        """End the run early; the report remains available."""
         self._closing = True
         self._reactor.stop()
 
@@ -257,7 +257,7 @@ class MasterRun:
     # -- the device
 
     def _plan(self) -> None:
-        """Set the timer to the next deadline of the device, and for the observers to their next step."""
+        """Set the timer to the next deadline of the device, but at most one step of the observers ahead."""
         now = self._reactor.now()
         deadline = self.judge.node.next_deadline()
         self._timer.cancel()

@@ -1,6 +1,6 @@
-"""Checks of a master's SDO client by its requests to one device (CiA 301, 7.2.4.3).
+"""Checks of a master's SDO client, based on its requests to one device (CiA 301, 7.2.4.3).
 
-The observer decodes the transfers, and passes writes and reads on to `TransferListener`s.
+The observer decodes the transfers, and passes writes and reads to `TransferListener`s.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Mux = tuple[int, int]
 
 
 class TransferListener(Protocol):
-    """Receiver of decoded transfers."""
+    """Receiver of decoded SDO transfers."""
 
     def reading(self, mux: Mux) -> None:
         """Process the initiation of an upload."""
@@ -55,7 +55,7 @@ class TransferListener(Protocol):
         """Process a complete download before the device does."""
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Process the end of a download: its abort code, None after a confirmation."""
+        """Process the end of a download; `code` is the abort code, None after a confirmation."""
 
 
 @dataclass(slots=True)
@@ -77,12 +77,12 @@ class MasterTransfer:
 
 
 def name_of(mux: Mux) -> str:
-    """Return the name of an object in reports."""
+    """Return the address of an object as in reports, such as "0x1018:01"."""
     return f"0x{mux[0]:04X}:{mux[1]:02X}"
 
 
 class SdoObserver(MasterObserver):
-    """Observer of SDO requests; `requests` counts them, `listeners` receive the transfers."""
+    """Observer of SDO requests; `requests` counts them, `listeners` receive the decoded transfers."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, listeners: Sequence[TransferListener] = ()) -> None:
         super().__init__(node, findings)
@@ -95,7 +95,7 @@ class SdoObserver(MasterObserver):
     # -- requests
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check a request."""
+        """Check a request to the device."""
         if frame.can_id != REQUEST_BASE + self.node.node_id:
             return
         self.requests += 1
@@ -162,7 +162,7 @@ class SdoObserver(MasterObserver):
                 listener.reading(mux)
 
     def _abandoned(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
-        """Check a transfer that is replaced by another one before its end."""
+        """Check a transfer that is replaced by another transfer before its end."""
         gap, which = now - transfer.requested_at, f"{transfer.kind} of {name_of(transfer.mux)}"
         if not transfer.answered and transfer.stale:
             good = mux == transfer.mux or gap > 2 * S
@@ -192,7 +192,7 @@ class SdoObserver(MasterObserver):
         self._whole(transfer, sized=bool(sized))
 
     def _whole(self, transfer: MasterTransfer, *, sized: bool = True) -> None:
-        """Check the size of a complete download, and pass it on."""
+        """Check the size of a complete download, and pass it to the listeners."""
         try:
             size = self.node.store.size_of(*transfer.mux)
         except SdoServerAbort:
@@ -231,7 +231,7 @@ class SdoObserver(MasterObserver):
             self._whole(transfer)
 
     def _block(self, transfer: MasterTransfer | None, data: bytes, now: int) -> None:
-        """Check a subcommand of a block transfer; the device itself checks its content."""
+        """Check a subcommand of a block transfer; its parameters are checked by the device itself."""
         if transfer is None or "block" not in transfer.kind:
             self.findings.expect(False, "MT11", f"command specifier {data[0]:02X} without its block transfer")
             return
@@ -297,7 +297,7 @@ class SdoObserver(MasterObserver):
 
     @staticmethod
     def _sub_block(transfer: MasterTransfer, data: bytes) -> None:
-        """Begin the next sub-block, which repeats the segments that the device has not acknowledged."""
+        """Begin the next sub-block, in which segments that the device has not acknowledged are repeated."""
         if data[0] & 3 == _BLOCK_ACK and (lost := transfer.count - data[1]) > 0:
             del transfer.data[len(transfer.data) - SEGMENT_DATA * lost :]
             transfer.last = False
@@ -331,7 +331,7 @@ class SdoObserver(MasterObserver):
     # -- time
 
     def tick(self, now: int) -> None:
-        """Check for a master that waits for an answer without a timeout."""
+        """Report a master that waits for an answer without a timeout."""
         transfer = self._transfer
         if transfer is not None and not transfer.answered and now - transfer.requested_at > _HANG_NS:
             text = f"nothing for 10 s after the {transfer.kind} of {name_of(transfer.mux)} that got no answer"

@@ -167,7 +167,7 @@ def _empty_history(node: CheckedNode) -> None:
 
 
 def _provoked(node: CheckedNode) -> list[bytes]:
-    """Send a short RPDO in OPERATIONAL; return the EMCY messages."""
+    """Send a short RPDO in OPERATIONAL; return the last EMCY, the error register, the history entry and later EMCYs."""
     can_id, rpdo = emergency_id(node), first_pdo(node)
     data = present_values(node, rpdo)
     with node.operational():
@@ -356,7 +356,7 @@ def _not_saved(node: CheckedNode) -> None:
 
 
 def _identifiers_refused(node: CheckedNode, index: int, subindex: int, identifiers: Iterable[int]) -> None:
-    """Download identifiers that must be refused; one that is accepted is replaced by the old one at once."""
+    """Download identifiers that must be refused; if one is accepted, restore the previous identifier at once."""
     accepted = []
     with node.kept(index, subindex) as value:
         for can_id in identifiers:

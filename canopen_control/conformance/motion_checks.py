@@ -1,6 +1,6 @@
 """Checks of a drive with motion: modes of operation, ramps, halt, quick stop, homing, limits (CiA 402-2).
 
-All of them need `--motion` and a free shaft. Bounds and return of every motion are those of `motion_steps`.
+All of them need `--motion` and a shaft that is free to turn. `motion_steps` bounds every motion and returns the shaft.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _furthest(motion: Motion, samples: list[DriveSample]) -> int:
 
 
 def _about(seconds: float, expected: float) -> None:
-    """Expect a time within a fifth plus the time of two samples."""
+    """Check that a time is within a fifth of the expected time, plus the time of two samples."""
     good = abs(seconds - expected) <= 0.2 * expected + 0.02
     expect(good, f"{seconds * 1000:.0f} ms", f"{expected * 1000:.0f} ms")
 
@@ -355,7 +355,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: Motion, distances: int = 1) -> float:
-    """Return the duration of a motion at 0x6081, with a margin for other units of velocity."""
+    """Return the duration in s of a motion at 0x6081, with a margin for other units of velocity."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
@@ -421,7 +421,7 @@ def _halted_move(node: CheckedNode) -> None:
 
 @contextmanager
 def _limited(node: CheckedNode) -> Iterator[Motion]:
-    """Context in which 0x607D ends half the distance of a motion in PP."""
+    """Context for PP in which the limits of 0x607D permit only half the distance of the motion."""
     is_drive(node)
     limit = o.SOFTWARE_POSITION_LIMIT
     with node.kept(limit, 1), node.kept(limit, 2), moving(node, _PP_MODE) as motion:
@@ -456,7 +456,7 @@ def _limit_shown(node: CheckedNode) -> None:
 
 @contextmanager
 def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[Motion]:
-    """Context with a homing method; with the methods without motion the offset is such that no position changes."""
+    """Context with a homing method; the home offset is such that the methods without motion change no position."""
     is_drive(node)
     with node.kept(o.HOMING_METHOD), ExitStack() as stack:
         try:
@@ -525,7 +525,7 @@ _SEARCH = 17  # to the negative limit switch, or 18 to the positive one: the che
 
 @contextmanager
 def _searching(node: CheckedNode) -> Iterator[Motion]:
-    """Context in which the drive searches for a limit switch at half the speed; it ends with bit 4 = 0."""
+    """Context in which the drive searches for a limit switch at half the speed; bit 4 = 0 ends the search."""
     with ExitStack() as stack:
         motion = stack.enter_context(_homing(node, _SEARCH))
         for subindex in (1, 2):

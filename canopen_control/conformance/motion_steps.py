@@ -1,8 +1,8 @@
 """Motions of drive checks: their bounds, the return to the start, and cyclic set-points.
 
-Every motion is bounded. The speed is that of `--speed`, or one per cent of 0x607F; the distance is that of
-`--distance`, or half a revolution by 0x6092, 0x6091 and 0x608F. A motion that goes further than `_BEYOND` times the
-distance fails its check, which takes the power away. At the end of a check the shaft returns to where it was.
+Every motion is bounded. The speed is given by `--speed`, or is one per cent of 0x607F; the distance is given by
+`--distance`, or is half a revolution by 0x6092 and 0x608F. A motion that goes further than `_BEYOND` times the
+distance fails its check, which disables the drive. At the end of a check the shaft returns to its start position.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class Motion(NamedTuple):
 
     @property
     def velocity(self) -> int:
-        """Speed in the direction of the distance."""
+        """Speed with the sign of the distance."""
         return self.speed if self.distance > 0 else -self.speed
 
 
 def _present(node: CheckedNode, index: int, subindex: int = 0) -> int:
-    """Read a number; 0 if the device lacks it."""
+    """Read an optional number; 0 if the device does not have the object."""
     try:
         return node.number(index, subindex)
     except NotApplicable:
@@ -59,7 +59,7 @@ def _present(node: CheckedNode, index: int, subindex: int = 0) -> int:
 
 
 def has(node: CheckedNode, index: int, subindex: int = 0) -> bool:
-    """Whether an object can be read."""
+    """Whether an optional object can be read."""
     try:
         node.optional(index, subindex)
     except NotApplicable:
@@ -76,7 +76,7 @@ def _half_turn(node: CheckedNode) -> int:
 
 
 def motion_of(node: CheckedNode) -> Motion:
-    """Return the bounds of motions; NotApplicable without any."""
+    """Return the bounds of motions; raise NotApplicable if neither options nor objects define them."""
     most = _present(node, o.MAX_PROFILE_VELOCITY)
     speed = node.bounds.speed or most // _SHARE
     speed = min(speed, most) if most else speed
@@ -97,9 +97,9 @@ def motion_of(node: CheckedNode) -> Motion:
 
 @contextmanager
 def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_share: float = 1.0) -> Iterator[Motion]:
-    """Context with the drive enabled in a mode with ramps of `RAMP_S`; at its end it returns to the start.
+    """Context in which the drive is in `mode`, with ramps of `RAMP_S`; on exit the drive returns to its start position.
 
-    `deceleration_share` is 0x6084 as a part of 0x6083.
+    `deceleration_share` is the ratio of 0x6084 to 0x6083.
     """
     is_drive(node)
     motion = motion_of(node)
@@ -125,7 +125,7 @@ def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_shar
 
 
 def _return(node: CheckedNode, motion: Motion) -> None:
-    """Stop, and return to the start by PP if the drive is still enabled."""
+    """Stop the shaft, and return to the start position in PP if the drive supports PP."""
     if has(node, o.TARGET_VELOCITY):
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
     control(node, ENABLE)
@@ -157,7 +157,7 @@ class DriveSample(NamedTuple):
 
 
 def sample(node: CheckedNode, motion: Motion) -> DriveSample:
-    """Return the present state; CheckFailed if the shaft has moved too far."""
+    """Return the present state of the drive; raise CheckFailed if the shaft has moved too far."""
     seconds = node.reactor.now() / 1e9
     position = signed(node, o.POSITION_ACTUAL)
     way = abs(position - motion.start)
@@ -169,7 +169,7 @@ def sample(node: CheckedNode, motion: Motion) -> DriveSample:
 def until(
     node: CheckedNode, motion: Motion, holds: Callable[[DriveSample], bool], seconds: float, expected: str
 ) -> list[DriveSample]:
-    """Return the samples up to the first that meets a condition; CheckFailed after the timeout."""
+    """Return the samples up to the first for which `holds` is true; raise CheckFailed after the timeout."""
     samples = [sample(node, motion)]
     while not holds(samples[-1]):
         last = samples[-1]
@@ -191,7 +191,7 @@ def watch(node: CheckedNode, motion: Motion, seconds: float) -> list[DriveSample
 
 
 def window(node: CheckedNode, motion: Motion) -> int:
-    """Return the maximum distance to a reached target: 0x6067, at least a hundredth of the distance."""
+    """Return the largest distance that counts as a reached target: 0x6067, or at least a hundredth of the distance."""
     value = _present(node, o.POSITION_WINDOW)
     return max(0 if value == 0xFFFFFFFF else value, abs(motion.distance) // 100, 2)
 
@@ -200,13 +200,13 @@ def window(node: CheckedNode, motion: Motion) -> int:
 
 
 def turn(node: CheckedNode, motion: Motion, velocity: int) -> list[DriveSample]:
-    """Command a velocity in PV, and wait until the shaft reaches it."""
+    """Command a velocity in PV, and wait until the shaft reaches it; return the samples."""
     node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
     return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
 
 
 def fast(one: DriveSample, velocity: int, share: float = 0.9) -> bool:
-    """Whether the shaft has reached a share of a velocity, in its direction."""
+    """Whether the shaft has reached a share of a velocity, in the same direction."""
     return one.velocity * velocity > 0 and abs(one.velocity) >= share * abs(velocity)
 
 
@@ -216,7 +216,7 @@ def still(one: DriveSample, velocity: int) -> bool:
 
 
 def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
-    """Command a set-point of PP, and reset bit 4; CheckFailed unless bit 12 acknowledges it."""
+    """Command a PP set-point, and reset bit 4; raise CheckFailed unless bit 12 acknowledges the set-point."""
     control(node, ENABLE | bits)
     node.put(o.TARGET_POSITION, 0, target & 0xFFFFFFFF, 4)
     control(node, ENABLE | NEW_SET_POINT | bits)
@@ -230,7 +230,7 @@ def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
 
 
 class Stream:
-    """Set-points of one object in an RPDO, one per SYNC; `next_sync` is the time of the next one in ns."""
+    """Sender of set-points of one object in an RPDO, one per SYNC; `next_sync` is the time of the next SYNC in ns."""
 
     def __init__(self, node: CheckedNode, record: PdoRecord, index: int) -> None:
         self._node, self._record = node, record
@@ -247,20 +247,20 @@ class Stream:
         self.fill(o.CONTROLWORD, ENABLE)
 
     def fill(self, index: int, value: int) -> None:
-        """Set the value of an object in the next frames, if the RPDO maps it."""
+        """Set the value of an object in the next frames, if the RPDO maps the object."""
         if index in self._places:
             shift, bits = self._places[index]
             mask = (1 << bits) - 1
             self._image = self._image & ~(mask << shift) | (value & mask) << shift
 
     def send(self, value: int) -> None:
-        """Send a set-point."""
+        """Send an RPDO with a new set-point."""
         self.value = value
         self.fill(self._index, value)
         self._node.send(self._record.can_id, self._image.to_bytes(self._record.length, "little"))
 
     def sync(self, late_ms: float = 0.0) -> None:
-        """Send SYNC when it is due."""
+        """Send the next SYNC when it is due, or `late_ms` later."""
         self.next_sync += PERIOD_MS * 1_000_000
         wait = self.next_sync + round(late_ms * 1e6) - self._node.reactor.now()
         if wait > 0:
@@ -268,7 +268,7 @@ class Stream:
         self._node.send(self._sync)
 
     def cycles(self, count: int, step: int) -> None:
-        """Send a number of set-points, each `step` further than the previous one."""
+        """Send a number of set-points with a SYNC each; every set-point is `step` further than the previous one."""
         for _ in range(count):
             self.send(self.value + step)
             self.sync()
@@ -276,7 +276,7 @@ class Stream:
 
 @contextmanager
 def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[Motion, Stream]]:
-    """Context with the drive enabled in a cyclic mode, with set-points of an object by RPDO and SYNC."""
+    """Context with the drive enabled in a cyclic mode; `Stream` sends set-points of an object by RPDO and SYNC."""
     is_drive(node)
     records = (
         record
@@ -302,5 +302,5 @@ def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[Motion
 
 
 def step_of(motion: Motion) -> int:
-    """Return the distance per cycle at half the distance per second."""
+    """Return the distance per cycle at a velocity of half the motion's distance per second."""
     return int(motion.distance * PERIOD_MS / 2000) or 1

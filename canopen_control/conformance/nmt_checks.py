@@ -1,7 +1,7 @@
 """Checks of NMT, of error control (heartbeat and guarding) and of LSS (CiA 301, 7.2.8 and 7.3.2; CiA 305).
 
-`T` in a comment is the number of the case in CiA's conformance test tool 3.0.3. No check sends a command to node 0:
-it would reach every node of the bus.
+`T` in a comment is the number of the case in CiA's conformance test tool 3.0.3. No check sends an NMT command to node
+id 0, because that would reach every node on the bus.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ _LIFE_S = 0.1
 
 @contextmanager
 def beating(node: CheckedNode, period_ms: int = _PERIOD_MS) -> Iterator[None]:
-    """Context in which the node sends heartbeats; NotApplicable for a device without 0x1017."""
+    """Context in which the node sends heartbeats; raise NotApplicable for a device without 0x1017."""
     with node.kept(0x1017):
         node.put(0x1017, 0, period_ms, 2)
         yield
 
 
 def nmt_state(node: CheckedNode) -> NmtState | None:
-    """Return the NMT state in the next heartbeat of a beating node."""
+    """Return the NMT state in the next heartbeat of a node in the context `beating`, None if no heartbeat comes."""
     return node.heartbeat(4 * _PERIOD_MS / 1000)
 
 
@@ -58,7 +58,7 @@ def _heartbeats(node: CheckedNode, seconds: float) -> list[tuple[int, CanFrame]]
 
 
 def emergency_id(node: CheckedNode) -> int:
-    """Return the identifier of the node's EMCY messages."""
+    """Return the identifier of the node's EMCY messages; raise NotApplicable if EMCY is switched off."""
     value = node.number(0x1014)
     if value >> 31:
         raise NotApplicable("0x1014 switches EMCY off")
@@ -66,13 +66,13 @@ def emergency_id(node: CheckedNode) -> int:
 
 
 def emergencies(node: CheckedNode, can_id: int, seconds: float) -> list[int]:
-    """Return the codes of the EMCY messages of the next `seconds`."""
+    """Return the error codes of the EMCY messages received in the next `seconds`."""
     frames = [frame for _, frame in node.listen(seconds) if frame.can_id == can_id]
     return [int.from_bytes(frame.data[:2], "little") for frame in frames]
 
 
 def boot(node: CheckedNode, command: NmtCommand = NmtCommand.RESET_NODE) -> float:
-    """Reset the node and return the time to its boot-up message in s; CheckFailed without one."""
+    """Reset the node and return the time to its boot-up message in s; raise CheckFailed without a boot-up message."""
     seconds = node.reset(command)
     if seconds is None:
         raise CheckFailed("no boot-up message within 10 s", f"{ERROR_CONTROL_COB_ID + node.node_id:03X} 00")
@@ -189,7 +189,7 @@ def _from_stopped(node: CheckedNode) -> None:
 
 
 def _unchanged(node: CheckedNode, data: bytes) -> None:
-    """Send an NMT frame that must not change the state."""
+    """Send an NMT frame and check that the node stays in PRE-OPERATIONAL."""
     with beating(node):
         node.send(NMT_COB_ID, data)
         try:
@@ -262,13 +262,13 @@ def _heartbeats_after_boot(node: CheckedNode) -> None:
 
 
 def _foreign(node: CheckedNode) -> int:
-    """Return a node id for a heartbeat sent by a check."""
+    """Return a node id other than that of the device, for heartbeats sent by a check."""
     return 126 if node.node_id != 126 else 125
 
 
 @contextmanager
 def _watching(node: CheckedNode, timeout_ms: int = 100) -> Iterator[int]:
-    """Context in which the node monitors only the heartbeat of one node, whose id it gives."""
+    """Context in which the device monitors the heartbeat of another node id, which is yielded."""
     other = _foreign(node)
     with node.kept(0x1016, 1):
         node.put(0x1016, 1, other << 16 | timeout_ms, 4)
@@ -341,7 +341,7 @@ def _start_with_error(node: CheckedNode) -> None:
 
 
 def _guard(node: CheckedNode) -> int:
-    """Return the answer to a remote frame of guarding; NotApplicable without one."""
+    """Return the answer to a remote frame of guarding; raise NotApplicable without an answer."""
     frame = node.ask_remote(ERROR_CONTROL_COB_ID + node.node_id, 0.2)
     if frame is None or len(frame.data) != 1:
         raise NotApplicable("the device does not answer a remote frame of guarding")
@@ -397,7 +397,7 @@ def _lss(node: CheckedNode) -> None:
 
 
 def _ask_lss(node: CheckedNode, command: int, value: int = 0, *, tail: bytes = b"") -> bytes | None:
-    """Send a frame of the LSS master; return the slave's answer, None if there is none."""
+    """Send a frame as LSS master; return the slave's answer, None if there is none."""
     return node.exchange(MASTER_COB_ID, lss_frame(command, value, tail=tail).data, SLAVE_COB_ID, 0.2)
 
 

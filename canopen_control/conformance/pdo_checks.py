@@ -1,7 +1,7 @@
 """Checks of process data: records, mapping rules, transmission types, times and lengths (CiA 301, 7.2.2, 7.5.2.35-38).
 
-The checks use the first RPDO and the first TPDO that the device has. An RPDO is sent with the present values of its
-objects, so that nothing moves. `T` in a comment is the number of the case in CiA's conformance test tool 3.0.3.
+The checks use the device's first RPDO and first TPDO. An RPDO is sent with the present values of the mapped objects, so
+that nothing moves. `T` in a comment is the number of the case in CiA's conformance test tool 3.0.3.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _CONTROLWORD, _HALT, _MODE = 0x6040, 0x0100, 0x6060
 
 @dataclass(frozen=True, slots=True)
 class PdoRecord:
-    """PDO of the device: index of its communication record, COB-ID, and mapping entries."""
+    """PDO of the device, with the index of its communication record, its COB-ID, and its mapping entries."""
 
     index: int
     cob_id: int
@@ -54,22 +54,22 @@ class PdoRecord:
 
     @property
     def can_id(self) -> int:
-        """Identifier of its frames, with the flag of a 29-bit one."""
+        """CAN identifier of the PDO, with the flag of a 29-bit identifier."""
         return can_id_of(self.cob_id)
 
     @property
     def length(self) -> int:
-        """Length of its frames in bytes."""
+        """Length of the PDO in bytes."""
         return (sum(parse_mapping_entry(entry)[2] for entry in self.entries) + 7) // 8
 
     @property
     def mapping(self) -> int:
-        """Index of its mapping record."""
+        """Index of the mapping record."""
         return self.index + 0x200
 
 
 def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
-    """Return the PDOs of one direction, including invalid ones."""
+    """Return the PDOs of one direction among its first eight records, including invalid PDOs."""
     records = []
     for index in range(base, base + _SEARCHED):
         try:
@@ -83,7 +83,7 @@ def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
 
 
 def first_pdo(node: CheckedNode, base: int = RPDO) -> PdoRecord:
-    """Return the first valid PDO with objects; NotApplicable without one."""
+    """Return the first valid PDO that maps an object; raise NotApplicable if there is none."""
     for record in pdo_records(node, base):
         if record.entries and not record.cob_id & _OFF:
             return record
@@ -92,7 +92,7 @@ def first_pdo(node: CheckedNode, base: int = RPDO) -> PdoRecord:
 
 
 def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
-    """Return the frame of an RPDO with the present values of its objects; NotApplicable if one cannot be read."""
+    """Return the data of an RPDO with the present values of the mapped objects; NotApplicable if one is unreadable."""
     image, shift = 0, 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -106,7 +106,7 @@ def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
 def reconfigured(
     node: CheckedNode, record: PdoRecord, values: dict[int, int], *, cob_id: int | None = None
 ) -> Iterator[None]:
-    """Context in which a PDO is valid with other values of its communication record, by subindex."""
+    """Context in which a PDO is valid with other values of its communication record; `values` are by subindex."""
     index = record.index
     with node.kept(index, 1):
         node.put(index, 1, record.cob_id | _OFF, 4)
@@ -125,7 +125,7 @@ def reconfigured(
 
 @contextmanager
 def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
-    """Context in which a PDO is invalid and its mapping is writable; its end restores both."""
+    """Context in which a PDO is invalid and its mapping can be written; on exit both are restored."""
     mapping = record.mapping
     before = _all_entries(node, mapping)
     with node.kept(record.index, 1):
@@ -141,7 +141,7 @@ def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
 
 
 def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
-    """Read the entries of a mapping record, including those above the number of mapped objects."""
+    """Read the entries of a mapping record, including entries above the number of mapped objects."""
     entries = []
     for number in range(1, 65):
         try:
@@ -152,7 +152,7 @@ def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
 
 
 def _mappable(node: CheckedNode, record: PdoRecord) -> None:
-    """Raise NotApplicable if the EDS calls the mapping constant."""
+    """Raise NotApplicable if the EDS describes the mapping as constant."""
     entry = None if node.eds is None else node.eds.od.get(record.mapping, 0)
     if entry is not None and not entry.writable:
         raise NotApplicable(f"the mapping 0x{record.mapping:04X} is constant in the EDS")
@@ -163,7 +163,7 @@ def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, C
 
 
 def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
-    """Send SYNC messages; return the numbers (from 1) of those followed by a frame, and their count."""
+    """Send SYNC messages; return the numbers (from 1) of those followed by frames, each with the count of frames."""
     sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if _has(node, 0x1019) else 0
     node.listen(SYNC_PERIOD_S)
     turns = []
@@ -241,7 +241,7 @@ def _default_mapping(node: CheckedNode) -> None:
 
 
 def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
-    """Return the values of an event-driven TPDO without times."""
+    """Return communication values, by subindex, of an event-driven TPDO without inhibit time and event timer."""
     values = {2: 255}
     for subindex in (3, 5):
         with suppress(NotApplicable):
@@ -609,7 +609,7 @@ def _mapped_operational(node: CheckedNode) -> None:
 
 
 def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int]:
-    """Return a frame that differs in one object, and the address of that object; nothing moves."""
+    """Return RPDO data that differ in one object, and the object's index and subindex; the change moves nothing."""
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -621,7 +621,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int
 
 
 def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, applied: bool) -> None:
-    """Send an RPDO and check whether its value is applied; then restore the old value."""
+    """Send an RPDO and check whether the value is applied; then restore the old value."""
     record = first_pdo(node)
     before = node.read(*address)
     node.send(record.can_id, frame)

@@ -1,7 +1,7 @@
-"""Run of the checks on one node, and its results.
+"""Run of the checks on one node, and the results.
 
-All parameters are read before the first check and compared after the last. Differences are written back if checks may
-write, otherwise only reported.
+All parameters are read before the first check and compared after the last. Differences are written back if the checks
+of the run may write, and are only reported otherwise.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _SILENCES = 3  # consecutive checks without an answer, after which the device co
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Result of one check; `observed` and `expected` belong to a failure; `frames` are the last ones."""
+    """Result of one check; `observed` and `expected` describe a failure, `frames` are the last frames before it."""
 
     id: str
     group: str
@@ -77,7 +77,7 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceReport:
-    """Results of a run; `subject` is "device" or "master"; `node_id` is that of the device in both cases."""
+    """Results of a run; `subject` is "device" or "master"; `node_id` is the node id of the device in both cases."""
 
     node_id: int
     identity: dict[str, str]
@@ -86,12 +86,12 @@ class ConformanceReport:
 
     @property
     def name(self) -> str:
-        """Subject as reports name it: "node 5", "the master of node 5"."""
+        """Name of the subject in reports: "node 5" or "the master of node 5"."""
         return f"node {self.node_id}" if self.subject == "device" else f"the {self.subject} of node {self.node_id}"
 
     @property
     def failed(self) -> bool:
-        """Whether a mandatory check failed or could not run."""
+        """Whether a mandatory check failed or could not be made."""
         return any(
             result.level == CheckLevel.MUST.value and result.verdict in (FAILED, ERROR) for result in self.results
         )
@@ -102,7 +102,7 @@ class ConformanceReport:
 
 
 def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
-    """Return the checks permitted by the options, of one document or all, in the order in which they run."""
+    """Return the checks of one document, or of "all", that `allowed` permits, in the order in which they run."""
     chosen = [check for check in CHECKS if level in ("all", check.group) and check.touch in allowed]
     return sorted(chosen, key=lambda check: ORDER.index(check.touch))
 
@@ -110,9 +110,9 @@ def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
 def run_checks(
     node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> ConformanceReport:
-    """Run `checks`; ConfigError if the node does not answer, BusError if the bus is lost.
+    """Run `checks` and return the report; ConfigError if the node does not answer, BusError if the bus is lost.
 
-    `progress` is called with the number of completed checks and of all.
+    `progress` is called with the number of completed checks and the number of all checks.
     """
     identity = _identity(node)
     _refuse_confusion(node)
@@ -155,7 +155,7 @@ def _identity(node: CheckedNode) -> dict[str, str]:
 
 
 def _refuse_confusion(node: CheckedNode) -> None:
-    """Raise ConfigError where two nodes answer, or where the EDS is that of another device."""
+    """Raise ConfigError if two nodes answer with the same id, or if the EDS is that of another device."""
     if all(node.answers(0.05) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
         raise ConfigError(
             f"two nodes on {node.port.channel} answer as node {node.node_id}; disconnect one of them, and give it "
@@ -182,7 +182,7 @@ _LATE_S = 5.0  # time in which a device that answers late may answer
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
-    """Return why the device does not answer: it is late, has another node id, the bus is full, or it is absent."""
+    """Return why the device does not answer: it is late, has another node id, is absent, or the bus is flooded."""
     node.listen(1.0)  # answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, _upload(0x1000, 0), ANSWER + node.node_id, _LATE_S) is not None:
@@ -203,7 +203,7 @@ def _upload(index: int, subindex: int) -> bytes:
 
 
 def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
-    """Return the identity of another node as far as it answers."""
+    """Return those parts of another node's identity that the node answers."""
     identity = {}
     for name, index, subindex in _IDENTITY:
         data = node.exchange(REQUEST + other, _upload(index, subindex), ANSWER + other)
@@ -213,7 +213,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
 
 
 def _floods(node: CheckedNode) -> str:
-    """Return the identifiers received too often, "" without any."""
+    """Return a text about the identifiers received too often, "" if there are none."""
     answers = ANSWER + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
     return ", ".join(f"0x{can_id & 0x1FFFFFFF:03X} came {rate} times in a second" for can_id, rate in often.items())
@@ -228,9 +228,10 @@ def _flood(node: CheckedNode) -> CheckResult:
 
 
 def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
-    """Return the result of a check, and whether it ended without an answer of the device.
+    """Return the result of a check, and whether the check ended because the device did not answer.
 
-    A check of times is repeated before it counts as failed: this computer, or its adapter, may have been late.
+    A check that measures times is repeated before it counts as failed, because this computer or its adapter may have
+    been late.
     """
     result, silent = _run_once(node, check)
     first = result
@@ -294,7 +295,7 @@ def _parameters(node: CheckedNode) -> dict[Address, bytes]:
 
 
 def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: bool) -> CheckResult:
-    """Compare the parameters with those before; with `restore` write differing ones back."""
+    """Compare the parameters with their values before the run; with `restore` write the differing values back."""
     node.begin()
     check = Check(
         "Z01", "301", "7.4", "the parameters of the device are as before", CheckLevel.MUST, CheckTouch.READ, _nothing
@@ -315,4 +316,4 @@ def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: boo
 
 
 def _nothing(_session: CheckedNode) -> None:
-    """Do nothing: the comparison needs more than the node."""
+    """Do nothing, in place of checks that are made by the run itself."""

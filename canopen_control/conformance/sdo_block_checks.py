@@ -1,6 +1,6 @@
 """Checks of SDO block transfers, of unused bytes and of interrupted transfers (CiA 301, 7.2.4.3).
 
-The checks that download use 0x1017, with its present value. `T` in a comment is the number of the case in CiA's
+The checks that download write the present value to 0x1017. `T` in a comment is the number of the case in CiA's
 conformance test tool 3.0.3.
 """
 
@@ -63,13 +63,13 @@ def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, 
 
 
 def _segments(node: CheckedNode, data: bytes, seconds: float = 0.1) -> list[bytes]:
-    """Send a request; return all answers within `seconds`."""
+    """Send a request; return the data of all SDO answers received within `seconds`."""
     node.send(REQUEST + node.node_id, data)
     return [frame.data for _, frame in node.listen(seconds) if frame.can_id == ANSWER + node.node_id]
 
 
 def _object(node: CheckedNode) -> tuple[int, bytes]:
-    """Return the longest of 0x1008 to 0x100A and its value; 0x1000 without them."""
+    """Return the index and the value of the longest of the objects 0x1000 and 0x1008 to 0x100A."""
     values = {}
     for index in (0x1000, 0x1008, 0x1009, 0x100A):
         try:
@@ -81,7 +81,7 @@ def _object(node: CheckedNode) -> tuple[int, bytes]:
 
 
 def _uploaded(node: CheckedNode, block_size: int) -> None:
-    """Upload an object in sub-blocks, and check its content and its CRC."""
+    """Upload an object in sub-blocks, and check the content and the CRC."""
     index, value = _object(node)
     size, with_crc = _start_upload(node, index, block_size)
     expect(size in (0, len(value)), f"{size} bytes announced", f"{len(value)}")

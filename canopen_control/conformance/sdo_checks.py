@@ -50,7 +50,7 @@ def _upload(index: int, subindex: int = 0) -> bytes:
 
 
 def _segmented(node: CheckedNode) -> tuple[int, int]:
-    """Return an object whose upload is segmented, and its length."""
+    """Return the index of an object whose upload is segmented, and the announced length; NotApplicable if none is."""
     for index in _STRINGS:
         answer = node.ask(_upload(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
@@ -125,7 +125,7 @@ def _segments(node: CheckedNode) -> None:
 
 
 def _all_segments(node: CheckedNode, size: int) -> None:
-    """Receive the segments of an upload, and check their toggle bits and their length."""
+    """Receive the segments of an upload, and check their toggle bits and the total length."""
     count, toggle = 0, 0
     while True:
         answer = node.ask(bytes((0x60 | toggle, *bytes(7))))
@@ -317,7 +317,7 @@ def _every_object(node: CheckedNode) -> None:
 
 
 def _read_badly(node: CheckedNode, entry: Entry) -> str:
-    """Return the error in the upload of an object, "" without one."""
+    """Return a text about an upload of the object that fails or has a wrong length, "" if the upload is right."""
     if not entry.readable or entry.obj_flags & _UNREAD:
         return ""
     name = f"0x{entry.index:04X}:{entry.subindex:02X}"
