@@ -79,7 +79,7 @@ def test_whatever_stops_the_robot_ends_the_drive_with_a_sentence_and_the_base_st
 def test_a_robot_that_tells_nothing_ends_it(floor):
     _, client, link = floor("mute")
     client.messages = lambda _timeout=None: iter(())
-    with pytest.raises(ControlError, match="has told nothing for 1 s"):
+    with pytest.raises(ControlError, match="has sent nothing for 1 s"):
         link.drive(path())
 
 

@@ -71,6 +71,7 @@ def test_what_makes_no_sense_is_refused_in_a_sentence(capsys, words, said):
     assert "Traceback" not in err
 
 
+@pytest.mark.process
 def test_a_campaign_runs_many_seeds(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = simulate(capsys, "robby", "--seeds", "2", "--for", "1s", "--json")

@@ -89,7 +89,7 @@ def test_what_the_joints_do_is_recorded_and_played_again(arm, wave, tmp_path, ca
     ("words", "text"),
     [
         (["play"], "give what to play: a file, or --waypoints"),
-        (["play", "x.yaml", "--waypoints", "0"], "say what to play"),
+        (["play", "x.yaml", "--waypoints", "0"], "give what to play"),
         (["play", "--waypoints", "0 0"], "'0 0', is not one position for each of the 6 joints"),
         (["play", "--waypoints", "0", "--controller", "leg"], "no controller 'leg' is loaded"),
         (["record", "-o", "x.yaml", "--joints", "wrist"], "--joints wrist: the joints of the robot are joint_1, "),

@@ -153,7 +153,7 @@ def test_a_limit_ends_it_within_the_limit(bench, no_terminal, capsys, words, why
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--step", "30rpm"), "nothing moves unless the limits are confirmed: say --yes"),
+        (("--step", "30rpm"), "nothing moves unless the limits are confirmed: give --yes"),
         (("--step", "90rpm", "--yes"), "is beyond the limit of 6.28 rad/s"),
         (("--step", "0", "--yes"), "that moves nothing"),
         (("--identify", "200", "--max-current", "100", "--yes"), "beyond --max-current 100"),
@@ -172,7 +172,7 @@ def test_without_a_terminal_the_limits_are_told_that_yes_would_confirm(bench, no
     said = capsys.readouterr()
     assert "excitation: a step to 3.14 rad/s (30.0 rpm)" in said.out
     assert "limits: 6.28 rad/s (60.0 rpm)" in said.out
-    assert "say --yes" in said.err
+    assert "give --yes" in said.err
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
 
 
@@ -215,7 +215,7 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
     [
         (("--step", "30rpm", "--apply"), "--apply sets the gains that --identify proposes"),
         (("--step", "30rpm", "--store"), "nothing is set without --apply or --revert"),
-        (("--step", "30rpm", "--gain", "velocity_p=0x3210:01*1"), "say --apply"),
+        (("--step", "30rpm", "--gain", "velocity_p=0x3210:01*1"), "give --apply"),
         (("--identify", "100", "--apply", "--gain", "p=1"), "say which object holds which gain"),
         (("--identify", "100", "--apply", "--gain", "velocity_p=0x3210:01*1"), "has no 0x3210:01 in its EDS"),
     ],

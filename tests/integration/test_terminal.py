@@ -96,7 +96,7 @@ def test_a_bare_bus_is_shown_by_its_frames(stage, terminal):
     terminal.until("bus local:bare: no program has it open")
     with contextlib.closing(open_local("bare", "somebody")):
         terminal.run(f"{PROGRAM} monitor --can local:bare --eds 3=TMCM-1270.eds")
-        terminal.until("no node is heard")
+        terminal.until("no node is seen")
         stage.drive("bare", 3)
     terminal.until("TMCM-1270 (3)")
     terminal.until("PRE OPERATIONAL")

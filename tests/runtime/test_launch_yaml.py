@@ -81,7 +81,7 @@ def test_a_robot_is_launched_by_it(tmp_path):
     launched = launched_robot(path, {})
     assert launched.spawned == ("arm_controller",)
     assert launched.known == ("config",)
-    assert any("there_is_none.launch.yaml" in doubt for doubt in launched.doubts)
+    assert any("there_is_none.launch.yaml" in text for text in launched.uncertainties)
 
 
 @pytest.mark.parametrize(
