@@ -14,8 +14,8 @@ Topics, names and stamps are those of the ROS bridge, so that rqt, Foxglove, Plo
     /rosout                          rcl_interfaces/Log             the robot's events
     /robot_description               std_msgs/String                once
 
-Commands, including those of a gripper, use names without a subscriber, so that playing a bag does not move the robot.
-Values are in SI units, nan if unknown. Only this module imports rosbags.
+Commands, including those of a gripper, are on topics without subscribers, so that playing a bag does not move the
+robot. Values are in SI units, nan if unknown. Only this module imports rosbags.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ _ADDED: Final = tuple(
 
 
 class BagMessages:
-    """Messages of ROS 2 Jazzy for a bag, created by rosbags; those of control_msgs from their definitions."""
+    """Factory for ROS 2 Jazzy messages, whose classes rosbags creates, those of control_msgs from their definitions."""
 
     def __init__(self) -> None:
         try:
@@ -75,11 +75,11 @@ class BagMessages:
         self.array = array
 
     def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
-        """Return a message of `package/Name` with its fields in order."""
+        """Return a message of the type `package/Name` with the field values in order."""
         return self.store.types[kind.replace("/", "/msg/")](*values)
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - as above
-        """Return a message of `package/msg/Name` with zero numbers and empty lists."""
+        """Return a message of the type `package/msg/Name` with zero numbers, empty strings and empty lists."""
         fields = (self._empty_field(node.name, part) for _, (node, part) in self.store.fielddefs[name][1])
         return self.store.types[name](*fields)
 
@@ -91,27 +91,27 @@ class BagMessages:
         return [] if part[0][0].name == "NAME" else self.floats(())
 
     def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
-        """Return a time stamp."""
+        """Return a ROS time stamp."""
         return self.make("builtin_interfaces/Time", *stamp_of(unix_s))
 
     def header(self, unix_s: float, frame: str) -> Any:  # noqa: ANN401 - as above
-        """Return a header."""
+        """Return a message header with a stamp and a frame name."""
         return self.make("std_msgs/Header", self.time(unix_s), frame)
 
     def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:  # noqa: ANN401 - as above
-        """Return a vector."""
+        """Return a Vector3 message."""
         return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
 
     def twist(self, linear: float, angular: float, lateral: float = 0.0) -> Any:  # noqa: ANN401 - as above
-        """Return a twist of a base: m/s and rad/s."""
+        """Return the Twist message of a base, in m/s and rad/s."""
         return self.make("geometry_msgs/Twist", self.vector(linear, lateral), self.vector(z=angular))
 
     def frame(self, name: str) -> str:
-        """Return the name of a frame: without a prefix."""
+        """Return the name of a frame unchanged; other message factories may add a prefix."""
         return name
 
     def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
-        """Return an array of numbers."""
+        """Return a numpy array of floats."""
         return self.array(list(values), dtype=float)
 
 
@@ -124,10 +124,10 @@ _LATCHED: Final = ("/tf_static", "/robot_description")
 
 
 class BagWriter:
-    """Writer of one bag into the new folder `path`; `state` and `event` accept the API's stream in any order.
+    """Writer of a bag in the new folder `path`; `state` and `event` get the messages of the API's stream.
 
-    `controllers` and `urdf` are the answers of the API's `controllers` and `description`. ConfigError if rosbags is
-    missing or `path` exists.
+    `controllers` and `urdf` are the answers to the API's requests `controllers` and `description`. ConfigError if
+    rosbags is missing or `path` exists.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class BagWriter:
                 writer.close()
 
     def state(self, state: StateSample) -> None:
-        """Write a sample of the state stream."""
+        """Write the messages that follow from a state sample."""
         self._controllers = {
             name: controller.became(state.controllers.get(name, controller.state))
             for name, controller in self._controllers.items()
@@ -172,7 +172,7 @@ class BagWriter:
         self._transforms(state)
 
     def event(self, event: RobotEvent) -> None:
-        """Write an event."""
+        """Write an event to /rosout."""
         name = ".".join(word for word in (self._robot, event.node) if word)
         level = _LEVELS.get(event.level, _LEVELS["info"])
         stamp = self._ros.time(event.time)
@@ -180,7 +180,7 @@ class BagWriter:
         self._write("/rosout", event.time, log)
 
     def number(self, topic: str, unix_s: float, value: float) -> None:
-        """Write a number on its own topic: std_msgs/Float64."""
+        """Write a number to a topic of type std_msgs/Float64."""
         self._write(topic, unix_s, self._ros.make("std_msgs/Float64", value))
 
     # -- messages
@@ -231,7 +231,7 @@ class BagWriter:
         return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
 
     def _commands(self, state: StateSample) -> None:
-        """Write the commands of forward controllers; a joint's command is known while it is claimed."""
+        """Write the commands of forward controllers that have changed; nan for a joint without a known command."""
         for name, view in self._controllers.items():
             joints = [state.joints.get(joint) for joint in view.joints]
             values = [None if joint is None else joint.command for joint in joints]
@@ -277,11 +277,11 @@ class BagWriter:
     # -- bag
 
     def _new(self, samples: dict[str, S], use: str = "sample") -> dict[str, S]:
-        """Return the samples published since the last call for this `use`, so that each is written once."""
+        """Return the samples that are new since the last call for this `use`, so that each sample is written once."""
         return {name: sample for name, sample in samples.items() if self._is_new(f"{use} of {name}", sample.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
-        """Whether the value differs from the last one passed for the topic."""
+        """Whether a value differs from the last value passed for the topic."""
         if topic in self._last and self._last[topic] == value:
             return False
         self._last[topic] = value
@@ -321,7 +321,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
 
 
 def _latched() -> object:
-    """Return the QoS of a topic whose last message is kept for late subscribers."""
+    """Return a QoS with which late subscribers get the last message of a topic."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     unset = QosTime(0, 0)

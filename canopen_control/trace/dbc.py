@@ -1,8 +1,8 @@
-"""PDO layout of a bus as a DBC file for SavvyCAN, cantools and Vector's tools; cantools writes it.
+"""PDO layout of a bus as a DBC file for SavvyCAN, cantools and Vector's tools, written by cantools.
 
-Values are raw, as on the wire, with factor, offset and unit if the robot's files contain them. A DBC can name only
-whole values, so that statusword and controlword are split into parts with names (`WORD_PARTS`). Heartbeats, EMCY and
-NMT commands are included. Names in a DBC are C identifiers of at most 32 characters, unique per message.
+Values are raw, as on the bus, with factor, offset and unit if the robot's files contain them. A DBC can name only whole
+values, so statusword and controlword are split into named parts (`WORD_PARTS`). Heartbeats, EMCY and NMT commands are
+included. Names in a DBC are C identifiers of at most 32 characters, unique within a message.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _MASTER = "master"
 
 
 class WordField(NamedTuple):
-    """Part of a word: name, first bit, number of bits."""
+    """Named part of a statusword or controlword, with its first bit and its number of bits."""
 
     name: str
     start: int
@@ -93,7 +93,7 @@ _VALUES: Mapping[tuple[int, str], Mapping[int, str]] = {
 
 
 def dbc_text(network: NetworkDescription) -> str:
-    """Return the text of the DBC file; ConfigError if cantools, which writes it, is not installed."""
+    """Return the text of a DBC file; ConfigError if cantools is not installed."""
     try:
         from cantools.database.can import Database
     except ImportError:
@@ -107,7 +107,7 @@ def dbc_text(network: NetworkDescription) -> str:
 
 @dataclass(slots=True)
 class _Signal:
-    """One signal of a message."""
+    """Signal of a message, with its position and length in bits."""
 
     name: str
     start: int
@@ -123,7 +123,7 @@ class _Signal:
 
 @dataclass(slots=True)
 class _Message:
-    """Message of one identifier; `receiver` receives all its signals."""
+    """Message with one identifier; `receiver` is the receiver of all its signals."""
 
     can_id: int
     name: str
@@ -134,13 +134,13 @@ class _Message:
     signals: list[_Signal] = field(default_factory=list)
 
     def add(self, signal: _Signal) -> None:
-        """Append a signal with a unique name."""
+        """Append a signal, after making its name unique."""
         signal.name = _unused(signal.name, {present.name for present in self.signals})
         self.signals.append(signal)
 
 
 def _distinct(messages: Iterable[_Message]) -> list[_Message]:
-    """Return the messages with unique names."""
+    """Make the names of the messages unique."""
     distinct: list[_Message] = []
     for message in messages:
         message.name = _unused(message.name, {message.name for message in distinct})
@@ -197,7 +197,7 @@ def _choices(signal: _Signal) -> OrderedDict[int, str | NamedSignalValue]:
 
 
 def _senders(network: NetworkDescription) -> dict[int, str]:
-    """Return the names of the nodes as valid DBC names; 0 is the master."""
+    """Return DBC names of the nodes by node id, where 0 is the master."""
     names = {0: _MASTER}
     for node_id, node in sorted(network.nodes.items()):
         names[node_id] = _unused(_identifier(node.name or f"node_{node_id}"), set(names.values()))
@@ -264,7 +264,7 @@ def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
 
 
 def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
-    """Yield the signals of one object: several for a word with named parts."""
+    """Yield the signals of a mapped object: several for a word with named parts, else one."""
     address = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
     name, comment = _identifier(mapped.name), f"{address} {mapped.name}"
     base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
@@ -291,13 +291,13 @@ def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Itera
 
 
 def _identifier(text: str) -> str:
-    """Return a C identifier of at most 32 characters."""
+    """Convert a text to a C identifier of at most 32 characters."""
     cleaned = re.sub(r"[^A-Za-z0-9]+", "_", text.encode("ascii", "ignore").decode()).strip("_") or "x"
     return (cleaned if not cleaned[0].isdigit() else f"_{cleaned}")[:_LONGEST]
 
 
 def _plain_number(value: float) -> float:
-    """Return a whole number without its point, and 0 without a sign."""
+    """Return a whole number as int, which the file shows without a decimal point."""
     return int(value) if value.is_integer() else value
 
 
@@ -310,5 +310,5 @@ def _unused(name: str, names: set[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text that every tool reads: ASCII, without quotes."""
+    """Return a text that every tool can read: ASCII, without quotes, backslashes and line breaks."""
     return text.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")

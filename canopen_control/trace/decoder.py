@@ -1,10 +1,10 @@
 """Decoder of CAN frames to text, with the names of bus.yml and EDS (CiA 301, CiA 305, CiA 402-2).
 
-It is deterministic and has no clock, and every frame gets a line. One table maps an identifier to its content: first
-the PDOs of the network, because a mapping may use any identifier, then the predefined connection set. PDOs that are
-configured while listening are learned from their SDO transfers, because the wire is right if a file is old. History
-(SDO transfers, the previous NMT state, the mode for the bits of a statusword) is kept per node and bounded; malformed
-frames are described as such.
+The decoder is deterministic and has no clock, and every frame gets a text. One table maps identifiers to contents:
+first the PDOs of the network, because a mapping may use any identifier, then the predefined connection set. PDOs that
+are configured during the trace are learned from their SDO transfers, because the bus is right if a file is outdated.
+History (SDO transfers, the previous NMT state, the mode for the bits of a statusword) is stored per node and bounded;
+malformed frames are described as such.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ _MOST_OBJECTS: Final = 64
 class LearnedPdos:
     """PDO records of one node as learned from SDO transfers, at most `LIMIT` values.
 
-    Only values that the node has answered or confirmed count. A PDO is known once it is valid and the number of its
-    objects and each object were received or are known from the description.
+    Only values that the node has sent or confirmed count. A PDO is known once it is valid, and the number of its
+    objects and all mapping entries were received or are known from the description.
     """
 
     def __init__(self, node: NodeDescription, words: NodeWords) -> None:
@@ -93,7 +93,7 @@ class LearnedPdos:
             self._held[mapping, slot] = mapping_entry(mapped.mapped)
 
     def learn(self, value: SignalValue) -> tuple[PdoDescription, int | None] | None:
-        """Record a value of the node; return a PDO that is now known with its former can_id, else None."""
+        """Record a value of the node; return a PDO that is now known, with its former CAN identifier, else None."""
         which = _pdo_of(value.index)
         if which is None or not isinstance(value.value, int):
             return None
@@ -128,7 +128,7 @@ class LearnedPdos:
         return DescribedPdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
 
     def _type(self, index: int, subindex: int, bits: int) -> DataType:
-        """Return the type in the EDS, else in the drive profile, else the unsigned type of the width."""
+        """Return the data type by the EDS, else by CiA 402 for a drive, else the unsigned type of that width."""
         in_eds = self._node.od is not None and (index, subindex) in self._node.od
         profile = TYPES.get((objects.axis_of(index)[0], subindex), ()) if self._node.is_drive else ()
         by_profile = next((candidate for candidate in profile if candidate.bits == bits), None)
@@ -159,7 +159,7 @@ _STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage 
 
 
 def lss_text(data: bytes, *, from_master: bool) -> str:
-    """Return the text of a frame of the LSS master or slave; an unknown command is given by its number."""
+    """Return the text of an LSS frame of the master or a slave; an unknown command is given by its number."""
     if not data:
         return "malformed: no data"
     data = data.ljust(8, b"\0")
@@ -243,7 +243,7 @@ _SHORTEST_SILENCE_NS = 200_000_000
 
 
 class Mark(enum.IntEnum):
-    """Importance of a line."""
+    """Importance of a decoded frame."""
 
     PLAIN = 0
     NOTABLE = 1  # a change: NMT command, boot-up, NMT state, CiA 402 state, command or mode
@@ -256,11 +256,11 @@ _MARKS: Final = {ValueChange.NONE: Mark.PLAIN, ValueChange.STATE: Mark.NOTABLE, 
 
 @dataclass(frozen=True, slots=True)
 class DecodedFrame:
-    """One frame as text.
+    """One frame with its description.
 
-    `time` is the one passed to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None if the frame has no
-    node, and `node` empty without a name. `subject` is the instance of the service (``TPDO1``), `text` the description,
-    `values` the objects in the frame, `fault` the one that it reports: an EMCY, or a statusword that enters FAULT.
+    `time` is the time passed to `decode`, in ns. `service` is one of `SERVICES`; `node_id` is None if the frame has no
+    node, and `node` is "" without a name. `subject` is the instance of the service (``TPDO1``), `text` the description,
+    `values` the objects in the frame, `fault` the reported fault: an EMCY, or a statusword that enters FAULT.
     """
 
     time: int
@@ -277,13 +277,13 @@ class DecodedFrame:
 
     @property
     def who(self) -> str:
-        """Name of the node, or its number without a name; empty if the frame has no node."""
+        """Name of the node, or "node N" without a name; "" if the frame has no node."""
         return self.node or ("" if self.node_id is None else f"node {self.node_id}")
 
 
 @dataclass(slots=True)
 class _Decoded:
-    """Result of a handler; `node_id` overrides that of the identifier."""
+    """Result of a handler; `node_id`, if not None, replaces the node id that follows from the identifier."""
 
     text: str
     values: tuple[SignalValue, ...] = ()
@@ -294,7 +294,7 @@ class _Decoded:
 
 @dataclass(frozen=True, slots=True)
 class _Route:
-    """Content of an identifier."""
+    """Service, node and handler of a CAN identifier."""
 
     service: str
     node_id: int | None
@@ -303,7 +303,7 @@ class _Route:
 
 
 class _Node:
-    """History of one node."""
+    """Decoding history of one node."""
 
     __slots__ = ("beat", "nmt_state", "pdos", "sdo", "usual_gap", "words")
 
@@ -329,7 +329,7 @@ class _Node:
 
 
 class Decoder:
-    """Decoder of the frames of one bus, in the order of their reception."""
+    """Decoder for the frames of one bus, which must be decoded in the order of reception."""
 
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
@@ -351,7 +351,7 @@ class Decoder:
         self._add(pdo.cob_id, "pdo", node_id, pdo.name, self._pdo(node_id, pdo))
 
     def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
-        """Return `frame` as text; `time` in ns is copied to the result. Never raises."""
+        """Describe a frame; `time` in ns is copied to the result. Never raises."""
         frame = frame if len(frame.data) <= _LONGEST else CanFrame(frame.can_id, bytes(frame.data[:_LONGEST]))
         self._time = time
         route, result = self._answer(frame)
@@ -379,7 +379,7 @@ class Decoder:
         return route, route.handler(frame)
 
     def _predefined(self, can_id: int) -> _Route:
-        """Return the content of an identifier in the predefined connection set; at most 2048 are cached."""
+        """Return the route of an identifier by the predefined connection set; 11-bit identifiers are cached."""
         if can_id & EXTENDED_FLAG or can_id > 0x7FF:
             return _EXTENDED
         service, node_id = service_of(can_id) or (None, BROADCAST)
@@ -466,7 +466,7 @@ class Decoder:
         return decode
 
     def _relearn(self, node_id: int, pdo: PdoDescription, before: int | None) -> None:
-        """Replace a PDO by its learned configuration, which takes precedence over the description."""
+        """Replace a PDO by its learned configuration, which has precedence over the description."""
         old = self._routes.get(before) if before is not None else None
         if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo.name):
             del self._routes[before]
@@ -490,7 +490,7 @@ class Decoder:
 
 
 def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Decoded:
-    """Return the values of a PDO as text; the mode is decoded before the statusword whose bits depend on it."""
+    """Decode the values of a PDO; the mode is decoded first, since bits of the statusword depend on it."""
     pairs = [
         (mapped, value) for mapped, value in zip(pdo.objects, codec.unpack(data), strict=True) if not mapped.is_dummy
     ]
@@ -510,7 +510,7 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
 
 
 def _shown_fault(values: tuple[SignalValue, ...]) -> FaultEvent:
-    """Return the fault that the statusword of a PDO shows, with the error code beside it if it is mapped."""
+    """Return the fault in the statusword of a PDO, with the error code if the PDO contains that too."""
     by_object = {objects.axis_of(value.index)[0]: value.value for value in values}
     word, code = by_object.get(objects.STATUSWORD), by_object.get(objects.ERROR_CODE)
     return FaultEvent(

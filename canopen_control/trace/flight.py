@@ -2,11 +2,11 @@
 
 ``python -m canopen_control.trace.flight --name ROBOT --bus NAME=CHANNEL ...``
 
-It only listens, on the buses and on the robot's API, and sends nothing on a bus. While recording it decodes nothing;
-frames remain records, with one append per read. It never delays the robot: it is a separate process, and a copy of it
-(fork) writes the file from the memory at this time while the original continues to record. It ends with the robot: at
-SIGTERM it writes the pending file. If the robot's process was killed, which is a fault too, it records until the
-drives have reacted, writes the file, and ends. Its own end does not affect other processes.
+The process only listens, on the buses and on the robot's API, and sends nothing on a bus. While recording it decodes
+nothing; frames remain records, with one append per read. It never delays the robot, because it is a separate process,
+and a forked copy of it writes the file from the memory of that moment while the original continues to record. The
+process ends with the robot: on SIGTERM it writes the pending file. If the robot's process was killed, which is a fault
+too, it records until the drives have reacted, writes the file, and ends. Its end does not affect other processes.
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ _NICENESS: Final = 5  # the robot takes precedence
 
 
 def flight_folder(name: str) -> Path:
-    """Return the folder of the recordings of the robot `name`."""
+    """Return the folder for the recordings of the robot `name`."""
     return state_dir(name) / "flight"
 
 
 class FlightRecorder:
-    """Recorder of the robot `name` on `buses` {name: channel}, on a reactor; call `finish` at the end.
+    """Recorder of the robot `name` on `buses` {name: channel}, driven by a reactor; call `finish` at the end.
 
     `unsent` contains the messages that the robot could no longer receive.
     """
@@ -91,12 +91,13 @@ class FlightRecorder:
     def _wall_offset_ns(self) -> int:
         """Offset from the reactor's time to Unix time by the current system clock, as the robot stamps its events.
 
-        A recorder started before the clock was set, as at a boot without a battery, thus has the right time.
+        Therefore the times are right even if the recorder was started before the clock was set, as at a boot without a
+        battery.
         """
         return self._begun_ns if self._reactor.clock.is_manual else time.time_ns() - self._reactor.now()
 
     def start(self) -> None:
-        """Start listening; a bus that cannot be opened is omitted and noted in the file."""
+        """Start to record; a bus that cannot be opened is omitted and noted in the file."""
         for number, (bus, channel) in enumerate(self.buses.items()):
             # other channels are inside one process, or have one owner
             if parse_channel(channel).kind.shared:
@@ -105,7 +106,7 @@ class FlightRecorder:
         self._connect()
 
     def _beat(self) -> None:
-        """Report to the parent process that this process is running."""
+        """Report to the parent process once a second that this process is running."""
         self._liveness.beat()
         self._reactor.call_later(_PULSE_NS, self._beat)
 
@@ -130,7 +131,7 @@ class FlightRecorder:
         self._reactor.add_reader(port.fileno(), receive)
 
     def _take_frames(self, number: int, arrivals: Arrivals) -> None:
-        """Record frames with their times of arrival; a loaded machine may read many late."""
+        """Record frames with their times of arrival, which are right even if a busy computer reads many frames late."""
         records, stamps = arrivals.receive()
         if records:
             self._frames.add(number, records, stamps)
@@ -157,7 +158,7 @@ class FlightRecorder:
         self._reactor.call_soon(self._read)  # frames received while the requests were answered
 
     def _take_earlier_events(self, status: Status) -> None:
-        """Record events from before the start of this process; the stream may repeat the newest ones."""
+        """Record events from before the start of this process; the stream may repeat the newest of them."""
         lines = set(self._events.lines())
         self._repeated = {text_of(event) for event in status.events}
         for event in status.events:
@@ -165,14 +166,14 @@ class FlightRecorder:
                 self._on_event(event)
 
     def _refresh(self) -> None:
-        """Request boot table, counters and cycle histogram, and the world of virtual drives."""
+        """Request the robot's status and the world of virtual drives, for the next file."""
         self._record_world()
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._status = self._robot.ask(GetStatus())
 
     def _record_world(self) -> None:
-        """Record the world of virtual drives; without an answer the last one is kept."""
+        """Record the world of virtual drives; without an answer the last known world is kept."""
         nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
                  for node in layout.nodes]  # fmt: skip
         self._world = shapes_of_world(nodes) or self._world
@@ -225,7 +226,7 @@ class FlightRecorder:
             self._plan()
 
     def _write_aside(self, reason: RobotEvent) -> None:
-        """Fork a copy of this process that writes, and report to the robot when it has finished."""
+        """Fork a copy of this process that writes the file; its result is later reported to the robot."""
         ours, theirs = os.pipe()
         child = os.fork()
         if child == 0:
@@ -251,7 +252,7 @@ class FlightRecorder:
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:
-        """Write the file in this process; return a sentence with its path, or the reason of a failure."""
+        """Write the file in this process; return a sentence with the path, or with the reason of a failure."""
         from canopen_control.trace.flight_file import FlightMeta, candump_lines, save
 
         now, offset = self._reactor.now(), self._wall_offset_ns
@@ -278,7 +279,7 @@ class FlightRecorder:
         return f"flight recording: {path} (a page of it: canopen-control report)"
 
     def _send_event(self, sentence: str) -> None:
-        """Send an event to the robot; if the robot is gone, print the text at the end."""
+        """Send a text to the robot as an event; if the robot is gone, add it to `unsent`."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._robot.notify(PublishEvent(kind="flight", text=sentence))
@@ -288,7 +289,7 @@ class FlightRecorder:
     # -- end
 
     def orphaned(self, ended: Callable[[], object]) -> None:
-        """Record the end of the robot's process; call `ended` after the drives had time to react."""
+        """Record the death of the robot's process as a fault; call `ended` after the drives had time to react."""
         now = self._reactor.now()
         text = "the process of the robot has died; its drives stop by themselves"
         died = (now + self._wall_offset_ns) / 1e9
@@ -296,7 +297,7 @@ class FlightRecorder:
         self._reactor.call_at(now + AFTER_NS, ended)
 
     def finish(self) -> None:
-        """Write the pending file and close everything; a second call does nothing."""
+        """Write the pending file, if any, and close everything; a second call does nothing."""
         if self._finished:
             return
         self._finished = True
@@ -312,7 +313,7 @@ class FlightRecorder:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record the robot named by the arguments until it ends."""
+    """Record the robot named by the arguments until it ends; return the exit code 0."""
     parser = argparse.ArgumentParser(prog="canopen_control.trace.flight", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--name", required=True, help="the robot")
     parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")

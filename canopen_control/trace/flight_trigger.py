@@ -1,10 +1,10 @@
-"""Trigger of a flight recorder: writes after a fault and the reaction to it, but not for every fault of a series.
+"""Trigger of a flight recorder: a file is written after a fault and the reaction to it, but not for every fault.
 
-A fault is an event of level error, or one of the kinds that report a lost bus. The file is written `AFTER_NS` after the
-last fault, so that it contains the reaction, but at most `LONGEST_NS` after the first. The next file follows `GAP_NS`
-later at the earliest; while faults continue this gap doubles up to `WIDEST_GAP_NS`, so that a series of faults
-overnight does not displace the file of its first minute. A fault that is outside the window at the end of the gap is
-not written but counted in `left_out`.
+A fault is an event of level error, or an event that reports a lost bus. The file is written `AFTER_NS` after the last
+fault, so that it contains the reaction, but at most `LONGEST_NS` after the first fault. The next file follows `GAP_NS`
+later at the earliest; while faults continue, this gap doubles up to `WIDEST_GAP_NS`, so that a series of faults
+overnight does not displace the file of its first minute. A fault that is outside of the window at the end of the gap
+gets no file, but is counted in `left_out`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _NEVER = 1 << 62
 
 
 def is_fault(event: RobotEvent) -> bool:
-    """Whether an event of the API's stream triggers a file."""
+    """Whether an event of the API's stream is a fault that triggers a file."""
     return event.level == "error" or event.kind in _KINDS
 
 
@@ -36,7 +36,7 @@ def is_sum(event: RobotEvent) -> bool:
 
 
 class RecordingTrigger:
-    """Trigger of files; times in monotonic ns. `keep_ns` is the maximum age of a fault that is still in the window."""
+    """Trigger for files; times are in monotonic ns, and `keep_ns` is the age at which a fault leaves the window."""
 
     def __init__(self, keep_ns: int) -> None:
         self.left_out = 0
@@ -47,7 +47,7 @@ class RecordingTrigger:
         self._gap = GAP_NS
 
     def fault(self, event: RobotEvent, now: int) -> None:
-        """Record a fault; the first one since the last file is the reason of the next."""
+        """Record a fault; the first fault since the last file is the reason of the next file."""
         if now - self._last >= CALM_NS:
             self._gap = GAP_NS
         if self._reason is not None and now - self._first > self._keep_ns:
@@ -58,20 +58,20 @@ class RecordingTrigger:
         self._last = now
 
     def next_deadline(self) -> int | None:
-        """Return the time to call `due` next; None without a fault."""
+        """Return the time at which `due` must be called; None without a fault."""
         if self._reason is None:
             return None
         return max(min(self._last + AFTER_NS, self._first + LONGEST_NS), self._not_before)
 
     def due(self, now: int) -> RobotEvent | None:
-        """Return the fault to write a file about, once; None if it is not yet due."""
+        """Return the fault that a file must be written about now, only once; None if no file is due."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return None
         return self._take(now)
 
     def end(self, now: int) -> RobotEvent | None:
-        """Return the fault without a file, if any, at the end of the recording."""
+        """Return the fault that has no file yet, at the end of the recording; None without such a fault."""
         return None if self._reason is None else self._take(now)
 
     def _take(self, now: int) -> RobotEvent | None:

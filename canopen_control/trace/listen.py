@@ -1,7 +1,7 @@
-"""Listening on a bus without sending: frames with their times.
+"""Reception of frames with their times on a bus, without sending.
 
 Only channels that several processes can open are used. A bus inside another process is out of reach, and an adapter
-with one owner is left to it.
+that allows only one program is left to that program.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import BusEvent, Port
 
 
-_IDLE_S: Final = 0.25  # interval of empty results on a silent bus, so that the caller can check its time
+_IDLE_S: Final = 0.25  # interval of empty results on a silent bus, so that the caller can check the time
 # channel events without a frame on the bus
 _NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERRUN})
 
 
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
-    """Open `channel` to listen, with time stamps if it has them.
+    """Open `channel` for listening, with time stamps if the channel supports them.
 
-    BusNotOpen if it is not open, ConfigError while the robot `owner` uses it exclusively.
+    BusNotOpen if the bus is not open, ConfigError if another program cannot listen, for instance because the robot
+    `owner` uses the adapter exclusively.
     """
     spec = parse_channel(channel)
     if spec.kind.in_process:
@@ -51,10 +52,10 @@ def batches(
     clock: Callable[[], float] = time.monotonic,
     on_event: Callable[[BusEvent], object] | None = None,
 ) -> Iterator[list[RecordedFrame]]:
-    """Yield the frames received since the last result, an empty list four times a second if there are none.
+    """Yield the frames received since the last result; on a silent bus an empty list four times a second.
 
-    Ends after `seconds`, or never; BusClosed when the bus is gone. `on_event` receives channel events that show in no
-    frame, after the frames received before them.
+    Ends after `seconds`, or never; BusClosed when the bus is lost. `on_event` gets channel events that are not frames,
+    after the frames received before them.
     """
     end = None if seconds is None else clock() + seconds
     arrivals = Arrivals(port)

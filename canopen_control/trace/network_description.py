@@ -1,8 +1,8 @@
-"""Description of a bus for decoding: nodes, their objects, contents of their PDOs.
+"""Description of a bus for decoding: its nodes, their objects, and the contents of their PDOs.
 
-Plain frozen data, created from a layout (`master/pdo_layout.py` derives it from bus.yml, a running robot answers it as
-`layout` of the API), or from EDS files with their default PDOs. Missing descriptions (an unreadable EDS, an unknown
-node) only cost names, never frames.
+The data are plain and frozen. They come from a layout (derived from bus.yml by `master/pdo_layout.py`, or requested
+from a running robot as `layout`), or from EDS files with their default PDOs. If a description is missing (an unreadable
+EDS, an unknown node), names are missing in the output, but never frames.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ _RAW_TYPES = {
 
 @dataclass(frozen=True, slots=True)
 class DescribedPdoObject:
-    """Object of a PDO with its name, or its address without one; `bits` is its width in the PDO.
+    """Object in a PDO; `bits` is its width in the PDO, `name` is its address if it has no name.
 
-    Its value times `factor` plus `offset` is in `unit`, which is empty if unknown.
+    The raw value times `factor` plus `offset` is in `unit`, which is "" if unknown.
     """
 
     index: int
@@ -67,13 +67,13 @@ class DescribedPdoObject:
 
     @property
     def is_dummy(self) -> bool:
-        """Whether the object is a data type that fills a gap."""
+        """Whether the object is a data type of the dummy mapping, which fills a gap."""
         return self.index <= 7 and not self.subindex
 
 
 @dataclass(frozen=True, slots=True)
 class PdoDescription:
-    """Active PDO; `direction` is that of the device, "rpdo" or "tpdo", `cob_id` has the flag of a 29-bit identifier."""
+    """Valid PDO; `direction` is "rpdo" or "tpdo" of the device, `cob_id` has the flag of 29-bit identifiers."""
 
     cob_id: int
     direction: str
@@ -83,13 +83,13 @@ class PdoDescription:
 
     @property
     def name(self) -> str:
-        """Name, such as ``RPDO1``."""
+        """Name of the PDO, such as ``RPDO1``."""
         return f"{self.direction.upper()}{self.number}"
 
 
 @dataclass(frozen=True, slots=True)
 class NodeDescription:
-    """One node; `od` is None without an EDS, `eds` is the path of the EDS."""
+    """Description of one node; `od` is None without an EDS, `eds` is the path of the EDS."""
 
     name: str
     node_id: int
@@ -102,7 +102,7 @@ class NodeDescription:
 
     @property
     def is_drive(self) -> bool:
-        """Whether 0x6040 and above are those of CiA 402; assumed for an unknown node."""
+        """Whether 0x6040 and further objects are those of CiA 402; True for a node without an EDS."""
         if self.od is None:
             return True
         device_type = self.od.get(_DEVICE_TYPE)
@@ -113,7 +113,7 @@ class NodeDescription:
 
     @property
     def emcy_cob_id(self) -> int:
-        """COB-ID of its EMCY: 0x1014 in its EDS, else the predefined one."""
+        """COB-ID of the node's EMCY: 0x1014 in the EDS, else that of the predefined connection set."""
         entry = self.od.get(_EMCY_ENTRY) if self.od is not None else None
         value = entry.value if entry is not None else None
         return can_id_of(value) if isinstance(value, int) and value & 0x7FF else EMCY_COB_ID + self.node_id
@@ -121,9 +121,9 @@ class NodeDescription:
 
 @dataclass(frozen=True, slots=True)
 class NetworkDescription:
-    """One bus; `bitrate` in bit/s, `sync_cob_id` with the flag of a 29-bit identifier.
+    """Description of one bus; `bitrate` is in bit/s, `sync_cob_id` includes the flag of 29-bit identifiers.
 
-    `notes` lists the files that could not be read, whose names are therefore missing.
+    `notes` are sentences about files that could not be read, so that names are missing.
     """
 
     channel: str = ""
@@ -134,7 +134,7 @@ class NetworkDescription:
     notes: tuple[str, ...] = ()
 
     def name_of(self, node_id: int) -> str:
-        """Return the name of a node, `master` for the master, or an empty string."""
+        """Return the name of a node, "master" for the master; "" without a name."""
         node = self.nodes.get(node_id)
         if node is not None:
             return node.name
@@ -147,7 +147,7 @@ class NetworkDescription:
 
 
 def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
-    """Return the EDS name of an entry, with that of its object if it is one of several; empty if unknown."""
+    """Return the name of an entry by the EDS, preceded by the name of its array or record; "" if unknown."""
     if od is None:
         return ""
     entry, info = od.get(index, subindex), od.objects.get(index)
@@ -164,7 +164,7 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
 def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
     """Return the description of one bus of a layout; a missing or invalid EDS becomes a note.
 
-    `paths` are files that replace those with the same name, as in a recording.
+    `paths` are files by name that replace the EDS files of the layout, as in a recording.
     """
     notes: list[str] = []
     nodes = {}
@@ -179,7 +179,7 @@ def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProx
 
 
 def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
-    """Return the PDOs that are valid by default."""
+    """Return the descriptions of the PDOs that are valid by default."""
     return tuple(_pdo_by_default(od, pdo) for pdo in pdos_of(od) if pdo.enabled and pdo.mapped)
 
 
@@ -200,7 +200,10 @@ def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
 
 
 def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
-    """Return the type of an object in a PDO: that in its EDS, else an unsigned type of its width."""
+    """Return the data type of an object in a PDO, from the EDS if possible.
+
+    Otherwise it is the unsigned type of that width, OCTET_STRING for other whole bytes, UNSIGNED64 for odd bits.
+    """
     entry = od.get(index, subindex) if od is not None else None
     if entry is not None:
         return entry.data_type
@@ -220,7 +223,7 @@ def _object_of_layout(entry: MappedEntry) -> DescribedPdoObject:
 
 
 def address_text(index: int, subindex: int) -> str:
-    """Return ``0x6041:00``."""
+    """Return an address as text, such as ``0x6041:00``."""
     return f"0x{index:04X}:{subindex:02X}"
 
 
@@ -232,15 +235,15 @@ def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:
         return None
 
 
-# Description by EDS files alone: node ids and files, with the default PDOs. Nothing is sent, so that the nodes cannot
-# be identified. The node of a file is therefore given: ``3=FILE``, a DCF with its node id, or one file for all nodes.
+# Description from EDS files alone: the node ids, the files, and their default PDOs. Nothing is sent, so nodes cannot be
+# identified. The user therefore names the node of a file: ``3=FILE``, a DCF with a node id, or one file for all nodes.
 
 
 _NODE_IDS = range(1, 128)
 
 
 def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], Path] = Path) -> NetworkDescription:
-    """Return the description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; the most specific one wins.
+    """Return a description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; ``FILE`` has the lowest precedence.
 
     `find` returns the path of a named file. EdsError for an invalid file, ConfigError for a folder without node ids.
     """
@@ -266,7 +269,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Yield a description of every node by the same file, without names, because there may be several nodes."""
+    """Yield the same description for every node id, or one description if the file is a DCF with a node id."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

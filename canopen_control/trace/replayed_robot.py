@@ -1,7 +1,7 @@
-"""Replay of a robot's recording on a robot socket: its states and events at their own rate.
+"""Replay of a robot's recording on a robot socket, with the states and events at their original rate.
 
-Clients that watch a robot (the page, `status --watch`, `monitor`) can watch this one; requests for motion or changes
-are refused. It plays once, starting when a client watches, and then stays at its end.
+Clients that watch a robot (the page, `status --watch`, `monitor`) can watch the replay; requests for motion or changes
+are refused. The recording is played once, starting when a client subscribes, and then remains at its end.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _LONGEST_S: Final = 1.0  # maximum pause between two samples: gaps in a recordin
 
 
 class ReplayedRobot:
-    """Server of the `samples` and `events` of a recording under a robot name, at a multiple of their rate.
+    """Server that replays the `samples` and `events` of a recording under a robot name; `speed` multiplies the rate.
 
     `over` is True after the last sample.
     """
@@ -112,7 +112,7 @@ class ReplayedRobot:
             )
         if self._at + 1 == len(self._samples):
             self.over = True
-            self._reactor.call_later(_STANDS_NS, self._report)  # clients take a silent robot for lost
+            self._reactor.call_later(_STANDS_NS, self._report)  # clients would consider a silent robot lost
             return
         wait = min(max(self._samples[self._at + 1].time - sample.time, 0.0), _LONGEST_S) / self._speed
         self._reactor.call_later(round(wait * 1e9), self._next)
@@ -140,5 +140,5 @@ class ReplayedRobot:
         )
 
     def _nodes(self) -> NodeListing:
-        """Return the buses without nodes, because nodes that answer now are not those of the recording."""
+        """Return the buses without nodes, because nodes that answer now are not the recorded ones."""
         return NodeListing({name: BusPlace(channel, 1) for name, channel in self._meta.buses.items()}, [])

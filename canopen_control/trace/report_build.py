@@ -1,8 +1,8 @@
 """Facts of a report, computed from the data of a flight recorder or a listener.
 
 `facts_of` computes everything in a report. If samples and frames both contain a state, the frame counts, because it is
-immediate; a sample is delayed by up to its period. Without recorded events the notable frames are used: EMCY, aborts,
-faults, NMT.
+immediate, whereas a sample is delayed by up to its period. Without recorded events, notable frames are used instead:
+EMCY, aborts, faults, NMT.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _SMALL: Final = 0.02  # fraction of the previous maximum speed that counts as st
 
 
 class Spans:
-    """Time spans of states: call `see` at each sample, `end` at the last."""
+    """Builder of the time spans of states: call `see` for each sample, and `end` at the end."""
 
     def __init__(self) -> None:
         self._since: list[tuple[float, str | None]] = []  # times at which the state changed
@@ -75,13 +75,13 @@ class Spans:
         self._last = time
 
     def end(self, time: float) -> list[Span]:
-        """Return the spans, the last one until `time`."""
+        """Return the spans, of which the last ends at `time`."""
         ends = [*(begin for begin, _ in self._since), max(time, self._last)][1:]
         return [Span(begin, end, state) for (begin, state), end in zip(self._since, ends, strict=True)]
 
 
 def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeFacts]:
-    """Return the states of the nodes, with those of their axes by joint."""
+    """Return the NMT states of the nodes, with the states of their axes by joint."""
     nmt: dict[str, Spans] = {}
     axes: dict[str, dict[str, Spans]] = {}
     first: dict[str, tuple[str, int]] = {}
@@ -102,7 +102,7 @@ def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeF
 
 
 def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
-    """Return the tracking of the joints; the drive's mode gives the quantity of a command, by default velocity."""
+    """Return the motion of the joints; the drive's mode gives the quantity of the command, by default velocity."""
     modes = _modes(states)
     tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
     joints: dict[str, JointFacts] = {}
@@ -124,7 +124,7 @@ def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointF
 
 
 def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
-    """Return the last mode of operation of each joint."""
+    """Return the last known mode of operation of each joint."""
     modes = {}
     for sample in states:
         for node in sample.nodes.values():
@@ -133,9 +133,9 @@ def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
 
 
 def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
-    """Return period, counts of these samples, and the histogram of cycle lateness.
+    """Return the cycle period, the counts during these samples, and the histogram of lateness; None without data.
 
-    `late_counts` and `late_edges_s` are those of `status --json`; without samples they are of the whole run.
+    The bins are those of `status --json`; with fewer than two samples the counts are those of the whole run.
     """
     last = states[-1].cycle if states else None if status is None else status.cycle
     if last is None or last == CycleTimes():
@@ -154,9 +154,9 @@ def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFac
 
 
 def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
-    """Return the time in s from `time` until each moving joint stood still; None if the recording does not show it.
+    """Return the time in s from `time` to the standstill of each moving joint; None if the recording does not show one.
 
-    A joint that stands for `_STOOD_S` or to the end has stopped; later commands are ignored.
+    A joint that stands for `_STOOD_S`, or to the end of the recording, has stopped; later motion is ignored.
     """
     stopped: dict[str, float | None] = {}
     for name, joint in joints.items():
@@ -196,7 +196,7 @@ _LEVELS: Final = {Mark.NOTABLE: "info", Mark.WARNING: "warning", Mark.ERROR: "er
 
 
 class _Decoded(NamedTuple):
-    """Decoded frame with its bus and time."""
+    """Decoded frame with its bus, and its time in s."""
 
     bus: str
     time: float
@@ -204,7 +204,7 @@ class _Decoded(NamedTuple):
 
 
 class _Drive(NamedTuple):
-    """Node on the bus: its NMT states, and those of its axes by number."""
+    """Node on a bus: its NMT states, and the states of its axes by number."""
 
     name: str
     nmt: Spans
@@ -212,7 +212,7 @@ class _Drive(NamedTuple):
 
 
 class FrameReader:
-    """Evaluation of frames in order; the results are `buses`, `nodes`, `around`, `last_words` and `notable`."""
+    """Evaluation of frames in their order, for bus loads, node states, frames around the fault, and notable events."""
 
     def __init__(self, networks: Mapping[str, NetworkDescription], begin: float, fault: float | None) -> None:
         self._networks, self._begin, self._fault = networks, begin, fault
@@ -230,7 +230,7 @@ class FrameReader:
         self.notable: list[RobotEvent] = []  # frames that report a change or an error
 
     def read(self, time_ns: int, bus: str, frame: CanFrame) -> None:
-        """Evaluate the next frame."""
+        """Evaluate the next frame, whose time is in Unix ns."""
         decoder = self._decoders.get(bus)
         if decoder is None:
             network = self._networks.get(bus) or NetworkDescription(bus)
@@ -246,7 +246,7 @@ class FrameReader:
             self._note(time_ns, decoded)
 
     def _follow(self, bus: str, time: float, decoded: DecodedFrame) -> None:
-        """Record the states of a node from heartbeats and statuswords, if they changed."""
+        """Record the states of a node from heartbeats, and from PDOs whose data have changed."""
         if decoded.node_id is None or decoded.service not in ("hb", "pdo") or not decoded.data:
             return
         drive = self._drives.setdefault((bus, decoded.node_id), _Drive(decoded.node, Spans(), {}))
@@ -263,7 +263,7 @@ class FrameReader:
                     drive.axes.setdefault(axis, Spans()).see(time, name)
 
     def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
-        """Record a frame as an event, once if it repeats, such as a fault in every statusword."""
+        """Record a frame as an event; a repeated frame, such as a fault in every statusword, is recorded once."""
         note_key = (decoded.can_id, decoded.text)
         if note_key in self._reported:
             return
@@ -289,16 +289,16 @@ class FrameReader:
 
     @property
     def around(self) -> list[FrameFacts]:
-        """Last frames before the fault, or before the end, and the first frame after the fault."""
+        """Last frames up to the fault, or up to the end without a fault, and the first frames after the fault."""
         return [_line(frame) for frame in (*self._before, *self._after)]
 
     @property
     def last_words(self) -> list[FrameFacts]:
-        """Last frame of each node before the fault; the node that was silent longest first."""
+        """Last frame of each node up to the fault, or the end; the node that was silent longest is first."""
         return [_line(frame) for frame in sorted(self._last.values(), key=lambda last: last.time)]
 
     def buses(self) -> dict[str, BusFacts]:
-        """Return the traffic of each bus."""
+        """Return the traffic and the load of each bus."""
         facts = {}
         for bus, counted in self._loads.items():
             bitrate = self._decoders[bus].network.bitrate
@@ -315,11 +315,11 @@ class FrameReader:
         return facts
 
     def _covered(self, number: int, width: float) -> float:
-        """Return the part of a bin, in s, that the recording covers: the last bin is rarely complete."""
+        """Return the part of a time bin, in s, that the recording covers; the last bin is rarely complete."""
         return min((number + 1) * width, self._end) - max(number * width, 0.0)
 
     def nodes(self) -> dict[str, NodeFacts]:
-        """Return the states as `node_spans` does, with axes as "axis N"; the state of a silent node is unknown."""
+        """Return node states as `node_spans` does, with axes as "axis N"; a node that became silent is unknown."""
         facts: dict[str, NodeFacts] = {}
         for (bus, node_id), drive in sorted(self._drives.items()):
             last_time = self._last_times.get((bus, node_id), self._end)
@@ -336,7 +336,7 @@ class FrameReader:
 
 
 def _coarse(bits: Counter[int]) -> tuple[Counter[int], float]:
-    """Return bits by bin and the bin width in s, which is larger for a recording (or one wrong time) of days."""
+    """Return bits by bin and the bin width in s, which is larger if the times are days apart."""
     many = 1 + (max(bits) - min(bits)) // _MOST_BINS
     coarse: Counter[int] = Counter()
     for number, count in bits.items():
@@ -360,7 +360,7 @@ def _line(frame: _Decoded) -> FrameFacts:
 
 
 def _from_node(decoded: DecodedFrame) -> bool:
-    """Whether the node itself sent the frame, by the predefined connection set."""
+    """Whether the node itself sent the frame, by the service and its direction."""
     if decoded.service == "pdo":
         return decoded.subject.startswith("TPDO")
     return decoded.service in ("hb", "emcy") or decoded.subject == "SDO response"
@@ -372,7 +372,7 @@ def read_frames(
     begin: float,
     fault: float | None,
 ) -> FrameReader:
-    """Return the evaluation of all frames; `fault` is its time in s from `begin`, None without a fault."""
+    """Evaluate all frames in order; `fault` is its time in s from `begin`, None without a fault."""
     reader = FrameReader(networks, begin, fault)
     for frame in frames:
         reader.read(*frame)
@@ -380,11 +380,11 @@ def read_frames(
 
 
 # -- measured values of sensors, batteries, inputs, outputs and grippers: minimum, maximum and last. A value is named
-# after its interface or field; unknown values are ignored, and a value that was never known has no row.
+# after its interface or field; unknown values are ignored, and a value that was never known has no entry.
 
 
 def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
-    """Return a row for each value that was known at least once, by controller; each publication counts once."""
+    """Return minimum, maximum and last of each measured value that was ever known; a publication counts once."""
     last_times: dict[str, float] = {}
     facts: dict[tuple[str, str], MeasuredFacts] = {}
     for state in states:
@@ -409,7 +409,7 @@ def _extended(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts
 
 
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
-    """Return the descriptions of the buses of a recording by the layout and the EDS files in it."""
+    """Return descriptions of the buses in a recording, from its layout and its EDS files."""
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder) / Path(name).name for name in file.eds}
         for name, text in file.eds.items():
@@ -418,7 +418,7 @@ def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
 
 
 def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None = None) -> ReportFacts:
-    """Return all facts of a recording; `networks` {bus: description} default to those in it."""
+    """Compute all facts of a recording; `networks` (by bus) default to the descriptions in the recording."""
     networks = networks_of(file) if networks is None else networks
     meta, states, status = file.meta, file.states, file.meta.status
     begin, end = _bounds(file)
@@ -455,7 +455,7 @@ def facts_of(file: FlightFile, networks: Mapping[str, NetworkDescription] | None
 
 
 def _bounds(file: FlightFile) -> tuple[float, float]:
-    """Return the first and last time, in Unix s, of the continuous recording; events may be older."""
+    """Return the first and last Unix time in s of the frames and samples; events may be older."""
     times = [time_ns / 1e9 for time_ns, _, _ in file.frames[:1] + file.frames[-1:]]
     times += [sample.time for sample in file.states[:1] + file.states[-1:]]
     times = times or [event.time for event in file.events] or [file.meta.written]
@@ -463,7 +463,7 @@ def _bounds(file: FlightFile) -> tuple[float, float]:
 
 
 def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts | None:
-    """Return the first fault in the window, or the reason of the file if the window has none."""
+    """Return the first fault in the window, else the reason of the file; None if that is no fault."""
     inside = (event for event in events if event.at >= 0)
     return next((event for event in (*inside, reason) if is_fault(event)), None)
 
@@ -471,7 +471,7 @@ def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts
 def _merged(
     sampled: dict[str, NodeFacts], received: dict[str, NodeFacts], states: Sequence[TimedSnapshot]
 ) -> dict[str, NodeFacts]:
-    """Return the states of the nodes; those of axes from the frames, if they contain them."""
+    """Merge node states from samples and frames; for axes the frames count, if they contain the states."""
     if not sampled:
         return received
     axes = {(node.bus, node.node_id): node.axes for node in received.values()}

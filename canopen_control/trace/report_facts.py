@@ -1,4 +1,4 @@
-"""Data of a report, as printed by `report --json` and shown on the page.
+"""Facts of a report, as `report --json` prints them and the report page shows them.
 
 Times are in s from `begin` (Unix); values are in SI units, None if unknown.
 """
@@ -19,13 +19,13 @@ _MOST = 4  # maximum number of further faults listed
 
 
 def clock(unix_s: float, *, date: bool = False) -> str:
-    """Return a local time of day with milliseconds."""
+    """Return the local time of day with milliseconds, with `date` also the date."""
     text = time.strftime("%Y-%m-%d %H:%M:%S" if date else "%H:%M:%S", time.localtime(unix_s))
     return f"{text}.{int(unix_s * 1000) % 1000:03d}"
 
 
 def summary(facts: ReportFacts) -> list[str]:
-    """Return the summary sentences: robot and time, first error, consequences, end, missing data."""
+    """Return the sentences of the summary: robot and time, first error, consequences, timing, and missing data."""
     how = (*_cycle(facts), *_tracking(facts), *_true_pose(facts))
     return [*_drive_names(facts), *_wrong(facts), *_reaction(facts), *how, *_gaps(facts)]
 
@@ -78,7 +78,7 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Yield sentences about the joint with the largest error of each kind, and repeated or skipped set-points."""
+    """Yield sentences about the joint with the largest position and velocity error, and about set-points."""
     trackings = {name: joint.tracking for name, joint in facts.joints.items() if joint.tracking is not None}
     for interface, unit in (("position", "rad"), ("velocity", "rad/s")):
         errors = {name: tracking for name, tracking in trackings.items() if tracking.interface == interface}
@@ -96,13 +96,13 @@ def _tracking(facts: ReportFacts) -> Iterator[str]:
 
 
 def _true_pose(facts: ReportFacts) -> Iterator[str]:
-    """Yield sentences about the true final pose of a simulated base and its odometry."""
+    """Yield a sentence about the true final pose of a simulated base and its odometry."""
     if facts.true_pose is not None:
         yield _sentence(f"At the end: {facts.true_pose.words}")
 
 
 def _gaps(facts: ReportFacts) -> Iterator[str]:
-    """Yield sentences about missing data, so that their absence is not taken for normal operation."""
+    """Yield sentences about missing data, so that nobody takes their absence for normal operation."""
     gaps = facts.gaps
     if gaps.unheard:
         yield f"Not listened to: {', '.join(gaps.unheard)}; its frames are not in here."
@@ -124,7 +124,7 @@ Column: TypeAlias = list[float | None]
 
 
 class Span(Document, frozen=True, rename={"begin": "from", "end": "to"}):
-    """Duration of a state, None for an unknown one."""
+    """Time span of a state; `state` is None if the state is unknown."""
 
     begin: float
     end: float
@@ -132,7 +132,7 @@ class Span(Document, frozen=True, rename={"begin": "from", "end": "to"}):
 
 
 class NodeFacts(Document, frozen=True):
-    """States of a node, and of its axes by joint."""
+    """NMT states of a node, and CiA 402 states of its axes by joint."""
 
     bus: str
     node_id: int
@@ -141,9 +141,9 @@ class NodeFacts(Document, frozen=True):
 
 
 class JointFacts(Document, frozen=True):
-    """Motion of a joint over `time`: `quantity` is that of its command, `error` is command minus actual value.
+    """Motion of a joint over `time`; `quantity` is that of the command, `error` is the command minus the actual value.
 
-    `tracking` is the last tracking quality measured by the master, None if the joint was not commanded.
+    `tracking` is the last tracking quality that the master measured, None if the joint was not commanded.
     """
 
     quantity: str
@@ -158,7 +158,7 @@ class JointFacts(Document, frozen=True):
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):
-    """Timing of the cycle: `late_counts[i]` cycles were at most `late_edges_s[i]` late, the last bin later."""
+    """Timing of the cycle; `late_counts[i]` cycles were at most `late_edges_s[i]` late, those of the last bin later."""
 
     period_s: float
     count: int
@@ -170,13 +170,13 @@ class CycleFacts(Document, frozen=True, kw_only=True):
 
 
 class EventFacts(RobotEvent, frozen=True, kw_only=True, omit_defaults=True):
-    """Event and its time in the recording."""
+    """Event with its time in the recording."""
 
     at: float
 
 
 class FrameFacts(Document, frozen=True, kw_only=True):
-    """Frame in a report: `id` and `data` hexadecimal, `mark` its importance."""
+    """Frame in a report; `id` and `data` are in hexadecimal, `mark` is the importance of the frame."""
 
     time: float
     bus: str
@@ -190,14 +190,14 @@ class FrameFacts(Document, frozen=True, kw_only=True):
 
 
 class BusLoad(Document, frozen=True):
-    """Bus load as a fraction, at the centre of each time bin."""
+    """Bus load as fractions, with the times of the centres of the time bins."""
 
     time: list[float]
     value: list[float]
 
 
 class BusFacts(Document, frozen=True):
-    """Traffic of a bus: number of frames by service, `bitrate` in bit/s."""
+    """Traffic of a bus, with the number of frames by service; `bitrate` is in bit/s."""
 
     frames: int
     services: dict[str, int]
@@ -206,7 +206,7 @@ class BusFacts(Document, frozen=True):
 
 
 class MeasuredFacts(Document, frozen=True):
-    """Minimum, maximum and last value of a controller's measurement in the recording."""
+    """Minimum, maximum and last value of a quantity that a controller has measured during the recording."""
 
     controller: str
     what: str
@@ -229,8 +229,8 @@ class Gaps(Document, frozen=True):
 class ReportFacts(Document, frozen=True, kw_only=True):
     """All facts of a report.
 
-    `summary` is in sentences; `stopped_after_s` is by joint that moved at the `fault`, None if unknown; `true_pose` is
-    the last one of a simulated base.
+    `summary` consists of sentences. `stopped_after_s` has the joints that moved at the time of the `fault`, None if
+    their stop is unknown. `true_pose` is the last true pose of a simulated base.
     """
 
     summary: list[str]
@@ -257,11 +257,11 @@ class ReportFacts(Document, frozen=True, kw_only=True):
 
     @property
     def fault_at(self) -> float | None:
-        """Time of the fault."""
+        """Time of the fault in the recording; None without a fault."""
         return None if self.fault is None else self.fault.at
 
 
 def event_at(event: RobotEvent, begin: float) -> EventFacts:
-    """Return an event with its time in a recording that begins at `begin`."""
+    """Return an event with its time relative to `begin`."""
     fields: Mapping[str, object] = {name: getattr(event, name) for name in event.__struct_fields__}
     return EventFacts(at=round(event.time - begin, 6), **fields)  # type: ignore[arg-type] # its own fields

@@ -1,7 +1,7 @@
 """Recording of a running robot in memory: samples, events and frames for some seconds.
 
-It only listens; the caller limits the time, because all data are kept in memory. A bus inside the robot's process is
-omitted and named.
+The recorder only listens; the caller limits the time, because all data are kept in memory. A bus inside the robot's
+process is omitted and named in the result.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NS: Final = 1_000_000_000
 
 
 def watch(name: str | None, seconds: float) -> FlightFile:
-    """Record the robot `name`, or the only one, for `seconds`, or until it ends; ConfigError if there is none."""
+    """Record the robot `name`, or the only running one, for `seconds` or until it ends; ConfigError without a robot."""
     with RobotClient.connect(name) as robot, Reactor() as reactor:
         layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())
         channels = {bus: bus_layout.channel for bus, bus_layout in layout.buses.items()}

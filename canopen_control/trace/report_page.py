@@ -1,6 +1,6 @@
-"""Page of a report: one self-contained HTML file, for light and dark screens and for print.
+"""Page of a report: one self-contained HTML file for light and dark screens and for print.
 
-Nothing is loaded and no script runs; a content security policy in the page enforces it. All text of a recording is
+The page loads nothing and runs no script; its content security policy enforces this. All text of a recording is
 escaped.
 """
 
@@ -37,20 +37,20 @@ _STEPS: Final = (1, 2, 5, 10)
 
 
 class TimeAxis(NamedTuple):
-    """Time axis, in s from the beginning, with the time of the fault, if any."""
+    """Time axis in s from the beginning of the recording, with the time of the fault, if any."""
 
     begin: float
     end: float
     fault: float | None = None
 
     def x(self, time: float) -> float:
-        """Return the x coordinate of a time."""
+        """Return the x coordinate of a time; times outside of the axis are at its ends."""
         span = max(self.end - self.begin, 1e-9)
         return LEFT + (WIDTH - LEFT - RIGHT) * min(max((time - self.begin) / span, 0.0), 1.0)
 
 
 def _step(span: float, most: int) -> float:
-    """Return a round interval for at most about `most` ticks over `span`."""
+    """Return a round interval that gives at most about `most` ticks over `span`."""
     raw = max(span / most, 1e-12)
     power = 10.0 ** math.floor(math.log10(raw))
     return next(step * power for step in _STEPS if step * power >= raw * 0.999)
@@ -63,7 +63,7 @@ def _marks(low: float, high: float, most: int) -> Iterator[float]:
 
 
 def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the lines of the time grid with their numbers."""
+    """Yield the lines and numbers of the time grid."""
     for mark in _marks(axis.begin, axis.end, 10):
         x = axis.x(mark)
         yield f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'
@@ -71,7 +71,7 @@ def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
 
 
 def _fault(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the line of the fault, drawn over everything else."""
+    """Yield the line that marks the fault, to be drawn over everything else."""
     if axis.fault is not None and axis.begin <= axis.fault <= axis.end:
         x = axis.x(axis.fault)
         yield f'<line class="fault" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'
@@ -83,7 +83,7 @@ def _svg(title: str, height: float, parts: Sequence[str]) -> str:
 
 
 def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: TimeAxis) -> str:
-    """Return a drawing of states over time: rows of (label, spans); the class of a state is ``s-`` and its name."""
+    """Draw states over time, with a label and spans per row; the CSS class of a state is ``s-`` and its name."""
     height = _ROW * len(rows)
     parts = list(_grid(axis, height))
     for number, (label, spans) in enumerate(rows):
@@ -116,7 +116,7 @@ def lines(
     *,
     from_zero: bool = False,
 ) -> str:
-    """Return a drawing of values over time: series of (class, values); "" without any value."""
+    """Draw values over time as lines, for series of (CSS class, values); "" without any value."""
     values_shown = [value for _, values in series for value in values if value is not None]
     if not values_shown:
         return ""
@@ -148,7 +148,7 @@ def _bounds(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[list[float], list[float | None]]:
-    """Return the points; if there are too many, the minimum and maximum of each interval, in order."""
+    """Return the points; of too many points only the minimum and maximum of each interval, in order of time."""
     if len(time) <= _POINTS:
         return list(time), list(values)
     stretch = math.ceil(2 * len(time) / _POINTS)
@@ -172,7 +172,7 @@ def _path(points: Sequence[tuple[float, float | None]], y: Callable[[float], flo
 
 
 def bars(title: str, labels: Sequence[str], counts: Sequence[int]) -> str:
-    """Return a histogram with logarithmic heights, so that one late cycle is visible among a million others."""
+    """Draw a histogram with logarithmic heights, so that one late cycle is visible among a million others."""
     if not any(counts):
         return ""
     height, width = 110, (WIDTH - LEFT - RIGHT) / len(counts)
@@ -232,7 +232,7 @@ _FILLS: Final = "".join(
 
 
 def page_of(facts: ReportFacts) -> str:
-    """Return the page of the facts of a recording."""
+    """Return the HTML page for the facts of a recording."""
     title = f"{facts.robot or 'CAN recording'}, {clock(facts.end, date=True)}"
     sections = (
         _summary,
@@ -263,7 +263,7 @@ def _section(title: str, content: str, *, kind: str = "") -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> str:
-    """Return a table; a row is its class and its cells as (class, text); a heading is aligned as its cells."""
+    """Return a table; a row has a CSS class and cells as (CSS class, text), and headings are aligned like the cells."""
     rows = list(rows)
     shapes = [shape for shape, _ in rows[0][1]] if rows else [""] * len(headings)
     head = "".join(f'<th class="{shape}">{escape(text)}</th>' for shape, text in zip(shapes, headings, strict=True))
@@ -311,7 +311,7 @@ def _joints(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Yield the tracking quality of each joint, as last measured by the master."""
+    """Yield the tracking quality of each joint, as the master measured it last."""
     rows = []
     for name, joint in facts.joints.items():
         if (tracking := joint.tracking) is not None:
@@ -333,7 +333,7 @@ _TRACKING_HEADINGS: Final = (
 
 
 def _measured(facts: ReportFacts) -> Iterator[str]:
-    """Yield the measurements of sensors, batteries, inputs, outputs and grippers."""
+    """Yield the measured values of sensors, batteries, inputs, outputs and grippers."""
     rows = [
         ("", [("", fact.controller), ("", fact.what), *(("n", f"{value:.4g}") for value in numbers), ("", fact.unit)])
         for fact in facts.measured
@@ -393,7 +393,7 @@ def _frame_cells(frame: FrameFacts, fault: float | None) -> list[tuple[str, str]
 
 
 def _boot(facts: ReportFacts) -> Iterator[str]:
-    """Yield a row for each node with the durations of its boot steps, and its SDO traffic."""
+    """Yield a table with the durations of the boot steps and the SDO traffic of each node."""
     nodes: dict[str, list[BootStep]] = {}
     for step in facts.boot:
         nodes.setdefault(step.node, []).append(step)

@@ -1,8 +1,8 @@
-"""SDO transfers of one node, reconstructed by a listener, with segments and blocks (CiA 301, 7.2.4.3).
+"""SDO transfers of one node as a listener sees them, with segments and blocks (CiA 301, 7.2.4.3).
 
-It does not check the protocol. A frame that does not fit is described as such, and the next initiate starts a new
-transfer; a listener may have started late or lost frames. Up to `LIMIT` bytes of a transfer are kept, and all bytes are
-counted.
+The protocol is not checked. A frame that does not fit the transfer is described as such, and the next initiate frame
+starts a new transfer, because a listener may have started late or lost frames. Up to `LIMIT` bytes of a transfer are
+stored, and all bytes are counted.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ _EXPEDITED, _SIZED = 0x02, 0x01
 
 
 class SdoText(NamedTuple):
-    """Description of a frame, with the value if it completes one, and whether it is an abort.
+    """Description of an SDO frame, with the value if the frame completes one, and whether the frame is an abort.
 
-    `held` is a short value that the node now has: it answered with it, or confirmed its download.
+    `held` is a short value that the node now has, because the node has sent it or has confirmed its download.
     """
 
     text: str
@@ -56,7 +56,7 @@ class SdoText(NamedTuple):
 
 
 class SdoConversation:
-    """Transfers between client and server of one node."""
+    """State of the SDO transfers between the client and the server of one node."""
 
     def __init__(self, od: ObjectDictionary | None, words: NodeWords) -> None:
         self._od, self._words = od, words
@@ -113,7 +113,7 @@ class SdoConversation:
         return SignalValue(index, subindex, self._words.name(index, subindex), value, text)
 
     def _sized_for(self, data: bytes) -> bytes:
-        """Return an expedited value without a size, truncated to the size of its type."""
+        """Truncate an expedited value without a size to the size of the object's data type."""
         entry = self._od.get(*self._address) if self._od is not None and self._address is not None else None
         bits = entry.data_type.bits if entry is not None else None
         return data if bits is None else data[: (bits + 7) // 8]
@@ -248,7 +248,7 @@ class SdoConversation:
         return SdoText(f"block segment {number} of {self._where()}{end}")
 
     def _acknowledged(self, data: bytes) -> SdoText:
-        """Keep the acknowledged segments; the others are sent again."""
+        """Store the acknowledged segments of a block; the sender will repeat the others."""
         acknowledged, expected = data[1], max(self._block, default=0)
         for number in range(1, acknowledged + 1):
             self._keep(self._block.get(number, bytes(SEGMENT_DATA)))

@@ -1,7 +1,7 @@
-"""Values of objects as text, such as a statusword, a COB-ID entry or a mapping.
+"""Values of objects as text, for instance of a statusword, a COB-ID or a mapping entry.
 
-The number is always shown, followed by the text. Objects of the communication profile are those of CiA 301 (7.5.2),
-those of 0x6000 and above those of CiA 402-2, only for a node that is a drive.
+The number is always shown, followed by the text. Objects of the communication profile are those of CiA 301 (7.5.2);
+objects from 0x6000 on are those of CiA 402-2, only for a node that is a drive.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}
 
 
 class SignalValue(NamedTuple):
-    """One value of a frame: address and name of the object, its value by its type, and its text."""
+    """Value of an object in a frame: address and name of the object, the value by its data type, and the text."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
     subindex: int
@@ -54,12 +54,12 @@ class SignalValue(NamedTuple):
 
 
 def is_faulty(state: State | None) -> bool:
-    """Whether a statusword with this state indicates a fault."""
+    """Whether a CiA 402 state indicates a fault."""
     return state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def statusword_text(statusword: int, mode: int | None = None) -> str:
-    """Return ``0x0637 OPERATION ENABLED, target reached``; `mode` is the displayed mode, for bits 10, 12 and 13."""
+    """Return text such as ``0x0637 OPERATION ENABLED, target reached``; `mode` decides about bits 10, 12 and 13."""
     state = decode_statusword(statusword)
     name = "undefined state" if state is None else state.name.replace("_", " ")
     return ", ".join((f"0x{statusword & 0xFFFF:04X} {name}", *_status_flags(statusword, state, mode)))
@@ -87,7 +87,7 @@ def _status_flags(statusword: int, state: State | None, mode: int | None) -> Ite
 
 
 def controlword_text(controlword: int, previous: int = 0, state: State | None = None, mode: int | None = None) -> str:
-    """Return ``0x000F ENABLE OPERATION``.
+    """Return text such as ``0x000F ENABLE OPERATION``; `mode` decides about the mode-specific bits.
 
     `previous` is the previous controlword, `state` the last state of the drive.
     """
@@ -105,14 +105,14 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
 
 
 def bytes_text(data: bytes) -> str:
-    """Return bytes as hex; of many bytes the first ones and the number."""
+    """Return bytes in hexadecimal; for many bytes the first ones and the number of bytes."""
     if len(data) <= _SHOWN_BYTES:
         return data.hex(" ") or "no bytes"
     return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
 
 
 def decoded(data: bytes, data_type: DataType | None) -> Value:
-    """Return the value by its type; bytes if they do not fit the type, a number if the type is unknown."""
+    """Decode bytes by data type; return the bytes if they do not fit the type, a number if the type is None."""
     if data_type is None:
         return int.from_bytes(data, "little") if len(data) in _NUMBER_SIZES else bytes(data)
     try:
@@ -122,7 +122,7 @@ def decoded(data: bytes, data_type: DataType | None) -> Value:
 
 
 class ValueChange(enum.IntEnum):
-    """Change in the last values of a node."""
+    """Importance of a change in the values of a node."""
 
     NONE = 0
     STATE = 1  # of state, command or mode
@@ -131,7 +131,7 @@ class ValueChange(enum.IntEnum):
 
 @dataclass(slots=True)
 class AxisWords:
-    """Last known values of one axis, on which later texts depend."""
+    """Last known values of one axis, on which the texts of later values depend."""
 
     mode: int | None = None
     state: State | None = None
@@ -141,7 +141,7 @@ class AxisWords:
 
 
 class NodeWords:
-    """Conversion of a node's values to text, with the history of its axes."""
+    """Converter of a node's values to text, which remembers values of the axes."""
 
     def __init__(self, node: NodeDescription) -> None:
         self._od: ObjectDictionary | None = node.od
@@ -149,21 +149,21 @@ class NodeWords:
         self._axes: dict[int, AxisWords] = {}
 
     def name(self, index: int, subindex: int) -> str:
-        """Return the name of the object, by the EDS or else by the profile."""
+        """Return the name of an object by the EDS, else by CiA 402 for a drive; "" if unknown."""
         name = entry_name(self._od, index, subindex)
         if name or not self._is_drive:
             return name
         return objects.object_name(index) or ""
 
     def take_change(self) -> ValueChange:
-        """Return the most important change in the values since the last call, over all axes."""
+        """Return the most important change in the values of all axes since the last call."""
         greatest = max((axis.change for axis in self._axes.values()), default=ValueChange.NONE)
         for axis in self._axes.values():
             axis.change = ValueChange.NONE
         return greatest
 
     def text(self, index: int, subindex: int, value: Value) -> str:
-        """Return the value as text."""
+        """Return a value as text, and remember the value if later texts depend on it."""
         if isinstance(value, str):
             return repr(value)
         if isinstance(value, bytes | bytearray):
@@ -183,7 +183,7 @@ class NodeWords:
         return ""
 
     def mapping(self, _subindex: int, value: int) -> str:
-        """Return the object of a mapping entry as text."""
+        """Return a PDO mapping entry as text."""
         index, subindex, bits = parse_mapping_entry(value)
         name = f"dummy {DUMMY_TYPES[index].name}" if index in DUMMY_TYPES else self.name(index, subindex)
         return f"0x{value:08X} (0x{index:04X}:{subindex:02X} {name}, {bits} bits)" if value else "0 (nothing)"
