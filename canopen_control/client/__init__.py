@@ -1,4 +1,4 @@
-"""Talk to a running robot, from a script, a thread or another process.
+"""Client of a running robot, for scripts, threads and other processes.
 
 with RobotClient.connect() as robot:
     robot.ask(CommandController(controller="robby_forward_controller", values=[10.0, 10.0]))

@@ -1,6 +1,6 @@
 """Client of a virtual drive or device: its state, faults and inputs, without the CAN bus.
 
-Separate from the client of a robot, whose verbs need no import of a drive's messages.
+This module is separate from the client of a robot, whose commands need no import of a drive's messages.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ _SHAPES_S: Final = 1.0
 
 
 class DriveClient(Client[DriveHello, DriveEvent]):
-    """Connection to a virtual drive; requests are in `rpc.messages.drive`."""
+    """Connection to a virtual drive; the requests are in `rpc.messages.drive`."""
 
     @classmethod
     def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
-        """Connect to the node on a bus; RemoteError if there is none. `label` names it in messages."""
+        """Connect to a virtual node on a bus; RemoteError if it does not run. `label` names the node in messages."""
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)
 
 
 def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
-    """Return the shapes of the world from the first virtual drive that has any, by channel and node id.
+    """Return the shapes of the world from the first virtual drive that knows any; nodes are (channel, node id).
 
-    Waits, a second for each at most.
+    Blocks for at most a second per drive.
     """
     alive = set(list_sockets("drive"))
     for channel, node_id in nodes:
@@ -52,7 +52,7 @@ def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
 
 
 def signal_values(text: str) -> dict[str, float]:
-    """Return the values of ``di0=1,ai0=2.5`` by signal; ConfigError with the valid form."""
+    """Parse ``di0=1,ai0=2.5`` to values by signal; ConfigError if a part does not have this form."""
     values = {}
     for field in text.split(","):
         name, _, number = (part.strip() for part in field.partition("="))

@@ -1,4 +1,4 @@
-"""Client of a running robot: selection of the robot, and its socket."""
+"""Client of a running robot, with its events, the rate of its state samples, and trajectories of any length."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, CycleTimes
 
 
-# What a robot sends to its subscribers: its events one after the other, and the rate of its state samples.
+# Messages that a robot sends to its subscribers: events one after the other, and state samples at a rate.
 #
 # ROS and bags request a rate at which the samples contain every publication of a controller.
 
@@ -36,8 +36,8 @@ _ENDED: Final = "stopped"  # the last event of a robot that was ended
 class EventStream:
     """Iterator over events until none arrives for `timeout` seconds (None: no limit), or the robot has ended.
 
-    RemoteError instead if the robot's process was killed. It closes itself at its end; to end earlier call `close`, or
-    use it in a `with` block.
+    RemoteError if the robot's process was killed. The connection is closed at the end of the iteration; to end earlier,
+    call `close`, or use the iterator in a `with` block.
     """
 
     def __init__(self, client: RobotClient, timeout: float | None = None) -> None:
@@ -56,7 +56,7 @@ class EventStream:
         return self
 
     def __next__(self) -> RobotEvent:
-        """Wait for the next event."""
+        """Wait for the next event and return it."""
         if self._over:
             raise StopIteration
         try:
@@ -80,9 +80,9 @@ _NEARLY = 1e-6
 
 
 def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
-    """Return the rate of a subscription in Hz: as requested, 0 for every cycle, at most STREAM_RATE.
+    """Return the rate in Hz for a subscription to state samples, near `rate` and after a whole number of cycles.
 
-    A sample comes after a whole number of cycles.
+    A `rate` of 0 requests every cycle, as far as STREAM_RATE permits.
     """
     hz = 1.0 / cycle.period_s if cycle.period_s > 0.0 else STREAM_RATE
     every = round(hz / rate) if rate else math.ceil(hz / STREAM_RATE - _NEARLY)
@@ -90,7 +90,7 @@ def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
 
 
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
-    """Return the controllers that publish more often than the requested rate; None without one."""
+    """Return a sentence about the controllers that publish more often than `rate` in Hz; None if there are none."""
     fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
     names = ", ".join(f"{broadcaster.name} ({broadcaster.publish_rate:g} Hz)" for broadcaster in fast)
     return (
@@ -101,7 +101,7 @@ def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | Non
 
 
 HEARTBEAT_S: Final = 2.0
-"""What who plays a trajectory promises as its `heartbeat`: silent for longer he is gone, and the joints brake."""
+"""Heartbeat in s that a client promises for a trajectory; after a longer silence the robot stops the joints."""
 _BEATS: Final = 4  # within that time
 
 _PIECE: Final = 24_000  # bytes of an object in one request
@@ -109,7 +109,7 @@ _VALUES: Final = 2000  # of a trajectory in one request
 
 
 class RobotClient(Client[RobotHello, RobotPush]):
-    """Connection to a running robot; `robot` is its name; requests are in `rpc.messages.robot`."""
+    """Connection to the running robot `robot`; the requests are in `rpc.messages.robot`."""
 
     def __init__(self, stream: LineClient, timeout: float = 10.0) -> None:
         super().__init__(ROBOT, stream, timeout)
@@ -117,14 +117,14 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @classmethod
     def connect(cls, name: str | None = None, timeout: float = 10.0) -> Self:
-        """Connect to the robot `name`, or to the only one; ConfigError if there is none or several."""
+        """Connect to the robot `name`, or to the only running one; ConfigError if there is none or several."""
         robot = select_robot(name)
         return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
 
     def sdo_write(self, request: SdoWrite, timeout: float) -> None:
-        """Download an object of any length through the robot, in pieces if it is long."""
+        """Download an object of any length through the robot, in several requests if it is long."""
         data = request.data
-        last_piece = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece goes with the request that writes
+        last_piece = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece is part of the request that writes
         for start in range(0, last_piece, _PIECE):
             self.ask(SdoPiece(data=data[start : start + _PIECE]))
         last = SdoWrite(
@@ -139,7 +139,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @contextlib.contextmanager
     def heartbeats(self) -> Iterator[None]:
-        """Send heartbeats on a thread, for a trajectory sent with `HEARTBEAT_S`."""
+        """Context in which a thread sends heartbeats, for a trajectory sent with `HEARTBEAT_S`."""
         over = threading.Event()
 
         def beat() -> None:
@@ -156,7 +156,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
             thread.join(HEARTBEAT_S)
 
     def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
-        """Send the first points of a trajectory of any length; return the last ones for the final request."""
+        """Send all but the last points of a long trajectory; return the last points, for the request that starts it."""
         width = max((len(point.positions) for point in points), default=0)
         at_once = max(1, _VALUES // (4 * max(1, width)))
         while len(points) > at_once:

@@ -1,9 +1,9 @@
 """Velocities from keys: the keys of ROS's teleop_twist_keyboard, with a dead-man timeout in addition.
 
-Sans-IO, time is `now` in monotonic nanoseconds. A terminal reports no release of a key, only that
-a held key repeats: for the first time after 0.25 to 0.66 s, then some 25 times a second. So the first press moves for
-`first` seconds (longer than that delay, or every start would stutter), and once the key has repeated the motion ends
-`repeat` seconds after the last one. Any key that is not a motion and no speed stops at once, as there.
+Sans-IO; times are monotonic nanoseconds. A terminal does not report the release of a key, only that a held key repeats,
+the first time after 0.25 to 0.66 s, then about 25 times a second. So the first press moves for `first` seconds (longer
+than that delay, or every start would stutter); once the key has repeated, the motion ends `repeat` seconds after the
+last repetition. As in teleop_twist_keyboard, any other key that changes no speed stops at once.
 """
 
 from __future__ import annotations
@@ -78,19 +78,19 @@ _NAMES: Final[dict[bytes, str]] = {
 }
 _CONTROLS: Final = {0x03: "ctrl-c", 0x04: "ctrl-d", 0x20: "space"}
 _ESCAPE: Final = 0x1B
-_ESCAPE_NS: Final = 50_000_000  # a lone ESC is the key when nothing follows it
+_ESCAPE_NS: Final = 50_000_000  # a lone ESC is a key of its own if nothing follows
 _LONGEST_SEQUENCE: Final = 32
 
 
 class KeyDecoder:
-    """Decoder from a terminal's bytes to key names: "i", "up", "space", "ctrl-c", "focus-out", "other"."""
+    """Decoder of a terminal's bytes to key names, such as "i", "up", "space", "ctrl-c", "focus-out" or "other"."""
 
     def __init__(self) -> None:
         self._buffer = b""
         self._since = 0
 
     def feed(self, data: bytes, now: int) -> list[str]:
-        """Return the complete keys; a sequence may arrive in any pieces."""
+        """Return the names of the completed keys; an escape sequence may arrive in pieces."""
         self._buffer += data
         self._since = now
         keys = []
@@ -103,11 +103,11 @@ class KeyDecoder:
         return keys
 
     def next_deadline(self) -> int | None:
-        """Return the time at which an unfinished sequence counts as separate keys."""
+        """Return the time at which `tick` ends an unfinished escape sequence; None without one."""
         return self._since + _ESCAPE_NS if self._buffer else None
 
     def tick(self, now: int) -> list[str]:
-        """Return the key of an unfinished sequence after its timeout: escape."""
+        """Return "other" for an escape sequence that is still unfinished after the timeout, else nothing."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return []
@@ -115,7 +115,7 @@ class KeyDecoder:
         return ["other"]
 
     def _first(self) -> tuple[str, int]:
-        """Return the first key and its length in bytes; length 0 while it is incomplete."""
+        """Return the name of the first key and its length in bytes; length 0 if the key is incomplete."""
         buffer = self._buffer
         if buffer[0] != _ESCAPE:
             return _CONTROLS.get(buffer[0]) or (chr(buffer[0]) if 0x20 < buffer[0] < 0x7F else "other"), 1
@@ -130,7 +130,7 @@ class KeyDecoder:
 
 @dataclass(frozen=True, slots=True)
 class Velocities:
-    """Commanded velocities: `linear`, `lateral` (to the left) and `angular`, in m/s and rad/s."""
+    """Commanded velocities of a base: `linear` and `lateral` (to the left) in m/s, and `angular` in rad/s."""
 
     linear: float = 0.0
     angular: float = 0.0
@@ -138,7 +138,7 @@ class Velocities:
 
     @property
     def moving(self) -> bool:
-        """Whether a velocity other than zero is commanded."""
+        """Whether any velocity is not zero."""
         return bool(self.linear or self.angular or self.lateral)
 
 
@@ -149,11 +149,11 @@ class _Hold(Enum):
 
 
 class Teleop:
-    """Key state and resulting motion; `velocities` is valid until `next_deadline`.
+    """Motion from held keys; `velocities` is valid until `next_deadline`.
 
-    `speed` and `turn` are the linear and angular speed, `first` and `repeat` the dead-man's times in seconds. `ended`
-    is True once the user quits, `note` is a sentence about the last key or "". `sideways` is True if the base can do
-    so.
+    `speed` and `turn` are the linear and angular speed, `first` and `repeat` the dead-man timeouts in s. `ended` is
+    True once the user quits, `note` is a sentence about the last key or "". `sideways` means that the base can drive
+    sideways.
     """
 
     def __init__(
@@ -176,14 +176,14 @@ class Teleop:
 
     @property
     def velocities(self) -> Velocities:
-        """Return the present velocities; zeros without a pressed key."""
+        """Current velocities; zeros if no key is held."""
         if self._hold is _Hold.RELEASED:
             return Velocities()
         linear, lateral, angular = self._motions[self._key]
         return Velocities(linear * self.speed, angular * self.turn, lateral * self.speed)
 
     def key(self, name: str, now: int) -> None:
-        """Process a key of `KeyDecoder`."""
+        """Process a key name from `KeyDecoder`."""
         self.tick(now)
         self.note = ""
         if name in self._motions:
@@ -196,16 +196,16 @@ class Teleop:
             self.note = _note_of(name)
 
     def stop(self) -> None:
-        """Stop until a key is pressed."""
+        """Stop the motion until a key is pressed."""
         self._hold = _Hold.RELEASED
 
     def tick(self, now: int) -> None:
-        """Stop when the key was released."""
+        """Stop the motion if its key has not been repeated in time."""
         if self._hold is not _Hold.RELEASED and now >= self._deadline:
             self.stop()
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the motion ends without another key; None at standstill."""
+        """Return the time at which the motion ends without another key; None if there is no motion."""
         return None if self._hold is _Hold.RELEASED else self._deadline
 
     def _move(self, name: str, now: int) -> None:
@@ -215,7 +215,7 @@ class Teleop:
         self._deadline = now + (self._repeat_ns if repeats else self._first_ns)
 
     def _change_speed(self, linear: float, angular: float) -> None:
-        """Change the speed; a motion continues at the new one and keeps its end time."""
+        """Change both speeds by factors; a motion continues at the new speed until its previous deadline."""
         self.speed = min(max(self.speed * linear, _LEAST), _MOST)
         self.turn = min(max(self.turn * angular, _LEAST), _MOST)
 

@@ -1,4 +1,4 @@
-"""Trajectory files in the form of trajectory_msgs/JointTrajectory (YAML or JSON), and waypoints on one line."""
+"""Trajectory files in the form of trajectory_msgs/JointTrajectory (YAML or JSON), and waypoints in one line of text."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 
-_MOST: Final = 1e9  # no joint and no clock of ours goes there: what is beyond, or no number, is a slip of the pen
+_MOST: Final = 1e9  # no joint or clock goes that far: a larger number, or nan, is a typing error
 
 
 @dataclass(frozen=True)
 class _Duration:
-    """builtin_interfaces/Duration."""
+    """Duration in the form of builtin_interfaces/Duration."""
 
     sec: int = 0
     nanosec: int = 0
@@ -29,7 +29,7 @@ class _Duration:
 
 @dataclass(frozen=True)
 class _Point:
-    """trajectory_msgs/JointTrajectoryPoint."""
+    """Point in the form of trajectory_msgs/JointTrajectoryPoint; `time_from_start` may also be a number of seconds."""
 
     positions: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
     velocities: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
@@ -39,14 +39,14 @@ class _Point:
 
     @property
     def time(self) -> float:
-        """Time from start in s."""
+        """Time from the start in s."""
         stamp = self.time_from_start
         return stamp.sec + stamp.nanosec / 1e9 if isinstance(stamp, _Duration) else stamp
 
 
 @dataclass(frozen=True)
 class _File:
-    """trajectory_msgs/JointTrajectory; its header is ignored, because the trajectory starts when it is sent."""
+    """File in the form of trajectory_msgs/JointTrajectory; its header is ignored, as a trajectory starts when sent."""
 
     joint_names: tuple[str, ...]
     points: tuple[_Point, ...]
@@ -55,13 +55,13 @@ class _File:
 
 @dataclass(frozen=True)
 class _Goal:
-    """Section with a trajectory, as in a goal message."""
+    """Section of a file with a trajectory, as in a goal message."""
 
     trajectory: _File
 
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Return the joints and the points of a file; ConfigError with every mistake and its line."""
+    """Read the joints and the points of a file; the ConfigError names every error with its line."""
     text = read_text(path, ConfigError)
     count = text.count("time_from_start")
     if count > MAX_POINTS:  # before it is parsed, which takes a while
@@ -70,7 +70,7 @@ def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
 
 
 def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Return the joints and the points of a file's text; errors name the file `path`."""
+    """Parse the joints and the points of a file's text; `path` is the name of the file in errors."""
     node = read(text, path, error=ConfigError)
     goal = node.get("trajectory")
     content = convert(node, _Goal, None) if goal is not None else convert(node, _File, None)
@@ -89,7 +89,7 @@ def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPo
 
 
 def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
-    """Write a file for `read_trajectory`, one point per line; ConfigError if it cannot be written."""
+    """Write a file for `read_trajectory`, with a point per line; ConfigError if the file cannot be written."""
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
     for point in points:
         values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}
@@ -102,9 +102,9 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 
 
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
-    """Return points with zero velocity from positions such as `0.4 -0.3; 0 0`, `step` s apart.
+    """Parse positions such as `0.4 -0.3; 0 0` to points with zero velocity, `step` seconds apart.
 
-    ConfigError for what is not a position of each joint.
+    ConfigError if a waypoint is not a position for each of the `joints`.
     """
     waypoints = []
     for index, part in enumerate(text.split(";"), 1):
