@@ -197,7 +197,7 @@ def _storing_silent(hooks: QuirkHooks, seconds: float) -> None:
 _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     Quirk(
         "sdo_after_boot",
-        "answers SDO requests a time after its boot-up message",
+        "answers SDO requests only some time after its boot-up message",
         _NMT,
         "canopen#401 (Nanotec CL4-E)",
         node=_sdo_after_boot,
@@ -206,21 +206,21 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     Quirk("sdo_late", "answers SDO requests late", _SDO, "unsourced", node=_sdo_late, strength=in_seconds(0.1, 10.0)),
     Quirk(
         "sdo_first_lost",
-        "does not answer the first SDO request after its boot-up",
+        "does not answer the first SDO request after its boot-up message",
         _SDO,
         "ros_canopen#347",
         node=_sdo_first_lost,
     ),
     Quirk(
         "mapped_not_written",
-        "refuses SDO downloads to objects that an RPDO brings, while it is OPERATIONAL",
+        "refuses SDO downloads to objects that are mapped in an RPDO while it is OPERATIONAL",
         _SDO,
         "SOEM#567 (STF06-EC)",
         node=_mapped_not_written,
     ),
     Quirk(
         "sdo_stale",
-        "answers old requests after its boot-up, with EMCY 0x8110",
+        "sends answers to old SDO requests and EMCY 0x8110 after its boot-up message",
         _NMT,
         "ros2_canopen#36 (Ingenia)",
         node=_sdo_stale,
@@ -235,7 +235,7 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "sdo_size_unsaid",
-        "does not say the size of expedited uploads (0x42)",
+        "does not indicate the size in expedited uploads (0x42)",
         _SDO,
         "espp#762",
         node=_answers(_size_unsaid),
@@ -243,7 +243,7 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "sdo_garbage",
-        "leaves garbage behind the value of expedited uploads",
+        "fills the unused bytes of expedited uploads with garbage",
         _SDO,
         "ros_canopen#259",
         node=_answers(_garbage_behind),
@@ -258,14 +258,14 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "sdo_acknowledges_with_data",
-        "repeats data in the answer to a download",
+        "repeats the data in the answer to a download",
         _SDO,
         "unsourced",
         node=_answers(_acknowledged_with_data),
     ),
     Quirk(
         "sdo_short_frames",
-        "answers with frames of less than 8 bytes",
+        "answers SDO requests with frames of fewer than 8 bytes",
         _SDO,
         "unsourced",
         node=_answers(_short),
@@ -273,7 +273,7 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "sdo_aborts_general",
-        "aborts with 0x08000000 whatever the reason is",
+        "aborts SDO transfers with 0x08000000 for every reason",
         _SDO,
         "unsourced",
         node=_answers(_aborted_with(0x08000000)),
@@ -281,16 +281,16 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "sdo_aborts_zero",
-        "aborts with the code 0",
+        "aborts SDO transfers with the code 0",
         _SDO,
         "unsourced",
         node=_answers(_aborted_with(0)),
         group="abort codes",
     ),
-    Quirk("sdo_no_block", "knows no block transfer", _SDO, "unsourced", node=hears(refuses_blocks)),
+    Quirk("sdo_no_block", "does not support SDO block transfer", _SDO, "unsourced", node=hears(refuses_blocks)),
     Quirk(
         "storing_silent",
-        "hears and sends nothing for a time while it stores parameters",
+        "neither receives nor sends frames for some time while it stores parameters",
         _STORE,
         "unsourced",
         node=_storing_silent,
@@ -390,7 +390,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mapping_in_preop",
-        "takes PDO records in PRE-OPERATIONAL alone",
+        "accepts changes of PDO parameters only in PRE-OPERATIONAL",
         _MAPPING,
         f"ros_canopen#425 (Schneider LXM28A); {_KINCO}",
         node=_refuses(
@@ -401,7 +401,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mapping_short",
-        "takes few objects in a PDO",
+        "accepts only a few objects in a PDO",
         _MAPPING,
         "linuxcnc-ethercat#512, #343 (Inovance)",
         node=_refuses(
@@ -413,7 +413,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "cob_id_fixed",
-        "has COB-IDs of PDOs that cannot be written, not even bit 31; their mapping can",
+        "has PDO COB-IDs that cannot be written, not even bit 31; the mapping can be written",
         _RECORD,
         "ros_canopen#151 (Elmo)",
         node=_cob_id_fixed,
@@ -421,14 +421,14 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "cob_id_not_stored",
-        "does not store the COB-IDs of PDOs by 0x1010",
+        "does not store the COB-IDs of PDOs through 0x1010",
         _STORE,
         "c-open#51",
         node=_cob_id_not_stored,
     ),
     Quirk(
         "cob_ids_of_node",
-        "starts with the COB-IDs of another node (the strength: its id)",
+        "starts with the COB-IDs of another node (the strength is its node id)",
         _RECORD,
         "maxon_epos4_ros1; canopen#317",
         node=_cob_ids_of_node,
@@ -437,7 +437,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "foreign_pdo_unmappable",
-        "refuses a mapping with 0x06040041 while the COB-ID is another node's",
+        "refuses a mapping with 0x06040041 while the COB-ID belongs to another node",
         _MAPPING,
         "maxon_epos4_ros1#1 (EPOS4)",
         node=_refuses(
@@ -448,7 +448,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mapping_swapped",
-        "starts with the mappings of its first two TPDOs exchanged, other than its EDS says",
+        "starts with the mappings of its first two TPDOs exchanged, contrary to its EDS",
         _MAPPING,
         "ros_canopen#425; canopen#554; maxon_epos4_ros1#1",
         node=_mapping_swapped,
@@ -466,7 +466,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "inhibit_time",
-        "sends TPDOs not more often than this",
+        "sends a TPDO at most once in this time",
         _RECORD,
         "yarp-devices#232 (iPOS: 30 ms)",
         node=_inhibit_time,
@@ -474,7 +474,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "rpdo_late",
-        "takes RPDOs late",
+        "receives RPDOs late",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "unsourced",
         node=lambda hooks, seconds: hooks.healthy(hooks.node.pdos.input.delay_ns, round(seconds * _S)),
@@ -482,7 +482,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "length_error_8220",
-        "reports an RPDO of another length with EMCY 0x8220",
+        "reports an RPDO of the wrong length with EMCY 0x8220",
         "CiA 301, 7.2.7 (EMCY codes)",
         "ros2_canopen#36 (Ingenia)",
         node=_emergencies(
@@ -549,13 +549,13 @@ def _clock_drift(hooks: QuirkHooks, ppm: float) -> None:
 _NETWORK: Final[tuple[Quirk, ...]] = (
     Quirk(
         "boot_delay",
-        "needs a time from a reset to its boot-up message",
+        "sends its boot-up message some time after a reset",
         _NMT,
         "unsourced",
         node=_boot_delay,
         strength=in_seconds(5.0),
     ),
-    Quirk("boot_unsaid", "sends no boot-up message", _NMT, "unsourced", node=_boot_unsaid),
+    Quirk("boot_unsaid", "does not send a boot-up message", _NMT, "unsourced", node=_boot_unsaid),
     Quirk("already_operational", "is OPERATIONAL without a command", _NMT, "unsourced", node=turns(start_by_itself)),
     Quirk(
         "start_without_errors",
@@ -566,7 +566,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "start_after_boot",
-        "obeys NMT start a time after its boot-up message",
+        "obeys NMT start only some time after its boot-up message",
         _NMT,
         "unsourced",
         node=_start_after_boot,
@@ -574,7 +574,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "heartbeat_absent",
-        "has no heartbeat: neither 0x1016 nor 0x1017",
+        "does not support heartbeats: it has neither 0x1016 nor 0x1017",
         "CiA 301, 7.2.8.2 (error control)",
         "ros_canopen#106, #367",
         node=lacks(0x1016, 0x1017),
@@ -582,7 +582,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "heartbeat_at_start",
-        "sends heartbeats with this period from its boot-up on",
+        "sends heartbeats with this period after its boot-up message",
         "CiA 301, object 0x1017",
         "unsourced",
         node=lambda hooks, seconds: hooks.preset(0x1017, 0, round(seconds * 1000)),
@@ -600,7 +600,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "consumer_rounded",
-        "rounds the times of 0x1016 up to a multiple",
+        "rounds the times in 0x1016 up to a multiple of the strength",
         _CONSUMER,
         "unsourced",
         node=_consumer_rounded,
@@ -624,7 +624,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "clock_drift",
-        "has a clock that is fast by this, or slow",
+        "has a clock that is fast by the strength, or slow if negative",
         "",
         "unsourced",
         node=_clock_drift,
@@ -632,7 +632,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "emcy_own_register",
-        "sends an error register of its manufacturer in bytes 3 and 4 of an EMCY",
+        "sends a manufacturer-specific error register in bytes 3 and 4 of an EMCY",
         _EMCY,
         "Faulhaber, MC 5010 manual, p. 25",
         node=_emergencies(lambda frame: CanFrame(frame.can_id, frame.data[:3] + b"\x02\x00\x00\x00\x00")),
@@ -640,7 +640,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "emcy_own_data",
-        "sends data of its manufacturer in bytes 3 to 7 of every EMCY",
+        "sends manufacturer-specific data in bytes 3 to 7 of every EMCY",
         _EMCY,
         "ros2_canopen#298 (Leadshine iSV2)",
         node=_emergencies(lambda frame: CanFrame(frame.can_id, frame.data[:3] + bytes.fromhex("0000007008"))),
@@ -648,7 +648,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "emcy_at_boot",
-        "sends EMCY 0x1000 and its end after its boot-up message",
+        "sends EMCY 0x1000 and then EMCY 0x0000 after its boot-up message",
         _EMCY,
         "c-open#51",
         node=_after_boot(
@@ -660,7 +660,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "emcy_zeros_at_boot",
-        "sends an EMCY of zeros after its boot-up message",
+        "sends an EMCY that contains only zeros after its boot-up message",
         _EMCY,
         "unsourced",
         node=_after_boot(lambda node: [(0, CanFrame(node.emcy.cob_id, bytes(8)))]),

@@ -72,7 +72,7 @@ def _controlword_write_only(hooks: QuirkHooks, drive: VirtualDrive, _strength: f
 _STATUSWORD: Final[tuple[Quirk, ...]] = (
     Quirk(
         "remote_when_enabled",
-        "sets bit 9 in OPERATION ENABLED alone",
+        "sets bit 9 only in OPERATION ENABLED",
         _STATUS,
         "SMC, LECSN-T manual, p. 871",
         _word(lambda drive, word: word if drive.state is State.OPERATION_ENABLED else word & ~REMOTE),
@@ -103,7 +103,7 @@ _STATUSWORD: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "own_bits_change",
-        "changes bits 8 and 15 all the time",
+        "changes bits 8 and 15 continually",
         _STATUS,
         "Nanotec, NP5 manual, 6041h",
         _word(_flickers(13 * _MS, 2, 0x8100)),
@@ -194,7 +194,7 @@ def _period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
 _SET_POINTS: Final[tuple[Quirk, ...]] = (
     Quirk(
         "set_point_alone",
-        "takes a new set-point of PP only when the one before is reached",
+        "accepts a new set-point in PP only when the previous set-point is reached",
         _PP,
         "a NuttX driver of the ZLAC8015D (position start, target flag)",
         _takes(lambda drive, _word, now: drive.mover.at_standstill and now >= drive.mover.demand.end_ns),
@@ -202,14 +202,14 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "set_point_needs_bit_5",
-        "takes a new set-point of PP with bit 5 alone",
+        "accepts a new set-point in PP only with bit 5 set",
         _PP,
         "CANOpenRobotController: KincoDrive.cpp",
         _takes(lambda _drive, word, _now: bool(word & IMMEDIATELY)),
     ),
     Quirk(
         "one_set_point",
-        "knows no buffered set-points in PP: a new one replaces the one under way, bit 12 shows that",
+        "has no set-point buffer in PP: a new set-point replaces the current set-point, and bit 12 shows this",
         _PP,
         "Trinamic, TMCM-1270 manual",
         _model(lambda _strength: {"single_set_point": True}),
@@ -217,14 +217,14 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "set_points_elsewhere",
-        "takes its set-points from another source than the bus: enabled, it does not move",
+        "takes its set-points from another source than the bus, and does not move when it is enabled",
         _CONTROL,
         "Vacon/H-Max frequency converters: a project's plan (START SRC)",
         lambda hooks, drive, _strength: hooks.gate(drive).closed_by.add("source"),
     ),
     Quirk(
         "no_phase_lock",
-        "stands at the end of a set-point, and takes each SYNC as the exact time",
+        "stops at the end of each set-point, and takes the time of each SYNC as exact",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "ros2_canopen#236 (EPOS4)",
         _model(lambda _strength: {"recovers_sync": False, "missing": MissingSetPoint()}),
@@ -232,7 +232,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "extrapolates",
-        "goes on for some interpolation times without a set-point, then it stands",
+        "continues without a set-point for some interpolation times, then stops",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "unsourced",
         _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles))}),
@@ -241,7 +241,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "set_points_supervised",
-        "goes on for some interpolation times without a set-point, then it faults with 0xFF02",
+        "continues without a set-point for some interpolation times, then enters FAULT with 0xFF02",
         "CiA 402-2, 12 to 15 (cyclic modes)",
         "jsd#66, #93 (Elmo, 0x2F75)",
         _model(lambda cycles: {"missing": MissingSetPoint(cycles=int(cycles), fault=0xFF02)}),
@@ -250,7 +250,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "record_position",
-        "takes the position of IP from another subindex of 0x60C1 (the strength)",
+        "reads the position of IP from another subindex of 0x60C1 (the strength)",
         "CiA 402-2, object 0x60C1",
         "ros_canopen#307 (Kollmorgen RGM)",
         lambda hooks, drive, subindex: hooks.attribute(drive.modes.interpolated, "position_subindex", int(subindex)),
@@ -266,7 +266,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "period_rounded",
-        "rounds 0x60C2 down to a multiple, silently",
+        "rounds 0x60C2 down to a multiple of the strength, without an error",
         _PERIOD,
         "unsourced",
         _period_rounded,
@@ -275,21 +275,21 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "polarity_of_targets",
-        "turns targets alone round by 0x607E, and not the feedback",
+        "applies 0x607E to targets, but not to the feedback",
         "CiA 402-2, object 0x607E",
         "a public header of an EtherCAT driver for Elmo",
         _polarity_of_targets,
     ),
     Quirk(
         "one_ramp",
-        "uses 0x6083 in PV both ways",
+        "uses 0x6083 in PV for acceleration and deceleration",
         "CiA 402-2, object 0x6084",
         "Trinamic, TMCM-1270 manual",
         _model(lambda _strength: {"velocity_ramp_both_ways": True}),
     ),
     Quirk(
         "own_velocity_unit",
-        "has a velocity unit that no object names (the strength: counts/s of one unit)",
+        "has a velocity unit that no object describes (the strength is the number of counts/s in one unit)",
         "CiA 402-2, object 0x60A9",
         "Kinco, FD5 manual, p. 190 (512 x resolution / 1875 of a rpm)",
         _own_velocity_unit,
@@ -297,7 +297,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "parameter_clamped",
-        "takes at most so much for 0x6083, silently",
+        "limits 0x6083 to the strength, without an error",
         "CiA 402-2, object 0x6083",
         "unsourced",
         node=lambda hooks, most: hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(most)}),
@@ -313,14 +313,14 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "optional_missing",
-        "lacks 0x603F, 0x6007 and 0x60C2",
+        "has no objects 0x603F, 0x6007 and 0x60C2",
         "CiA 402-2, objects 0x603F, 0x6007 and 0x60C2",
         "unsourced",
         node=hears(lacks_optional),
     ),
     Quirk(
         "error_code_absent",
-        "has no 0x603F; the EMCY has the error code",
+        "has no 0x603F; only the EMCY contains the error code",
         "CiA 402-2, object 0x603F",
         "CANOpenRobotController: KincoDrive.cpp",
         node=lacks(o.ERROR_CODE),
@@ -365,7 +365,7 @@ def _homing_shown_briefly(hooks: QuirkHooks, drive: VirtualDrive, seconds: float
 _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
     Quirk(
         "homing_latched",
-        "keeps bit 12 of homing until operation is left",
+        "keeps bit 12 of homing set until it leaves OPERATION ENABLED",
         _HOMING,
         "aidin_hand2: header of the homing sequence",
         _homing_latched,
@@ -373,7 +373,7 @@ _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "homing_shown_briefly",
-        "shows bit 12 of homing for a time alone",
+        "sets bit 12 of homing only for some time",
         _HOMING,
         "unsourced",
         _homing_shown_briefly,
@@ -382,7 +382,7 @@ _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "homing_without_bit_12",
-        "shows the end of homing by bit 10 alone",
+        "shows the end of homing only by bit 10",
         _HOMING,
         "unsourced",
         _in_homing(BIT_12),
@@ -414,14 +414,14 @@ _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "homes_without_power",
-        "takes its position for home by methods 35 and 37 in every state",
+        "accepts homing methods 35 and 37 in every state",
         _HOMING,
         "Trinamic, TMCM-1270 manual",
         _model(lambda _strength: {"homes_without_power": True}),
     ),
     Quirk(
         "homing_ignores_halt",
-        "goes on homing when the halt bit is set",
+        "continues homing when the halt bit is set",
         _HOMING,
         "Trinamic, TMCM-1270 manual",
         _model(lambda _strength: {"homing_halts": False}),

@@ -101,7 +101,7 @@ def _enable_needs_mode(hooks: QuirkHooks, drive: VirtualDrive, _strength: float)
 _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     Quirk(
         "modes_listed_without",
-        "does not list in 0x6502 a mode that it has (the strength: its number)",
+        "has a mode that is not listed in 0x6502 (the strength is the number of the mode)",
         _LISTED,
         "Technosoft, iPOS CANopen programming manual (2023), 6502h; yarp-devices#222",
         _modes_listed_without,
@@ -118,7 +118,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "own_velocity_mode",
-        "has a velocity mode with a number of its manufacturer, which takes 0x60FF without a ramp",
+        "has a manufacturer-specific velocity mode that uses 0x60FF without a ramp",
         _MODE,
         "Kinco, FD5 manual, p. 190",
         _further_mode(OperationMode.CSV),
@@ -126,7 +126,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "own_torque_mode",
-        "has a torque mode with a number of its manufacturer, which takes 0x6071",
+        "has a manufacturer-specific torque mode that uses 0x6071",
         _MODE,
         _IPOS_MODES,
         _further_mode(OperationMode.CST),
@@ -134,7 +134,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "own_position_mode",
-        "has a position mode with a number of its manufacturer, which takes 0x607A in cycles",
+        "has a manufacturer-specific cyclic position mode that uses 0x607A",
         _MODE,
         _IPOS_MODES,
         _further_mode(OperationMode.CSP),
@@ -142,7 +142,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "one_mode",
-        "takes one mode alone (the strength: its number)",
+        "accepts only one mode (the strength is the number of the mode)",
         _MODE,
         "linuxcnc-ethercat#180 (Omron MX2)",
         axis_refuses(AbortCode.INVALID_VALUE, o.MODES_OF_OPERATION, lambda _drive, value, mode: value not in (0, mode)),
@@ -150,7 +150,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mode_shown_late",
-        "shows -1 in 0x6061 for a time after a change to a cyclic mode",
+        "shows -1 in 0x6061 for some time after a change to a cyclic mode",
         _SHOWN,
         "ros_canopen#457 (Festo CMMP-AS)",
         _mode_shown_late,
@@ -173,14 +173,14 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mode_fixed_while_halted",
-        "changes no mode while the halt bit is set",
+        "does not change its mode while the halt bit is set",
         _MODE,
         "ros2_canopen#234 (ENGEL HBI)",
         _condition(lambda drive: not drive.power.controlword & HALT_BIT),
     ),
     Quirk(
         "mode_fixed_while_enabled",
-        "changes its mode in SWITCH ON DISABLED and READY TO SWITCH ON alone",
+        "changes its mode only in SWITCH ON DISABLED and READY TO SWITCH ON",
         _MODE,
         "ros_canopen#259 (switching_state)",
         _condition(
@@ -189,7 +189,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mode_fixed_while_moving",
-        "changes its mode at standstill alone",
+        "changes its mode only at standstill",
         _MODE,
         "unsourced",
         _condition(lambda drive: drive.mover.at_standstill),
@@ -354,7 +354,7 @@ def _sync_period_judged(hooks: QuirkHooks, drive: VirtualDrive, _strength: float
 _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     Quirk(
         "enable_delay",
-        "shows OPERATION ENABLED a time after the command, when its brake has lifted",
+        "shows OPERATION ENABLED only after a delay, when its brake is released",
         _POWER,
         "Beckhoff, MR3107, 8001:11; jsd#48",
         _delays(4),
@@ -362,7 +362,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "brake_delay",
-        "follows set-points a time after OPERATION ENABLED, when its brake has lifted",
+        "follows set-points only some time after OPERATION ENABLED, when its brake is released",
         _POWER,
         "jsd#48 (Elmo: motor on, servo enabled)",
         _brake_delay,
@@ -370,7 +370,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "switch_on_delay",
-        "needs a time from READY TO SWITCH ON to SWITCHED ON, to load its DC link",
+        "needs some time from READY TO SWITCH ON to SWITCHED ON, to charge its DC link",
         _POWER,
         "Festo, CMMP-AS manual, p. 164",
         _delays(3),
@@ -378,7 +378,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "link_empty_after_fault",
-        "obeys no command for a time after a fault reset: its DC link is empty, bit 4 is 0",
+        "obeys no command for some time after a fault reset, because its DC link is empty (bit 4 is 0)",
         _POWER,
         "Festo, CMMP-AS manual, p. 164",
         _link_empty_after_fault,
@@ -386,7 +386,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "transition_slow",
-        "needs a time for every transition",
+        "needs some time for every transition",
         _POWER,
         "unsourced",
         _point(lambda drive: drive.power.transition_delay_ns, lambda seconds: round(seconds * _S)),
@@ -394,7 +394,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "not_ready_time",
-        "shows NOT READY TO SWITCH ON for a time after a reset",
+        "shows NOT READY TO SWITCH ON for some time after a reset",
         _POWER,
         "unsourced",
         _delays(1),
@@ -402,7 +402,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "mains_awaited",
-        "falls from SWITCHED ON to SWITCH ON DISABLED after a time without main power",
+        "falls back from SWITCHED ON to SWITCH ON DISABLED after some time without main power",
         _POWER,
         "Toshiba, VF-S15 CANopen manual, p. 30",
         _mains_awaited,
@@ -417,7 +417,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "quick_stop_ends_switched_on",
-        "stands in SWITCHED ON after a quick stop",
+        "is in SWITCHED ON after a quick stop",
         _POWER,
         "UDTStudio#4 (UniSwarm)",
         _ends_in(State.QUICK_STOP_ACTIVE, State.SWITCHED_ON),
@@ -425,7 +425,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "quick_stop_unseen",
-        "goes from OPERATION ENABLED to SWITCH ON DISABLED at once on a quick stop, without power",
+        "enters SWITCH ON DISABLED at once, without power, on a quick stop",
         _QUICK,
         "canopen#167",
         _quick_stop_unseen,
@@ -433,7 +433,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "quick_stop_off",
-        "ignores the quick stop (0x605A = -1 of its manufacturer)",
+        "ignores a quick stop (0x605A has the manufacturer's value -1)",
         _QUICK,
         "Beckhoff, AX8xxx, object 605A",
         lambda hooks, drive, _strength: hooks.act(drive, 11, lambda _transition, _now, _before: None),
@@ -441,14 +441,14 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "quick_stop_resumes",
-        "is enabled from QUICK STOP ACTIVE by 0x0F, whatever 0x605A says",
+        "leaves QUICK STOP ACTIVE for OPERATION ENABLED by controlword 0x0F, regardless of 0x605A",
         _QUICK,
         "jsd#93, #66 (Elmo)",
         _quick_stop_resumes,
     ),
     Quirk(
         "fault_reset_twice",
-        "resets a fault by every second edge of bit 7",
+        "resets a fault only at every second edge of bit 7",
         _POWER,
         "ros_canopen#138",
         _fault_reset_twice,
@@ -456,7 +456,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "fault_reset_slow",
-        "leaves FAULT a time after the edge of bit 7",
+        "leaves FAULT some time after the edge of bit 7",
         _POWER,
         "unsourced",
         _fault_reset_slow,
@@ -465,7 +465,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "fault_reset_level",
-        "resets a fault when bit 7 has been 1 for a time",
+        "resets a fault when bit 7 has been set for some time",
         _POWER,
         "unsourced",
         _fault_reset_level,
@@ -474,7 +474,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "fault_returns",
-        "leaves FAULT by a reset although its cause lasts, and faults again at once",
+        "leaves FAULT on a reset although the cause persists, and enters FAULT again at once",
         _POWER,
         "yarp-devices#215 (iPOS)",
         _fault_returns,
@@ -489,7 +489,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "enable_faults",
-        "answers an enable with FAULT while a precondition is missing (the strength: the EMCY code)",
+        "enters FAULT when it is enabled while a precondition is missing (the strength is the EMCY code)",
         _POWER,
         "ros2_canopen#298 (Leadshine iSV2)",
         _point(lambda drive: drive.power.fault_on_enable, int),
@@ -498,7 +498,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "first_enable_faults",
-        "faults by the first enable after its start, and by no other (the strength: the EMCY code)",
+        "enters FAULT at the first enable after its start, and at no later enable (the strength is the EMCY code)",
         _POWER,
         "ethercat_driver_ros2#151, #87 (ZeroErr eRob)",
         _first_enable_faults,
@@ -507,21 +507,21 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "torque_then_position",
-        "faults with 0x8A00 when its mode changes from torque to CSP in operation",
+        "enters FAULT with 0x8A00 when its mode changes from torque to CSP while it is enabled",
         _MODE,
         "eRob_SOEM_linux#12 (ZeroErr eRob)",
         _torque_then_position,
     ),
     Quirk(
         "enabled_in_preop",
-        "is enabled in PRE-OPERATIONAL too, and takes set-points by SDO there",
+        "can be enabled in PRE-OPERATIONAL too, and accepts set-points by SDO there",
         _POWER,
         "unsourced",
         node=turns(served_in_preop),
     ),
     Quirk(
         "sync_period_judged",
-        "faults with 0x8700 in a cyclic mode unless 0x1006 is its interpolation time",
+        "enters FAULT with 0x8700 in a cyclic mode unless 0x1006 equals its interpolation time",
         "CiA 301, object 0x1006",
         "canfestival-rtt#18; canopen#407 (Delta ASDA-A2)",
         _sync_period_judged,

@@ -60,8 +60,8 @@ def test_what_a_fault_does_is_a_sentence_whatever_it_is_of(capsys):
     assert main(["fault", "list"]) == 0
     said = capsys.readouterr().out
     assert "The drive its" not in said
-    assert "    Its heartbeats do not arrive (until" in said
-    assert "    The drive never boots again" in said
+    assert "    Its heartbeats are lost (until" in said
+    assert "    The drive does not boot after its next reset" in said
 
 
 @pytest.mark.parametrize(

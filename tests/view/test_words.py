@@ -150,8 +150,8 @@ def test_faults_are_explained():
     silent, hot = FAULTS
     assert "until it is switched off" in fault_text(silent)
     assert "The drive is hot (once)" in fault_text(hot)
-    own = FaultListing(name="silent", does="its heartbeats do not arrive")
-    assert ">Its heartbeats do not arrive (until" in fault_text(own)
+    own = FaultListing(name="silent", does="its heartbeats are lost")
+    assert ">Its heartbeats are lost (until" in fault_text(own)
     assert "No virtual drive" in fault_text(None)
     assert "No fault is on" in active_faults({"left": []})
     assert "left: silent, hot" in active_faults({"left": ["silent", "hot"]})
