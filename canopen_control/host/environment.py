@@ -1,9 +1,9 @@
-"""Environment of child processes, without variables meant only for this process.
+"""Environment of child processes, without the variables that are meant only for this process.
 
 The ROS wheels restart every interpreter of their environment with their own libraries in LD_LIBRARY_PATH and a guard
-variable. Both are inherited and break a child that uses another environment: its rclpy finds the wrong libraries and,
-because of the guard, does not look for the right ones. A child that needs rclpy therefore gets neither, and any other
-child gets only the guard, which saves the restart.
+variable. A child inherits both, and they break it if it uses another environment: rclpy then finds the wrong
+libraries and, because of the guard, does not look for the right ones. A child that needs rclpy therefore gets neither
+variable, and any other child gets only the guard, which saves the restart.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packa
 
 
 def lean_python(module: str) -> list[str]:
-    """Return the command that runs `main` of a module of the package with only msgspec on the path.
+    """Return the command that runs `main` of a module of the package with only the package and msgspec on the path.
 
-    Isolated and without site, Python starts in half the time.
+    In isolated mode and without the module site, Python starts in half the time.
     """
     from importlib.util import find_spec
 
@@ -43,10 +43,10 @@ def lean_python(module: str) -> list[str]:
 
 
 def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None, forked: bool = False) -> dict[str, str]:
-    """Return the environment of a child, based on `base` (default: ours); `ros` is for one that imports rclpy.
+    """Return the environment of a child, derived from `base` (default: os.environ); `ros` if it imports rclpy.
 
-    A library path set by the user or by a sourced ROS is kept. A fork with `ros` keeps all library paths: it cannot be
-    restarted with others.
+    A library path set by the user or by a sourced ROS is kept. With `ros`, a fork keeps all library paths, because it
+    cannot be restarted with others.
     """
     environment = dict(os.environ if base is None else base)
     for private in (LIFELINE, READY, GATE):
@@ -65,7 +65,7 @@ def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None, forke
 
 
 def has_ros_libraries() -> bool:
-    """Whether a fork of this process finds the libraries of rclpy: its library path is set for them, or by the user."""
+    """Whether a fork of this process finds the libraries of rclpy, by the library path of the wheels or a user's."""
     folders = os.environ.get(_LIBRARIES, "").split(":")
     prefixes = {match["prefix"] for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))}
     return _GUARD not in os.environ or bool(prefixes & {sys.prefix, os.path.realpath(sys.prefix)})

@@ -1,7 +1,7 @@
-"""Files on a disk that may be full: complete files, and rotated logs of child processes.
+"""Files on a disk that may be full: complete writes, and rotated logs of child processes.
 
-Errors name the file and what remains of it. A child keeps its log open, so that it can only be rotated in place: its
-content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and continues at the
+Errors name the file and what remains of it. A child keeps its log open, so that the log can only be rotated in place:
+the content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and continues at the
 start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is lost; a line in
 the file reports it.
 """
@@ -30,16 +30,16 @@ FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))
 
 
 def make_private(path: str | Path) -> None:
-    """Create an empty file that only its user can access, unless it exists; raises OSError.
+    """Create an empty file that only the user can access, unless the file exists; raise OSError.
 
-    Robots' logs are private, and a later opener keeps the mode of the file.
+    Logs of robots are private, and later openers keep the mode of the file.
     """
     with contextlib.suppress(FileExistsError):
         os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600))
 
 
 def write_whole(path: str | Path, data: bytes) -> None:
-    """Write a file completely or leave it unchanged; ConfigError and DiskFull."""
+    """Write a file completely or leave it unchanged; raise ConfigError, or DiskFull if the disk is full."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
         with telling(path, "it got a part of it"):
@@ -60,7 +60,7 @@ def write_whole(path: str | Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def telling(path: str | Path, remains: str) -> Iterator[None]:
-    """Convert an OSError of a write to `path`: DiskFull with the text `remains`, else ConfigError."""
+    """Convert an OSError during a write to `path` to DiskFull, with the text `remains`, or else to ConfigError."""
     try:
         yield
     except OSError as error:
@@ -68,7 +68,7 @@ def telling(path: str | Path, remains: str) -> Iterator[None]:
 
 
 def failed(path: str | Path, error: OSError, remains: str) -> CanopenError:
-    """Return the error to raise for an OSError during a write to `path`."""
+    """Return the DiskFull or ConfigError to raise for an OSError during a write to `path`."""
     reason = error.strerror or str(error)
     if error.errno in FULL:
         return DiskFull(str(path), reason, remains)
@@ -81,14 +81,14 @@ _ROTATED: Final = b"--- rotated: what came before is in the file that ends in .1
 
 
 def state_dir(name: str = "") -> Path:
-    """Return the log folder of the robot or bus `name`: below $XDG_STATE_HOME, else ~/.local/state."""
+    """Return the log folder of the robot or bus `name`, below $XDG_STATE_HOME or ~/.local/state."""
     base = os.environ.get("XDG_STATE_HOME", "")
     root = Path(base) if base.startswith("/") else Path.home() / ".local" / "state"
     return root / "canopen_control" / name
 
 
 class LogFile:
-    """Log of a child process, `<folder>/<name>.log`; `limit` is its approximate maximum length in bytes."""
+    """Log of a child process, `<folder>/<name>.log`; `limit` is the approximate maximum length in bytes."""
 
     def __init__(self, folder: Path, name: str, *, limit: int = LIMIT) -> None:
         self.path = folder / f"{name}.log"
@@ -98,7 +98,7 @@ class LogFile:
 
     @contextlib.contextmanager
     def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
-        """Open the log for a child, with a line about the start; ConfigError if it cannot be written."""
+        """Open the log for a child, and add a line about the start; ConfigError if the log cannot be written."""
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if self.path.exists() and self.path.stat().st_size > self._limit:
@@ -121,7 +121,7 @@ class LogFile:
         return self.path.with_name(self.path.name + ".1")
 
     def last_lines(self, count: int) -> list[str]:
-        """Return the last lines of this run, at most `count`; none if the file was removed."""
+        """Return the last lines of this run, at most `count`; an empty list if the file was removed."""
         try:
             with open(self.path, "rb") as file:
                 size = file.seek(0, os.SEEK_END)
@@ -133,7 +133,7 @@ class LogFile:
         return text.splitlines()[-count:]
 
     def rotate_if_long(self) -> None:
-        """Rotate the log on a thread if it is longer than the limit; the check takes microseconds."""
+        """Rotate the log on a thread if the log is longer than the limit; the check takes microseconds."""
         with contextlib.suppress(OSError):
             if self.path.stat().st_size <= self._limit or (self._busy is not None and self._busy.is_alive()):
                 return
@@ -141,7 +141,7 @@ class LogFile:
             self._busy.start()
 
     def rotate(self) -> None:
-        """Copy the log to `.1` and truncate it."""
+        """Copy the log to a file that ends in `.1`, and truncate the log."""
         with contextlib.suppress(OSError):  # disk full: truncating still helps
             make_private(self._old)
             shutil.copyfile(self.path, self._old)

@@ -1,10 +1,10 @@
-"""Child processes as forks of this process, with its imported modules.
+"""Child processes that are forks of this process, with the modules it has imported.
 
-A fork is for programs of our own that have one thread, before they own anything that two processes cannot share:
+A fork is for programs of this package that have one thread, before they own anything that two processes cannot share:
 `allow_forks` declares that, and `can_fork` is False in every other process, as in a user's program. The child begins
-as a new interpreter would: default signals, the descriptors it was given and no others, its own environment and
-session, empty buffers, no exit functions, a collector with default settings. `ps` and /proc show the command line and
-environment that an interpreter of its own would have.
+as a new interpreter would: default signals, only the descriptors that were passed, its own environment and session,
+empty buffers, no exit functions, a garbage collector with default settings. `ps` and /proc show the command line and
+environment that a separate interpreter would have.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 _allowed = False
 _THRESHOLDS: Final = gc.get_threshold()
 _ARG_START, _ENV_END = 48, 51  # fields of proc_pid_stat(5)
-_parents_objects: list[object] = []  # of the parent: freeing it would close descriptors that are the child's now
+_parents_objects: list[object] = []  # of the parent: freeing one would close descriptors that are the child's now
 
 
-#: a module, and the arguments of its `main`
+#: module, and the arguments of its `main`
 Main: TypeAlias = "tuple[str, Sequence[str]]"
 
 
 def allow_forks() -> None:
-    """Allow children of this process, and their children, to be its forks."""
+    """Allow `spawn` to fork this process; forked children may fork as well."""
     global _allowed
     _allowed = True
 
@@ -51,25 +51,25 @@ def forbid_forks() -> None:
 
 
 def can_fork() -> bool:
-    """Whether a child may be a fork: on Linux with pidfd, if allowed, while there is only one thread."""
+    """Whether a child may be a fork: allowed, on Linux with pidfd, and while this process has only one thread."""
     return (
         _allowed and sys.platform == "linux" and hasattr(os, "pidfd_open") and len(os.listdir("/proc/self/task")) == 1
     )
 
 
 class ForkedProcess:
-    """Child created by `fork`, with the methods of `subprocess.Popen` that its starter needs."""
+    """Child created by `fork`, with those methods of `subprocess.Popen` that the module `spawn` needs."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
-        """Return its exit status, negative for a signal; None while it runs."""
+        """Return the exit status, negative for a signal; None while the child runs."""
         return self._wait(os.WNOHANG)
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for its end, at most `timeout` s; return as `poll`."""
+        """Wait for the end of the child, at most `timeout` s, and return its status like `poll`."""
         if timeout is not None and self.poll() is None:
             descriptor = os.pidfd_open(self.pid)
             try:
@@ -88,7 +88,7 @@ class ForkedProcess:
         return self.returncode
 
     def terminate(self) -> None:
-        """Send SIGTERM; a no-op once it has ended."""
+        """Send SIGTERM to the child; no-op once the child has ended."""
         if self.poll() is None:
             os.kill(self.pid, signal.SIGTERM)
 
@@ -102,11 +102,11 @@ def fork(
     keep: Collection[int],
     detached: bool = False,
 ) -> ForkedProcess:
-    """Start `main` as a fork of this process with its own session; `argv` is the command line that ps shows.
+    """Start `main` as a fork of this process with its own session; `argv` is the command line shown by ps.
 
-    Its standard input is empty; `output` takes standard output and error, None: those of this process. It inherits the
-    descriptors `keep` and no others. `detached`: the process that is returned ends at once, and its child, of the same
-    session, is the program.
+    The child's standard input is empty; `output` receives standard output and error, None keeps those of this process.
+    The child inherits only the descriptors `keep`. With `detached` the process that is returned ends at once, and its
+    child, in the same session, is the program.
     """
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or gone
@@ -130,7 +130,7 @@ def _run_child(
     mask: Collection[int],
     detached: bool,
 ) -> NoReturn:
-    """Run the program in the fork, and end it without executing any frame of its callers."""
+    """Run the program in the fork, then end the process without returning to any caller."""
     code = 1
     try:
         os.setsid()
@@ -197,7 +197,7 @@ def _reset_streams() -> None:
 
 
 def _reset_signals() -> None:
-    """Restore the signal handlers of Python's start; ignored signals stay ignored, as across exec."""
+    """Restore the signal handlers of a new Python process; ignored signals stay ignored, as across exec."""
     signal.set_wakeup_fd(-1)
     for number in signal.valid_signals():
         if callable(signal.getsignal(number)):
@@ -206,10 +206,10 @@ def _reset_signals() -> None:
 
 
 def _show(argv: Sequence[str], environment: Mapping[str, str]) -> None:
-    """Make the kernel show this command line and environment by overwriting the memory of the original ones.
+    """Make the kernel show this command line and environment, by overwriting the memory of the original ones.
 
-    The environment follows the command line there, and is not used any more. A command line that is not ended by a zero
-    byte at its old end is one string (proc_pid_cmdline(5)), so that its words are separated by spaces.
+    In this memory the environment follows the command line, and is not used any more. A command line that does not have
+    a zero byte at its old end is shown as one string (proc_pid_cmdline(5)), so that its words are separated by spaces.
     """
     with contextlib.suppress(OSError, ValueError, IndexError):  # a kernel without it shows the parent's
         with open("/proc/self/stat", "rb") as file:

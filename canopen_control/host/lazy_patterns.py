@@ -1,7 +1,7 @@
-"""Regular expressions that are compiled on first use, for faster imports at start.
+"""Regular expressions that are compiled on first use, so that imports are faster at the start.
 
-The modules that `run` imports define a hundred; most are used for rare files, or never. One of PyYAML's alone, which a
-reader in C makes superfluous, takes a hundredth of the start.
+The modules that `run` imports define a hundred patterns; most are used for rare files, or never. A single pattern of
+PyYAML, which the C reader makes superfluous, takes a hundredth of the start.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class _LazyPattern:
 
 @contextlib.contextmanager
 def lazy_patterns() -> Iterator[None]:
-    """Make patterns that this package and PyYAML define in this context compile on first use.
+    """Defer the compilation of the patterns that this package and PyYAML define in this context until their first use.
 
-    Those of compiled modules are compiled at once.
+    The patterns of compiled modules are compiled at once.
     """
     compile_now = re.compile  # of an outer context, or the standard one
 

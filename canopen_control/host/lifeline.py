@@ -1,6 +1,6 @@
-"""Child's side of `spawn` and `spawn_detached`: detects the end of the parent and reports readiness.
+"""Child's side of `spawn` and `spawn_detached`: it detects the end of the parent and reports readiness.
 
-It is a separate module so that children need not import the code that starts processes.
+The module is separate so that children need not import the code that starts processes.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ READY_WORD: Final = b"ready"
 
 
 def lifeline_fd() -> int | None:
-    """Return the descriptor of this process's lifeline, None without one.
+    """Return the descriptor of this process's lifeline, None without a lifeline.
 
-    It becomes readable, at end of file, when the parent has ended. Nothing is ever written to it.
+    The descriptor becomes readable, at end of file, when the parent has ended. Nothing is ever written to it.
     """
     return _inherited_pipe(LIFELINE)
 
 
 def gate_fd() -> int | None:
-    """Return the descriptor of this process's gate, None without one; the caller closes it.
+    """Return the descriptor of this process's gate, None without a gate; the caller must close the descriptor.
 
-    It becomes readable when the parent opens the gate, with one byte, or at end of file when it never will.
+    The descriptor becomes readable when the parent opens the gate, with one byte, or at end of file if the gate will
+    never be opened.
     """
     fd = _inherited_pipe(GATE)
     os.environ.pop(GATE, None)
@@ -49,12 +50,12 @@ def _inherited_pipe(variable: str) -> int | None:
 
 
 def report_ready() -> None:
-    """Report to `spawn_detached` that the service of this process is up; a no-op in other processes."""
+    """Report to `spawn` or `spawn_detached` that this process is ready; no-op without a waiting starter."""
     _report(READY_WORD)
 
 
 def report_failure(sentence: str) -> None:
-    """Report to `spawn_detached` why this process has no service; a no-op in other processes."""
+    """Report to `spawn_detached` why this process could not start; no-op in a process without a waiting starter."""
     _report(" ".join(sentence.split()).encode()[:4000])
 
 
@@ -68,9 +69,9 @@ def _report(line: bytes) -> None:
 
 
 class LivenessReport:
-    """Repeated report from a child of `spawn` that it is ready, then that it is running.
+    """Repeated report of a child to `spawn`: first that it is ready, then that it is still running.
 
-    It does nothing in a process without a starter that requested it.
+    It does nothing in a process whose starter has not requested reports.
     """
 
     def __init__(self) -> None:
@@ -81,11 +82,11 @@ class LivenessReport:
 
     @property
     def is_asked_for(self) -> bool:
-        """Whether the starter requested reports."""
+        """Whether the starter has requested reports."""
         return self._fd is not None
 
     def beat(self) -> None:
-        """Send a report, from any thread; the first one means that the service is up."""
+        """Send a report, from any thread; the first report means that the child is ready."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 os.write(self._fd, READY_WORD + b"\n")

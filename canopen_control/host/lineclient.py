@@ -1,4 +1,4 @@
-"""Blocking client of a line server, for scripts, threads and the command line; and the splitter of line streams."""
+"""Blocking client of a line server, for scripts, threads and the command line; and the splitter of byte streams."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from typing import Final
 
 
-# A line ends with a newline. An answer has at most 1 MiB, a request 64 KiB and 4096 values, because serving it must not
-# block other work.
+# A line ends with a newline. An answer has at most 1 MiB, a request 64 KiB and 4096 values, because processing it must
+# not block other work.
 
 
 MAX_LINE: Final = 1 << 20
@@ -28,14 +28,14 @@ _COSTLY: Final = b",[{\\"  # each value, or letter, that takes time is accompani
 
 
 def too_many_values(line: bytes) -> bool:
-    """Whether a line of JSON has more than `MAX_VALUES` values, determined without decoding it."""
+    """Whether a line of JSON has more than `MAX_VALUES` values, estimated without decoding the line."""
     return sum(map(line.count, _COSTLY)) > MAX_VALUES
 
 
 class LineBuffer:
-    """Splitter from bytes to lines; the lines do not depend on how the stream is divided.
+    """Splitter of a byte stream into lines, independent of how the stream is divided into pieces.
 
-    `overflow` becomes true when a line is longer than `limit` bytes; no line is returned after that.
+    `overflow` becomes True when a line is longer than `limit` bytes; no line is returned after that.
     """
 
     __slots__ = ("_data", "_limit", "_searched", "overflow")
@@ -52,7 +52,7 @@ class LineBuffer:
             self._data += data
 
     def next_line(self) -> bytes | None:
-        """Return the next line without its end, or None if none is complete; empty lines are skipped."""
+        """Return the next line without its newline, None if no line is complete; empty lines are skipped."""
         if self.overflow:
             return None
         data = self._data
@@ -79,8 +79,8 @@ _CHUNK: Final = 1 << 16
 class LineClient:
     """Connection to a `LineServer` with blocking methods; one thread may send while another receives.
 
-    RemoteError of kind "BusClosed" when the server is gone, "Timeout" when it takes too long, "RemoteProtocolError"
-    when a line has no end. `label` names the server in messages. Times are in s.
+    RemoteError is raised with kind "BusClosed" when the server is gone, "Timeout" when the server takes too long, and
+    "RemoteProtocolError" when a line is too long. `label` names the server in messages. Times are in s.
     """
 
     def __init__(self, path: Path, timeout: float = 5.0, *, label: str = "") -> None:
@@ -102,11 +102,11 @@ class LineClient:
         self.close()
 
     def fileno(self) -> int:
-        """Return the descriptor, readable when `receive` may return a line; -1 once closed."""
+        """Return the descriptor, readable when `receive` may return a line; -1 after `close`."""
         return self._socket.fileno()
 
     def send(self, line: bytes, timeout: float = 5.0) -> None:
-        """Send a line that ends with a newline; LocalProtocolError if it is too long."""
+        """Send a line that ends with a newline; raise LocalProtocolError if the line is too long."""
         if len(line) > MAX_REQUEST:
             raise LocalProtocolError(f"this cannot be sent to {self.label}: {len(line)} bytes, more than {MAX_REQUEST}")
         deadline = time.monotonic() + timeout
@@ -119,9 +119,9 @@ class LineClient:
                 raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?")
 
     def receive(self, timeout: float | None = 5.0) -> bytes | None:
-        """Return the next line without its end, None if none arrived in time.
+        """Return the next line without its newline, None if no line arrived within `timeout` s.
 
-        0 does not wait, None waits without limit.
+        With 0 the method does not wait, with None it waits without limit.
         """
         deadline = None if timeout is None else time.monotonic() + timeout
         while (line := self._input.next_line()) is None:
@@ -135,12 +135,12 @@ class LineClient:
         return line
 
     def hang_up(self) -> None:
-        """Shut the connection down in both directions; wakes a thread that waits in `receive`."""
+        """Shut the connection down in both directions, which ends a `receive` that waits in another thread."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Close the connection; a second call is a no-op."""
+        """Close the connection; no-op if it is closed already."""
         self._socket.close()
 
     def _write(self, data: memoryview) -> int:
@@ -152,7 +152,7 @@ class LineClient:
             raise self._closed_error() from error
 
     def _read(self) -> bytes | None:
-        """Return the received bytes, None if there are none."""
+        """Return the received bytes, None if no bytes are waiting."""
         try:
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:
@@ -164,7 +164,7 @@ class LineClient:
         return data
 
     def _poll(self, event: int, deadline: float | None) -> bool:
-        """Wait for the socket; False after the deadline."""
+        """Wait until the socket is ready for `event`; return False after the deadline."""
         if self._socket.fileno() < 0:
             raise self._closed_error()
         poll = select.poll()

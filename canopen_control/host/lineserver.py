@@ -1,14 +1,14 @@
-"""Line server on a Unix stream socket in the reactor: connections, order of service, send buffers.
+"""Line server on a Unix stream socket in the reactor: connections, fair order of requests, send buffers.
 
-The owner interprets the lines; its `complaint` returns the line sent to a peer before it is disconnected.
+The owner interprets the lines; its `complaint` returns the line that a peer receives before it is disconnected.
 
-Requests are small (64 KiB) and share each turn of the loop: one request per connection is served in turn, first ones of
-new connections first, for one millisecond; the rest waits for the next turn. A flooding peer thus delays others by one
-request each, and the owner's other work by one millisecond and one request.
+Requests are small (64 KiB) and share each turn of the loop. For one millisecond the connections take turns with one
+request each, the first requests of new connections first; the other requests wait for the next turn. A flooding peer
+thus delays every other peer by one request, and the owner's other work by one millisecond and one request.
 
-If all places are taken, an idle client is disconnected with a message: first those that never sent a request, then the
-one silent for the longest time. `keeps(connection)` exempts silent connections that receive data or that something
-depends on; the owner accepts at most `MAX_KEPT`.
+When the maximum number of connections is reached, an idle client is disconnected with a message: first a client that
+never sent a request, then the client that has been silent for the longest time. `keeps(connection)` exempts silent
+connections that receive data or on which something depends; the owner accepts at most `MAX_KEPT` of these.
 
 The server never blocks, and its memory is bounded: bytes that the kernel does not accept wait in a buffer of at most 1
 MiB per connection, and a peer that reads too slowly is disconnected with `reason` "slow". `on_close` is never called
@@ -49,9 +49,9 @@ _MADE_WAY: Final = "all places are taken and this connection was idle; connect a
 
 
 class Connection:
-    """Connection of one peer of a `LineServer`.
+    """Connection of one peer of a `LineServer`, with a receive and a send buffer.
 
-    `name` and `context` are free for the owner, `reason` is why the connection ended.
+    The owner may use `name` and `context` freely; `reason` says why the connection has ended.
     """
 
     def __init__(self, server: LineServer, sock: socket.socket, name: str) -> None:
@@ -70,7 +70,7 @@ class Connection:
 
     @property
     def closed(self) -> bool:
-        """Whether the connection has ended, or ends once the last answer was sent."""
+        """Whether the connection has ended, or will end when the last answer has been sent."""
         return bool(self.reason)
 
     @property
@@ -79,22 +79,22 @@ class Connection:
         return len(self._output)
 
     def fileno(self) -> int:
-        """Return the descriptor; -1 once closed."""
+        """Return the descriptor; -1 after the connection was closed."""
         return self._socket.fileno()
 
     def expect_answer(self) -> None:
-        """Count a request as pending until `answer`: a client that waits is not disconnected for another one."""
+        """Count a request as pending until `answer`, because a client that waits is not disconnected to make room."""
         self._unanswered += 1
 
     def answer(self, line: bytes) -> None:
-        """Send the line of an answer."""
+        """Send the answer to a request counted by `expect_answer`."""
         self._unanswered -= 1
         self.send(line)
 
     def send(self, line: bytes) -> None:
-        """Send one or more lines with their ends; a no-op after the end of the connection.
+        """Send one or more lines, including their newlines; no-op after the end of the connection.
 
-        It never blocks and never raises because of the peer.
+        The method never blocks, and never raises because of the peer.
         """
         if self.reason:
             return
@@ -110,7 +110,7 @@ class Connection:
         self._output += line
 
     def close(self, reason: str = "closed") -> None:
-        """Close the connection once everything was sent, after one second at most; a second call is a no-op."""
+        """Close the connection when everything was sent, after one second at most; no-op if it is closed already."""
         if self.reason:
             return
         if not self._output:
@@ -121,16 +121,16 @@ class Connection:
         self._linger = self._server.reactor.call_later(_LINGER_NS, self._release)
 
     def refuse(self, kind: str, message: str) -> None:
-        """Send the peer an error and close the connection."""
+        """Send an error to the peer and close the connection."""
         self.send(self._server.complaint(kind, message))
         self.close(message)
 
     def start(self) -> None:
-        """Begin to read; called by the server."""
+        """Begin to receive; called by the server."""
         self._server.reactor.add_reader(self._socket, self._on_readable)
 
     def abandon(self, reason: str) -> None:
-        """Close the connection at once, without sending the rest; called by the server."""
+        """Close the connection at once, and discard unsent data; called by the server."""
         self._end(reason)
         self._release()
 
@@ -152,7 +152,7 @@ class Connection:
             self._release()
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
-        """Return the order of disconnection, lowest first: a class and a time; None: not now. Called by the server."""
+        """Return the rank for disconnection (lowest first) as class and time, None if not now; called by the server."""
         if now - self._connected_at < _GRACE_NS or self.reason:
             return None
         if not self._requests:
@@ -175,7 +175,7 @@ class Connection:
         self._queue_turn()
 
     def _queue_turn(self) -> None:
-        """Request a turn for the next line, if there is one."""
+        """Queue the connection for the next received line, if there is one."""
         self._next = None if self.reason else self._input.next_line()
         if self._next is not None:
             self._server.line_up(self, first=not self._requests)
@@ -183,7 +183,7 @@ class Connection:
             self.refuse("RemoteProtocolError", f"a request is longer than {MAX_REQUEST} bytes")
 
     def serve(self) -> None:
-        """Serve the line whose turn it is; called by the server."""
+        """Pass the queued line to the owner; called by the server."""
         line, self._next = self._next, None
         if line is None or self.reason:
             return
@@ -196,7 +196,7 @@ class Connection:
             self._queue_turn()
 
     def _end(self, reason: str) -> None:
-        """Close the socket at once; the loop calls `on_close`."""
+        """Stop reading and writing at once; the loop then closes the socket and calls `on_close`."""
         self.reason = self.reason or reason
         self._output.clear()
         self._server.reactor.remove_reader(self._socket)
@@ -223,13 +223,13 @@ def _none(_connection: Connection) -> bool:
 
 
 class LineServer:
-    """Server of a Unix socket on a reactor.
+    """Server on a Unix socket, run by a reactor.
 
-    Each callback receives the `Connection`; `on_line` also the line, without its end. `on_close` is called once for
-    each connection passed to `on_connect`, with the cause in `connection.reason`: "gone" (the peer left), "slow",
-    "closed", or the sentence sent to the peer, for which `complaint(kind, message)` creates the line. SocketInUse if
-    the path is already served. `listener` is a socket that the owner already listens on. `refused` counts peers of
-    other users.
+    Each callback receives the `Connection`; `on_line` also receives the line, without its newline. `on_close` is called
+    once for each connection passed to `on_connect`, with the cause in `connection.reason`: "gone" (the peer left),
+    "slow", "closed", or the sentence sent to the peer, for which `complaint(kind, message)` creates the line.
+    SocketInUse is raised if another server listens at the path. `listener` is a socket on which the owner listens
+    already. `refused` counts peers of other users.
     """
 
     def __init__(
@@ -261,13 +261,13 @@ class LineServer:
 
     @property
     def connections(self) -> list[Connection]:
-        """Open connections, without those about to close."""
+        """Open connections, without those that are about to close."""
         return [connection for connection in self._connections if not connection.closed]
 
     def close(self) -> None:
-        """Close all connections at once and remove the socket; `on_close` is called for each.
+        """Close all connections at once and remove the socket; `on_close` is called for each connection.
 
-        A second call is a no-op.
+        No-op if the server is closed already.
         """
         if self._socket.fileno() < 0:
             return
@@ -283,14 +283,14 @@ class LineServer:
             self.on_close(connection)
 
     def line_up(self, connection: Connection, *, first: bool) -> None:
-        """Add a connection to the queue of lines to serve; called by the connection."""
+        """Queue a connection for processing of its next line; called by the connection."""
         (self._newcomers if first else self._waiting).append(connection)
         if not self._planned:
             self._planned = True
             self.reactor.call_soon(self._serve_turn)
 
     def _serve_turn(self) -> None:
-        """Serve one line per connection in turn, until the time of this turn has elapsed."""
+        """Process one line per connection in turn, until the time of this turn has elapsed."""
         until = self.reactor.now() + _SHARE_NS
         try:
             for _ in range(_LINES_PER_TURN):
@@ -334,7 +334,7 @@ class LineServer:
             self.reactor.add_reader(self._socket, self._on_readable)
 
     def _make_room(self) -> bool:
-        """Disconnect an idle client with a message, so that another may connect; False if none is idle."""
+        """Disconnect an idle client with a message, so that another can connect; return False if no client is idle."""
         now = self.reactor.now()
         candidates = [
             connection

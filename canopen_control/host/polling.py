@@ -1,4 +1,4 @@
-"""Pollers for the reactor: epoll, or an in-process one for simulations, whose readiness costs no system call."""
+"""Pollers for the reactor: epoll, or an in-process poller for simulations, whose readiness costs no system call."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _READABLE: Final = getattr(select, "EPOLLIN", 1)
 
 
 class Poller(Protocol):
-    """Source of ready descriptors."""
+    """Source of the descriptors that are ready."""
 
     def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
-        """Return descriptors with their event masks, as epoll does."""
+        """Return ready descriptors with their event masks, as epoll does."""
 
     def close(self) -> None:
         """Close the poller's descriptor."""
 
 
 def open_poller(selector: selectors.BaseSelector) -> Poller | None:
-    """Return a poller that is faster than the selector, None if there is none.
+    """Return a poller that is faster than `selector` itself, None if there is none.
 
-    The poller of epoll has a descriptor of its own, so that both can be closed.
+    The epoll poller has a descriptor of its own, so that both the poller and the selector can be closed.
     """
     if isinstance(selector, MarkedSelector):
         return selector
@@ -39,10 +39,10 @@ def open_poller(selector: selectors.BaseSelector) -> Poller | None:
 
 
 class MarkedSelector(selectors.BaseSelector):
-    """In-process selector: returns numbers that were set ready, in that order, and never waits.
+    """In-process selector that returns the numbers that were set ready, in that order, and never waits.
 
     Numbers come from `allocate` and stand for descriptors. Real descriptors may be registered too, and are never ready.
-    `marked` are the ready numbers, watched or not.
+    `marked` contains the ready numbers, whether they are registered or not.
     """
 
     def __init__(self) -> None:
@@ -51,30 +51,30 @@ class MarkedSelector(selectors.BaseSelector):
         self._next = _FIRST
 
     def allocate(self) -> int:
-        """Return an unused number."""
+        """Return an unused number, which stands for a descriptor."""
         self._next += 1
         return self._next
 
     def set_ready(self, number: int) -> bool:
-        """Make a number readable until `clear_ready`; return whether a reactor watches it and must be woken."""
+        """Make a number readable until `clear_ready`; return whether it is registered with a reactor."""
         self.marked[number] = None
         return number in self._keys
 
     def clear_ready(self, number: int) -> None:
-        """Make a number unreadable; no-op if it already is."""
+        """Make a number unreadable; no-op if the number is not ready."""
         self.marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
-        """Watch a number."""
+        """Register a number with the events of interest."""
         key = self._keys[fileobj] = selectors.SelectorKey(fileobj, fileobj, events, data)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:  # noqa: ANN401 - as above
-        """Stop watching a number."""
+        """Remove the registration of a number."""
         return self._keys.pop(fileobj)
 
     def select(self, _timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Return the ready numbers watched for reading, and all that are watched for writing."""
+        """Return the ready numbers that are registered for reading; numbers are never ready for writing."""
         keys = self._keys
         return [
             (key, selectors.EVENT_READ)
@@ -83,7 +83,7 @@ class MarkedSelector(selectors.BaseSelector):
         ]
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
-        """Return the ready numbers as epoll does, each as readable."""
+        """Return the ready numbers that are registered as epoll does, each as readable."""
         marked, keys = self.marked, self._keys
         if not marked:
             return ()
@@ -93,10 +93,10 @@ class MarkedSelector(selectors.BaseSelector):
         return [(number, _READABLE) for number in marked if number in keys]
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        """Return the watched numbers."""
+        """Return the registrations by number."""
         return self._keys
 
     def close(self) -> None:
-        """Clear all registrations."""
+        """Remove all registrations and readiness."""
         self._keys.clear()
         self.marked.clear()

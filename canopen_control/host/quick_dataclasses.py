@@ -1,8 +1,9 @@
-"""Dataclasses that create their methods on first use, for faster imports at start.
+"""Dataclasses whose methods are created on first use, so that imports are faster at the start.
 
 The standard decorator compiles up to eight methods for each class, which is two fifths of the time that the imports of
-`run` take; most of them are never called. Python from 3.13 on compiles those of a class at once, and is left alone. It
-also examines each annotation three times, for `ClassVar`, `InitVar` and `KW_ONLY`, which one look at the text excludes.
+`run` take; most of the methods are never called. Python 3.13 and later compile all methods of a class at once, and are
+left unchanged. The decorator also examines each annotation three times, for `ClassVar`, `InitVar` and `KW_ONLY`, which
+a search of the text can exclude.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _SPECIAL: Final = ("ClassVar", "InitVar", "KW_ONLY")
 
 
 class _Method:
-    """Method of a dataclass that creates the function on lookup or call and replaces itself."""
+    """Method of a dataclass that creates the actual function on lookup or call, and replaces itself."""
 
     __slots__ = ("__name__", "_make")
 
@@ -38,7 +39,7 @@ class _Method:
         return function if instance is None else function.__get__(instance, owner)
 
     def __call__(self, *arguments: object) -> object:
-        """Call the function inside an enclosing one, such as `repr`'s guard against recursion."""
+        """Call the function if it is wrapped in another function, such as the recursion guard of `repr`."""
         function = self._make()
         self._make = lambda: function
         return function(*arguments)
@@ -46,7 +47,7 @@ class _Method:
 
 @contextlib.contextmanager
 def quick_dataclasses() -> Iterator[None]:
-    """Make this package's dataclasses defined in this context create methods on first use, but for compiled modules."""
+    """Create methods of the package's dataclasses defined in this context on first use, except in compiled modules."""
     create: Callable[..., FunctionType] | None = getattr(dataclasses, "_create_fn", None)
     is_type: Callable[..., bool] | None = getattr(dataclasses, "_is_type", None)
     if create is None or is_type is None:

@@ -1,7 +1,7 @@
-"""Event loop of a thread: descriptors, queued calls and timers with absolute deadlines.
+"""Event loop of a thread, for descriptors, queued calls, and timers with absolute deadlines.
 
-A turn serves the ready descriptors, then the calls queued by `call_soon` and `call_threadsafe`, then the timers that
-are due, each in a fixed order. Additions by callbacks wait for the next turn, so that neither a busy descriptor nor a
+A turn processes the ready descriptors, then the calls queued by `call_soon` and `call_threadsafe`, then the timers that
+are due, each in a fixed order. What callbacks add waits for the next turn, so that neither a busy descriptor nor a
 timer that re-arms itself starves the other. Callbacks must not block. An exception is counted in `errors` and passed to
 `on_error`, and the loop continues; only KeyboardInterrupt and SystemExit end it.
 
@@ -52,7 +52,7 @@ FileLike: TypeAlias = int | HasFileno
 
 
 class _Watch:
-    """Callback of one descriptor, and the turn since when it is valid."""
+    """Callbacks of one descriptor, and the turn from which on they are valid."""
 
     __slots__ = ("on_readable", "on_writable", "since")
 
@@ -77,13 +77,13 @@ def _fd_of(fileobj: FileLike) -> int:
 
 
 def _nop(*_args: object) -> None:
-    """Do nothing: the signal's number arrives through the wake-up descriptor."""
+    """Do nothing: the signal number arrives through the wake-up descriptor."""
 
 
 class Reactor:
     """Event loop of a process, or of one of its threads.
 
-    `errors` counts exceptions of callbacks; `on_error` is called with each of them (default: the first twenty are
+    `errors` counts exceptions of callbacks; `on_error` is called with each exception (default: the first twenty are
     printed to stderr). All methods but `call_threadsafe` must be called on the loop's own thread.
     """
 
@@ -128,19 +128,19 @@ class Reactor:
     # -- descriptors
 
     def add_reader(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
-        """Call `callback` in every turn in which the descriptor is readable; replaces an earlier reader."""
+        """Call `callback` in every turn in which the descriptor is readable; an earlier reader is replaced."""
         self._change(_fd_of(fileobj), _READ, callback)
 
     def remove_reader(self, fileobj: FileLike) -> None:
-        """Stop reading at once; a no-op without a reader. Call it before the descriptor is closed."""
+        """Remove the reader at once; no-op without a reader. Call this before the descriptor is closed."""
         self._change(_fd_of(fileobj), _READ, None)
 
     def add_writer(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
-        """Call `callback` in every turn in which the descriptor is writable; replaces an earlier writer."""
+        """Call `callback` in every turn in which the descriptor is writable; an earlier writer is replaced."""
         self._change(_fd_of(fileobj), _WRITE, callback)
 
     def remove_writer(self, fileobj: FileLike) -> None:
-        """Stop writing at once; a no-op without a writer. Call it before the descriptor is closed."""
+        """Remove the writer at once; no-op without a writer. Call this before the descriptor is closed."""
         self._change(_fd_of(fileobj), _WRITE, None)
 
     def _change(self, fd: int, event: int, callback: Callable[[], object] | None) -> None:
@@ -159,7 +159,7 @@ class Reactor:
         self._watches[fd] = watch
 
     def _update(self, fd: int, event: int, watch: _Watch) -> None:
-        """Update the events of a descriptor in the selector; a descriptor closed without being removed does no harm."""
+        """Update a descriptor's events in the selector, even if it was closed without being removed."""
         if not watch.events:
             del self._watches[fd]
             self._selector.unregister(fd)
@@ -190,11 +190,11 @@ class Reactor:
         return self._timers.push(self.now() + delay_ns, callback)
 
     def call_soon(self, callback: Callable[[], object]) -> None:
-        """Call `callback` once, in this turn or the next, in the order of the calls."""
+        """Call `callback` once, in this turn or the next, in the order of the `call_soon` calls."""
         self._soon.append(callback)
 
     def call_threadsafe(self, callback: Callable[[], object]) -> None:
-        """Call `callback` once, soon, on the loop's thread; callable from any thread. A no-op on a closed reactor."""
+        """Call `callback` once, soon, on the loop's thread; callable from any thread. No-op on a closed reactor."""
         self._from_threads.append(callback)
         if not self._woken:
             # Two threads may both get here: one byte too many is harmless. The loop clears the flag before it empties
@@ -211,7 +211,7 @@ class Reactor:
     # -- signals
 
     def handle_signals(self, handlers: Mapping[int, Callable[[], object]]) -> None:
-        """Call a handler on the loop when its signal arrives; main thread only, undone by `close`."""
+        """Call a handler on the loop when its signal arrives; only on the main thread, and undone by `close`."""
         if not self._signals:
             previous_fd = signal.set_wakeup_fd(self._wake_out.fileno(), warn_on_full_buffer=False)
             self._restored.callback(signal.set_wakeup_fd, previous_fd)
@@ -232,7 +232,7 @@ class Reactor:
     # -- running
 
     def run(self) -> None:
-        """Serve until `stop`."""
+        """Process events until `stop` is called."""
         with self._claimed():
             if not self.clock.is_manual:
                 while not self._stopping:
@@ -242,10 +242,11 @@ class Reactor:
                     self._turn(None)  # a manual clock without timers: only a descriptor can continue
 
     def run_until(self, condition_or_deadline: Callable[[], bool] | int, timeout_ns: int | None = None) -> bool:
-        """Serve until a condition is true or a deadline is reached, and return the condition.
+        """Process events until a condition is true or a deadline is reached; return the value of the condition.
 
-        The condition is checked before every turn. The result is False if `timeout_ns` elapsed, if `stop` was called,
-        or, on a manual clock, if no event is left.
+        The condition is checked before every turn. The result is False if `timeout_ns` has elapsed, if `stop` was
+        called, or, with a manual clock, if no event is left. For a deadline the result is True unless `stop` was
+        called.
         """
         with self._claimed():
             if isinstance(condition_or_deadline, int):
@@ -255,15 +256,15 @@ class Reactor:
             return condition_or_deadline()
 
     def run_for(self, duration_ns: int) -> bool:
-        """Serve for `duration_ns`; False if stopped.
+        """Process events for `duration_ns`; return False if the loop was stopped.
 
-        On a manual clock this takes no time and leaves the clock exactly `duration_ns` later, with all events until
-        then processed.
+        With a manual clock this takes no real time and advances the clock by exactly `duration_ns`, after all events
+        until then have been processed.
         """
         return self.run_until(self.now() + duration_ns)
 
     def serve(self) -> int | None:
-        """Serve everything ready and due now and return the time of the next timer; a manual clock does not advance."""
+        """Process everything ready or due now, without advancing a manual clock; return the next deadline."""
         marked = self._marked
         while True:
             self._turn(0)
@@ -273,11 +274,11 @@ class Reactor:
                 return deadline
 
     def stop(self) -> None:
-        """End `run`, `run_until` or `run_for` after this turn; when none of them runs, end the next at its start."""
+        """End `run`, `run_until` or `run_for` after this turn; if none is running, end the next call at its start."""
         self._stopping = True
 
     def close(self) -> None:
-        """Restore the signal handlers and close all descriptors; a second call is a no-op."""
+        """Restore the signal handlers and close all descriptors; no-op if the reactor is closed already."""
         if self._closed:
             return
         self._closed = True
@@ -304,9 +305,9 @@ class Reactor:
             self._running = self._stopping = False
 
     def _serve_till(self, limit: int | None, finished: Callable[[], bool]) -> bool:
-        """Serve until `finished`, until stopped, or until no event is left before the limit.
+        """Process events until `finished`, until stopped, or until no event is left before the limit.
 
-        Return False in all these cases.
+        Return True only in the last case.
         """
         wake = None if limit is None or self.clock.is_manual else self.call_at(limit, _nop)
         try:
@@ -319,14 +320,14 @@ class Reactor:
         return False
 
     def _step(self, limit: int | None) -> bool:
-        """Serve one turn; False without an event before the limit."""
+        """Process one turn; return False at the limit, or with a manual clock if no event is left before the limit."""
         if not self.clock.is_manual:
             self._turn(self._longest_wait())
             return limit is None or self.now() < limit
         return self._turn(0) > 0 or self._jump(limit)
 
     def _jump(self, limit: int | None) -> bool:
-        """Advance the manual clock to the next deadline, or to the limit and return False."""
+        """Advance the manual clock to the next deadline; if the limit comes first, advance to it and return False."""
         clock = cast("ManualClock", self.clock)
         deadline = self._timers.next_deadline()
         if deadline is not None and (limit is None or deadline <= limit):
@@ -337,7 +338,7 @@ class Reactor:
         return False
 
     def _longest_wait(self) -> float | None:
-        """Return the maximum wait of the selector in s; sets the alarm if the earliest deadline has changed."""
+        """Return the longest wait of the selector in s or None; set the alarm if the earliest deadline has changed."""
         if self._soon:
             return 0
         deadline = self._timers.next_deadline()
@@ -355,7 +356,7 @@ class Reactor:
         return None
 
     def _turn(self, timeout: float | None) -> int:
-        """Wait, then serve descriptors, queued calls and timers; return the number of callbacks."""
+        """Wait, then process descriptors, queued calls and timers; return the number of callbacks called."""
         self._turns = turn = self._turns + 1
         watches, served, rang = self._watches, 0, timeout is not None
         for fd, events in self._poll(timeout, len(watches) + 1):
@@ -384,7 +385,7 @@ class Reactor:
         return served
 
     def _select(self, timeout: float | None, _most: int) -> list[tuple[int, int]]:
-        """Wait and return the ready descriptors, as epoll does."""
+        """Wait and return the ready descriptors with their event masks, as epoll does."""
         return [(key.fd, _FLAGS[events]) for key, events in self._selector.select(timeout)]
 
     def _call(self, callback: Callable[[], object]) -> None:

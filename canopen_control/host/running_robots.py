@@ -1,4 +1,4 @@
-"""Running robots of this user, by the names of their sockets."""
+"""Search for running robots of this user, by the names of their sockets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def find_robots() -> list[str]:
 
 
 def select_robot(name: str | None = None) -> str:
-    """Return the robot `name`, or without a name the only robot that runs; ConfigError otherwise."""
+    """Return the name of the running robot `name`, or of the only running robot; raise ConfigError otherwise."""
     running = find_robots()
     if name is not None:
         if check_name(name) in running:

@@ -1,4 +1,4 @@
-"""Signal handlers in a program without a reactor: for the duration of a `with` block, and of a whole process."""
+"""Signal handlers in a program without a reactor, for the duration of a `with` block or of a whole process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LONGEST_IMPORT_S = 10.0  # a busy computer takes some; a second signal does not
 
 @contextlib.contextmanager
 def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) -> Iterator[None]:
-    """Call `call` on the main thread at any of these signals during the block; then restore the handlers."""
+    """Call `call` on the main thread at any of these signals during the block, then restore the handlers."""
     before = {number: signal.signal(number, lambda *_: call()) for number in numbers}
     try:
         yield
@@ -33,17 +33,18 @@ def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) ->
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt like Ctrl-C, for signals that end a program in the same way."""
+    """Raise KeyboardInterrupt as Ctrl-C does, for signals that end a program in the same way."""
     raise KeyboardInterrupt
 
 
 class ProcessSignals:
-    """SIGINT and SIGTERM of one process, from the start of its `main` to its end.
+    """SIGINT and SIGTERM of one process, from the start to the end of its `main`.
 
-    Each raises KeyboardInterrupt on the main thread, and `received` is True from then on: a C library that calls Python
-    replaces the exception by one of its own, and it is lost where Python frees an object. During an import it is raised
-    afterwards, or by a second signal: a library in C that is imported by half crashes. After `finish` the process ends
-    anyway: the first signal is ignored, and a second one ends it at once.
+    Each signal raises KeyboardInterrupt on the main thread, and sets `received`, because the exception may be lost: a C
+    library that calls Python replaces it by another exception, and it cannot be raised while Python frees an object.
+    During an import it is raised afterwards, or at a second signal, because an extension module that is partly imported
+    crashes. After `finish` the process ends anyway: the first signal is ignored, and a second signal ends the process
+    at once.
     """
 
     def __init__(self) -> None:
@@ -53,7 +54,7 @@ class ProcessSignals:
         self._deferred = 0
 
     def begin(self) -> None:
-        """Install the handlers, and receive what was blocked before `exec`; a signal that is ignored stays ignored."""
+        """Install the handlers, and receive signals that were blocked before `exec`; ignored signals stay ignored."""
         for number in _ENDING:
             if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
                 signal.signal(number, self._handle)
@@ -62,7 +63,7 @@ class ProcessSignals:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
     def finish(self) -> None:
-        """Raise no further KeyboardInterrupt."""
+        """Raise no further KeyboardInterrupt; a second signal from now on ends the process."""
         self._finished = True
         _stop_timer()
 
@@ -85,27 +86,27 @@ class ProcessSignals:
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
     def _raise_again(self, unraisable: sys.UnraisableHookArgs) -> None:
-        """Raise a KeyboardInterrupt once more that came where none can be raised; report other exceptions."""
+        """Repeat a KeyboardInterrupt that could not be raised where it occurred; report other exceptions."""
         if unraisable.exc_type is not KeyboardInterrupt:
             sys.__unraisablehook__(unraisable)
         elif not self._finished:
             self._handle_soon()
 
     def _ignore(self) -> None:
-        """Ignore the signals while the interpreter frees its objects: no handler of Python runs there."""
+        """Ignore the signals while the interpreter frees its objects, because no Python handler can run then."""
         for number in _ENDING:
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, signal.SIG_IGN)
 
 
 def _stop_timer() -> bool:
-    """Stop the timer of `ProcessSignals`; return whether it ran."""
+    """Stop the timer of `ProcessSignals`; return whether the timer was running."""
     owner = getattr(signal.getsignal(signal.SIGALRM), "__self__", None)
     return isinstance(owner, ProcessSignals) and signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0
 
 
 def _imports(frame: FrameType | None) -> bool:
-    """Whether a frame, or one of those that have called it, is that of an import."""
+    """Whether a frame, or one of the frames that called it, belongs to an import."""
     while frame is not None and frame.f_code.co_filename != _IMPORT:
         frame = frame.f_back
     return frame is not None

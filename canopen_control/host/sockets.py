@@ -1,14 +1,15 @@
-"""Named Unix sockets: paths, access and liveness.
+"""Named Unix sockets: their paths, access rights, and whether a process listens.
 
-They are in $XDG_RUNTIME_DIR/canopen_control, else in canopen_control-UID in the temporary folder. The folder must be
-private: a folder (not a link), owned by this user, with mode 0700, in a parent where no other user can replace it.
+The sockets are in $XDG_RUNTIME_DIR/canopen_control, or in canopen_control-UID in the temporary folder. The folder must
+be private: a folder (not a link), owned by this user, with mode 0700, in a parent where no other user can replace it.
 Anything else is refused with a message, never repaired silently, because it may be an attack.
 
-A socket file outlives its process. It is stale if a connection to it is refused. Only `listen` removes one, under a
-lock, so that of several processes that start at once exactly one serves. Both sides check the user id of the other.
+A socket file outlives its process. It is stale if a connection to it is refused. Only `listen` removes a stale file,
+under a lock, so that of several processes that start at once exactly one listens. Client and server check each other's
+user id.
 
-Errors: ConfigError for what the user can repair, SocketInUse for a name in use; OSErrors of a connection are for the
-caller.
+Errors: ConfigError for what the user can repair, SocketInUse for a name in use; OSErrors of a connection are raised as
+they are.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 
 KINDS: Final[Mapping[SocketKind, int]] = {"bus": 32, "busctl": 32, "drive": 36, "gateway": 32, "robot": 32}
-"""Kind of socket to its maximum name length: frames and control of a `local:` bus, one per virtual drive (see
+"""Maximum name length by kind of socket: frames and control of a `local:` bus, one per virtual drive (see
 `drive_name`), one per gateway of CiA 309-3, one per robot."""
 _NAME: Final = re.compile(r"[A-Za-z0-9_-]+")
 _LONGEST_PATH: Final = 100  # struct sockaddr_un has 108 bytes on Linux, 104 elsewhere
@@ -50,7 +51,7 @@ _umask = threading.Lock()  # the umask belongs to the process, not to the thread
 
 
 class SocketInUse(CanopenError):
-    """Error: a living process already serves this name; `pid` is its process id, 0 if unknown."""
+    """Error of a name on which a running process listens already; `pid` is its process id, 0 if unknown."""
 
     def __init__(self, path: Path, pid: int) -> None:
         self.path, self.pid = path, pid
@@ -61,7 +62,7 @@ class SocketInUse(CanopenError):
 
 
 def runtime_dir() -> Path:
-    """Return the folder of this user's sockets, created if necessary; ConfigError if it is not private."""
+    """Return the folder of this user's sockets, created if necessary; ConfigError if the folder is not private."""
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base.startswith("/") and os.path.isdir(base):
         return private_folder(Path(base) / "canopen_control")
@@ -71,7 +72,7 @@ def runtime_dir() -> Path:
 
 
 def private_folder(path: Path) -> Path:
-    """Return `path`, created with mode 0700 if it is missing; ConfigError if it is not private."""
+    """Return the folder `path`, created with mode 0700 if it is missing; ConfigError if it is not private."""
     _refuse_open_parent(path.parent)
     try:
         with contextlib.suppress(FileExistsError):
@@ -98,7 +99,7 @@ def _distrust(status: os.stat_result) -> str:
 
 
 def _refuse_open_parent(parent: Path) -> None:
-    """Raise ConfigError for a parent in which another user could replace our folder."""
+    """Raise ConfigError for a parent folder in which another user could replace the folder of the sockets."""
     try:
         status = parent.stat()
     except OSError as error:
@@ -115,7 +116,7 @@ def _refuse_open_parent(parent: Path) -> None:
 def drive_name(channel: str, node_id: int) -> str:
     """Return the name of the control socket of a virtual drive, `<bus>-<node>`.
 
-    `channel` is the channel with its kind.
+    `channel` is the name of the channel with its kind, such as "local:can0".
     """
     bus = channel
     for kind in ("local:", "memory:", "virtual:"):
@@ -125,14 +126,14 @@ def drive_name(channel: str, node_id: int) -> str:
 
 
 def check_name(name: str, longest: int = 32) -> str:
-    """Return `name` if it is a valid name of a bus or a robot; ConfigError otherwise."""
+    """Return `name` if it is a valid name of a bus or robot; raise ConfigError otherwise."""
     if len(name) > longest or not _NAME.fullmatch(name):
         raise ConfigError(f"{name!r} is not a name: use 1 to {longest} of A-Z a-z 0-9 _ -")
     return name
 
 
 def socket_path(kind: SocketKind, name: str) -> Path:
-    """Return the path of the socket `name`; `kind` is one of `KINDS`."""
+    """Return the path of the socket of a bus, drive, gateway or robot; ConfigError for an invalid name."""
     file = f"{kind}-{check_name(name, KINDS[kind])}.sock"
     folder = runtime_dir()
     path = folder / file
@@ -140,7 +141,7 @@ def socket_path(kind: SocketKind, name: str) -> Path:
 
 
 def _short_folder(folder: Path) -> Path:
-    """Return a folder with a short path that stands for `folder`, always the same one."""
+    """Return a folder with a short path that replaces `folder`, always the same for the same `folder`."""
     import hashlib
 
     digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]
@@ -148,7 +149,7 @@ def _short_folder(folder: Path) -> Path:
 
 
 def list_sockets(kind: SocketKind) -> list[str]:
-    """Return the names of this kind that a process listens on, sorted."""
+    """Return the names of all sockets of this kind on which a process listens, sorted."""
     folder = runtime_dir()
     longest = folder / f"{kind}-{'x' * KINDS[kind]}.sock"
     folders = [folder] if len(os.fsencode(longest)) <= _LONGEST_PATH else [folder, _short_folder(folder)]
@@ -160,7 +161,7 @@ def list_sockets(kind: SocketKind) -> list[str]:
 
 
 def _peer(sock: socket.socket) -> tuple[int, int] | None:
-    """Return process id (0 if unknown) and user id of the other end, None if it is gone."""
+    """Return the process id (0 if unknown) and user id of a socket's peer, None if the peer is gone."""
     try:
         if _LINUX:
             pid, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
@@ -172,13 +173,13 @@ def _peer(sock: socket.socket) -> tuple[int, int] | None:
 
 
 def same_user(sock: socket.socket) -> bool:
-    """Return whether the other end of a Unix socket runs under this process' user id."""
+    """Return whether the peer of a Unix socket has the user id of this process."""
     peer = _peer(sock)
     return peer is not None and peer[1] == os.getuid()
 
 
 def peer_pid(sock: socket.socket) -> int:
-    """Return the process id of the other end of a Unix socket, 0 if unknown."""
+    """Return the process id of a Unix socket's peer, 0 if unknown."""
     peer = _peer(sock)
     return peer[0] if peer is not None else 0
 
@@ -188,9 +189,9 @@ def peer_pid(sock: socket.socket) -> int:
 
 @contextlib.contextmanager
 def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
-    """Hold the lock of `path` (the file `<path>.lock`) across processes and threads.
+    """Context in which the lock of `path` (the file `<path>.lock`) is held across processes and threads.
 
-    Waits up to `timeout` s for the current holder, then raises CanopenError. The kernel releases the lock when its
+    It waits up to `timeout` s for the current holder, then raises CanopenError. The kernel releases the lock when the
     holder ends.
     """
     fd = open_lock(Path(f"{path}.lock"))
@@ -202,9 +203,9 @@ def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
 
 
 def open_lock(path: Path) -> int:
-    """Return a descriptor of the lock file `path`, created if necessary.
+    """Open the lock file `path`, created if necessary, and return its descriptor.
 
-    ConfigError if it is not a file of this user.
+    ConfigError is raised if it cannot be opened or is not a regular file.
     """
     try:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
@@ -219,10 +220,10 @@ def open_lock(path: Path) -> int:
 
 
 def claim(path: Path, timeout: float = 0.0) -> int:
-    """Hold a lock file, with this process id in it, as long as the process lives.
+    """Lock a file, which contains this process id from then on, until the end of the process.
 
-    SocketInUse with the id of its holder. Waits up to `timeout` s for the holder to end. Closing the returned
-    descriptor releases the lock.
+    If another process holds the lock and does not end within `timeout` s, SocketInUse with its process id is raised.
+    Closing the returned descriptor releases the lock.
     """
     fd = open_lock(path)
     try:
@@ -247,7 +248,7 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
 
 
 def listen(path: Path, backlog: int = 64) -> socket.socket:
-    """Return a non-blocking listening socket at `path`, replacing a stale one; SocketInUse if it is served already.
+    """Return a non-blocking socket that listens at `path`, replacing a stale file; SocketInUse if another listens.
 
     End it with `close_listener`, which removes the file too.
     """
@@ -309,7 +310,7 @@ def _answers(probe: socket.socket, path: Path) -> bool:
 
 
 def close_listener(sock: socket.socket) -> None:
-    """Remove the socket's file, then close it; a second call is a no-op."""
+    """Remove the file of a listening socket, then close the socket; no-op if it is closed already."""
     if sock.fileno() < 0:
         return
     # While the socket listens no process takes it for stale, so that the file still belongs to this socket.
@@ -319,16 +320,17 @@ def close_listener(sock: socket.socket) -> None:
 
 
 def _timeval(seconds: float) -> bytes:
-    """Return a `struct timeval`, at least 1 us for a positive time."""
+    """Return a time in s as a `struct timeval`, at least 1 us for a positive time."""
     whole_seconds, microseconds = divmod(math.ceil(seconds * 1_000_000), 1_000_000)
     return struct.pack("@ll", whole_seconds, microseconds)
 
 
 def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
-    """Return a connection to `path` with this timeout set.
+    """Connect to `path`; return the socket, with `timeout` set.
 
-    OSError of the system: FileNotFoundError and ConnectionRefusedError mean that no process listens, BlockingIOError
-    that the server did not accept within the timeout. CanopenError if the server belongs to another user.
+    OSErrors are raised as they are: FileNotFoundError and ConnectionRefusedError mean that no process listens,
+    BlockingIOError that the server did not accept within the timeout. CanopenError is raised if the server belongs to
+    another user.
     """
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:

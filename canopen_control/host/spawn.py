@@ -47,8 +47,9 @@ _DETACH: Final = ("/bin/sh", "-c", '"$@" &', "sh")
 class Child:
     """Running child process, created by `spawn`.
 
-    `log_path` is None if its output goes to ours. It must be waited for, by `wait` or by `watch`. `readiness` is our
-    end of the pipe of its `report_ready`, `gate` that of its gate, -1 for none.
+    `log_path` is None if the child's output goes to the output of this process. The child must be waited for, by `wait`
+    or by `watch`. `readiness` is the parent's end of the pipe used by `report_ready`, `gate` the parent's end of the
+    gate, -1 if there is none.
     """
 
     def __init__(
@@ -75,46 +76,46 @@ class Child:
 
     @property
     def log_path(self) -> Path | None:
-        """Path of the log with its output."""
+        """Path of the log with the child's output, None without a log."""
         return None if self._log is None else self._log.path
 
     @property
     def returncode(self) -> int | None:
-        """Exit status, negative for a signal; None while it runs or was not polled."""
+        """Exit status, negative for a signal; None while the child runs or was not polled."""
         return self._process.returncode
 
     def poll(self) -> int | None:
-        """Check whether the child has ended; return its exit status if so."""
+        """Check whether the child has ended; return its exit status, None while it runs."""
         if self._process.poll() is not None:
             self.cut_lifeline()
         return self._process.returncode
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for the end of the child and return its exit status; None after `timeout` s. Blocks."""
+        """Wait for the end of the child and return its exit status; None after `timeout` s. The method blocks."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout)
         return self.poll()
 
     def terminate(self) -> None:
-        """Request the child to end (SIGTERM); a no-op once it has ended."""
+        """Request the child to end (SIGTERM); no-op once the child has ended."""
         self._process.terminate()
 
     def kill(self) -> None:
-        """Kill the child and its own children (SIGKILL to its session); a no-op once it has ended."""
+        """Kill the child and the processes in its group (SIGKILL); no-op once the child has ended."""
         # Until the child is waited for, its process id, and with it that of its group, is not reused.
         if self._process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
 
     def cut_lifeline(self) -> None:
-        """Close the lifeline: the child then behaves as if this process had ended."""
+        """Close lifeline and gate; the child then behaves as if this process had ended."""
         pipes, self._lifeline, self._gate = (self._lifeline, self._gate), -1, -1
         for pipe in pipes:
             if pipe >= 0:
                 os.close(pipe)
 
     def open_gate(self) -> None:
-        """Let a child with a gate begin; a no-op for others."""
+        """Open the gate of a child, so that the child begins; no-op for a child without a gate."""
         gate, self._gate = self._gate, -1
         if gate >= 0:
             with contextlib.suppress(BrokenPipeError):  # it has ended
@@ -122,7 +123,7 @@ class Child:
             os.close(gate)
 
     def discard(self) -> None:
-        """Kill a child that nobody watches, and release its pipes; a no-op after its end."""
+        """Kill a child that is not watched, wait for its end, and close its pipes; no-op if that was done already."""
         self.kill()
         self.wait()
         self.cut_lifeline()
@@ -131,9 +132,9 @@ class Child:
             os.close(readiness)
 
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
-        """Call `on_ready()` on the loop, once, when the child has reported or can no longer report that it is ready.
+        """Call `on_ready()` on the loop, once, when the child has reported, or can no longer report, that it is ready.
 
-        `heard_at` is the time of its last report: a child with a `LivenessReport` repeats it.
+        `heard_at` is the time of the last report: a child with a `LivenessReport` repeats its report.
         """
         if self._readiness >= 0:
             self._on_ready = on_ready
@@ -149,7 +150,7 @@ class Child:
             on_ready()
 
     def unwatch_ready(self, reactor: Reactor) -> None:
-        """Stop listening to the child's reports; a no-op without a listener."""
+        """Stop listening to the child's reports; no-op if `watch_ready` is not active."""
         readiness, self._readiness, self._on_ready = self._readiness, -1, None
         if readiness >= 0:
             reactor.remove_reader(readiness)
@@ -167,13 +168,13 @@ class Child:
         return False
 
     def last_lines(self, count: int = _LAST_LINES) -> list[str]:
-        """Return the last lines of its output, none without a log."""
+        """Return the last lines of the child's output, an empty list without a log."""
         return [] if self._log is None else self._log.last_lines(count)
 
     def watch(self, reactor: Reactor, on_exit: Callable[[int, list[str]], object]) -> None:
         """Call `on_exit(returncode, last_lines)` on the loop, once, when the child has ended.
 
-        Rotate its log until then.
+        The child's log is rotated until then.
         """
         self._reactor, self._on_exit = reactor, on_exit
         # once it was waited for, its process id may be reused
@@ -186,7 +187,7 @@ class Child:
             self._rotate_again()
 
     def unwatch(self) -> None:
-        """Stop watching; a no-op if it is not watched."""
+        """Stop watching the child; no-op if it is not watched."""
         if self._reactor is not None and self._pidfd >= 0:
             self._reactor.remove_reader(self._pidfd)
             os.close(self._pidfd)
@@ -217,9 +218,9 @@ class Child:
 
 
 def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> None:
-    """Request all children to end (SIGTERM) and kill those that have not ended after `grace` s. Blocks.
+    """Request all children to end (SIGTERM), and kill those that have not ended after `grace` s; the function blocks.
 
-    They are not supervised any more, so that none is restarted.
+    The children are no longer watched, so that none is restarted.
     """
     for child in children:
         child.unwatch()
@@ -249,13 +250,13 @@ def spawn(
     gated: bool = False,
     main: Main | None = None,
 ) -> Child:
-    """Start a child process and return at once; CanopenError if it cannot be started.
+    """Start a child process and return at once; raise CanopenError if it cannot be started.
 
-    `main` does the same as `argv`: the child is a fork of this process that calls it, where `can_fork` allows that.
+    Where `can_fork` allows, the child is a fork of this process that calls `main`, which must be equivalent to `argv`.
 
-    Its standard output and error go to `<log_dir>/<name>.log` (default folder: `state_dir()`), unless they are
-    inherited; its standard input is empty. `ros` means that it imports rclpy, `reports` that it calls `report_ready`,
-    `gated` that it waits at its `gate_fd` until `open_gate`.
+    The child's standard output and error go to `<log_dir>/<name>.log` (default folder: `state_dir()`), unless they are
+    inherited; its standard input is empty. `ros` means that the child imports rclpy, `reports` that it calls
+    `report_ready`, `gated` that it waits at its `gate_fd` until `open_gate`.
     """
     log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
     forked = main is not None and can_fork() and (not ros or has_ros_libraries())
@@ -280,7 +281,7 @@ def spawn(
 
 
 def _pipe(reader: contextlib.ExitStack, writer: contextlib.ExitStack) -> tuple[int, int]:
-    """Return the reading and the writing end of a pipe, each to be closed by its owner."""
+    """Return the reading and the writing end of a pipe, to be closed by `reader` and `writer`."""
     reading, writing = os.pipe()
     reader.callback(os.close, reading)
     writer.callback(os.close, writing)
@@ -316,10 +317,11 @@ def spawn_detached(
     log_dir: Path | None = None,
     main: Main | None = None,
 ) -> None:
-    """Start a process that is not a child of this one, and return when it has called `report_ready`.
+    """Start a process that is not a child of this process, and return when it has called `report_ready`.
 
-    `main` as for `spawn`. CanopenError with its own sentence if it called `report_failure`, with the last lines of its
-    log (`<log_dir>/<name>.log`, default folder: `state_dir()`) if it ended before, or after `ready` s.
+    `main` is used as in `spawn`. CanopenError is raised with the sentence given to `report_failure`, with the last
+    lines of the log (`<log_dir>/<name>.log`, default folder: `state_dir()`) if the process has ended, or if `ready` s
+    have elapsed.
     """
     log = LogFile(log_dir or state_dir(), name)
     ours, theirs = os.pipe()

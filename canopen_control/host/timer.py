@@ -1,11 +1,11 @@
-"""Clocks, timers and the kernel's timer.
+"""Clocks, a queue of timers, and the kernel's timer.
 
 Time is in monotonic ns. Deadlines are absolute, so that a late wake-up does not shift the next one. Timers with the
 same deadline fire in the order of their creation. Cancelling is O(1): a cancelled timer stays in the heap without its
 callback and is removed when it reaches the top, or when more than half of the heap is cancelled.
 
-Linux waits through timerfd(2), because an epoll timeout counts in whole milliseconds. A timer with equal steps, such as
-that of a cycle, is set once as periodic: a read costs less than another set.
+On Linux the reactor waits with timerfd(2), because an epoll timeout counts in whole milliseconds. A timer with equal
+steps, such as the timer of a cycle, is set once as periodic, because reading it costs less than setting it again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class TimeSource(Protocol):
 
 
 class MonotonicClock:
-    """Monotonic clock of the machine, which timerfd uses too."""
+    """Monotonic clock of the machine, which is also the clock of timerfd."""
 
     __slots__ = ()
     is_manual: Final = False
@@ -48,7 +48,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """Clock for tests: `now_ns` is the time, and its owner advances it."""
+    """Clock for tests and simulations: `now_ns` is the time, and the owner advances it."""
 
     __slots__ = ("now_ns",)
     is_manual: Final = True
@@ -62,7 +62,7 @@ class ManualClock:
 
 
 class Timer:
-    """One callback at one time, created by the reactor, for a single use."""
+    """Callback that is called once at a deadline; timers are created by the reactor."""
 
     __slots__ = ("_callback", "deadline_ns", "queue")
 
@@ -73,22 +73,22 @@ class Timer:
 
     @property
     def active(self) -> bool:
-        """Whether the timer will still fire."""
+        """Whether the timer has neither fired nor been cancelled."""
         return self._callback is not None
 
     def cancel(self) -> None:
-        """Cancel the timer; a no-op if it has fired or was cancelled."""
+        """Cancel the timer; no-op if the timer has fired or was cancelled."""
         if self.take() is not None and self.queue is not None:
             self.queue.forget_one()
 
     def take(self) -> Callable[[], object] | None:
-        """Return the callback, once: the timer is spent afterwards."""
+        """Return the callback and deactivate the timer; None if the timer is not active."""
         callback, self._callback = self._callback, None
         return callback
 
 
 class TimerQueue:
-    """Waiting timers, earliest first."""
+    """Queue of waiting timers, earliest first."""
 
     __slots__ = ("_dead", "_heap", "_sequence")
 
@@ -101,14 +101,14 @@ class TimerQueue:
         return len(self._heap) - self._dead
 
     def push(self, deadline_ns: int, callback: Callable[[], object]) -> Timer:
-        """Create a timer and add it."""
+        """Create a timer and add it to the queue."""
         timer = Timer(self, deadline_ns, callback)
         self._sequence += 1
         heapq.heappush(self._heap, (deadline_ns, self._sequence, timer))
         return timer
 
     def next_deadline(self) -> int | None:
-        """Return the deadline of the earliest active timer."""
+        """Return the deadline of the earliest active timer, None if there is none."""
         heap = self._heap
         while heap:
             deadline_ns, _, timer = heap[0]
@@ -119,7 +119,7 @@ class TimerQueue:
         return None
 
     def pop_due(self, now: int) -> list[Timer]:
-        """Remove and return the active timers due at `now`, in order; they can still be cancelled."""
+        """Remove and return the active timers that are due at `now`, in order; they can still be cancelled."""
         heap = self._heap
         if not heap or heap[0][0] > now:
             return []
@@ -134,7 +134,7 @@ class TimerQueue:
         return expired
 
     def forget_one(self) -> None:
-        """Count a cancelled timer; sweep if more than half are cancelled."""
+        """Count a cancelled timer; remove the cancelled timers from the heap if they are more than half."""
         self._dead += 1
         if self._dead > _COMPACT_ABOVE and self._dead * 2 > len(self._heap):
             self._heap = [item for item in self._heap if item[2].active]
@@ -142,14 +142,14 @@ class TimerQueue:
             self._dead = 0
 
     def clear(self) -> None:
-        """Clear the queue; none of its timers is active afterwards."""
+        """Remove all timers; none of them is active afterwards."""
         heap, self._heap, self._dead = self._heap, [], 0
         for _, _, timer in heap:
             timer.take()
 
 
 class Rhythm:
-    """Detection of periodic deadlines: after two equal steps the kernel's timer runs periodically."""
+    """Detector of periodic deadlines: after two equal steps the kernel's timer is set as periodic."""
 
     __slots__ = ("_last_ns", "_step_ns", "interval_ns")
 
@@ -157,9 +157,9 @@ class Rhythm:
         self.interval_ns = self._last_ns = self._step_ns = 0  # 0: single shot
 
     def goes_on(self, deadline_ns: int) -> bool:
-        """Return whether the next deadline (0 for none) continues the period.
+        """Return whether the next deadline (0 for none) continues the period of the kernel's timer.
 
-        Otherwise set the timer, with `interval_ns`.
+        If not, the timer must be set, with the period `interval_ns`.
         """
         step, before = deadline_ns - self._last_ns, self._step_ns
         self._last_ns, self._step_ns = deadline_ns, step
@@ -170,7 +170,7 @@ class Rhythm:
 
 
 def _rings_on(fd: int) -> bool:
-    """Read a periodic timer that has fired; False if it did not fire exactly once and must be set."""
+    """Read a periodic timer that has fired; return False if it did not fire exactly once and must be set again."""
     try:
         return os.read(fd, 8) == _ONCE
     except BlockingIOError:
@@ -178,14 +178,14 @@ def _rings_on(fd: int) -> bool:
 
 
 class Alarm(Protocol):
-    """Descriptor that becomes readable at one absolute time, for a selector."""
+    """Descriptor that becomes readable at one absolute time, for use in a selector."""
 
     def fileno(self) -> int:
         """Return the descriptor."""
         ...
 
     def set(self, deadline_ns: int | None) -> None:
-        """Fire at `deadline_ns`, or never; clears an earlier firing so that it need not be read."""
+        """Fire at `deadline_ns`, or never if None; an earlier firing is cleared, so that it need not be read."""
         ...
 
     def close(self) -> None:
@@ -194,7 +194,7 @@ class Alarm(Protocol):
 
 
 class _OsAlarm:
-    """timerfd(2) as Python 3.13 offers it."""
+    """Alarm with timerfd(2) of the module os, which exists in Python 3.13 and later."""
 
     def __init__(self) -> None:
         # looked up by name: older Pythons and their type stubs lack these
@@ -216,7 +216,7 @@ class _OsAlarm:
 
 
 class _CtypesAlarm:
-    """timerfd(2) through the C library."""
+    """Alarm with timerfd(2), called through the C library."""
 
     def __init__(self) -> None:
         import ctypes
@@ -250,7 +250,7 @@ class _CtypesAlarm:
 
 
 def open_alarm() -> Alarm | None:
-    """Return the kernel's timer, None if it is missing: the timeout of the selector is then used."""
+    """Return the kernel's timer, None if it is missing, so that the selector's timeout is used."""
     if not sys.platform.startswith("linux"):
         return None
     try:
