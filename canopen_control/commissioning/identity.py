@@ -58,7 +58,7 @@ class DeviceIdentity:
         )
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return differences of device type, vendor and product, with which parameters must not be exchanged."""
+        """Return the differences of device type, vendor and product; with any, parameters must not be copied."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:

@@ -1,4 +1,4 @@
-"""Commissioning jobs: declarations of their options, and the state of a running job.
+"""Declarations of the commissioning jobs with their options, and the state of a running job.
 
 A job is declared once, as an entry of `JOBS` with a dataclass of its options. Three user interfaces use this
 declaration: the command line for its arguments (`cli/support/job_verb.py`), the page for its inputs
@@ -54,7 +54,7 @@ class JobOption:
         return isinstance(self.default, bool)
 
     def value_of(self, text: str) -> Any:  # noqa: ANN401 - of the option's own type
-        """Parse the value of a text, for an empty text return the default; ConfigError if the text is invalid."""
+        """Parse a text, where an empty text means the default value; ConfigError if the text is invalid."""
         if self.repeats:
             return [part.strip() for part in text.split(",") if part.strip()]
         text = text.strip()
@@ -93,7 +93,7 @@ class NoOptions:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """Access of a verb to a node: channel of its bus or name of the robot, and whether a backup was complete."""
+    """Options of the command line that reach a node (`--can`, `--name`), and whether `--include-protected` is set."""
 
     channel: str = ""
     robot: str = ""

@@ -181,7 +181,7 @@ class JogMotion:
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Process the measured values in rad, rad/s and per mille, None if unknown; ends the jog at a limit."""
+        """Process the measured values in rad, rad/s and per mille, None if unknown; may end the jog."""
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:

@@ -84,7 +84,7 @@ _IDLE_S: Final = 0.2  # while nothing is due
 
 
 class LiveReader:
-    """Thread that polls objects while a screen shows them; `clock` and `sleep` are in s."""
+    """Reader that polls objects on a thread while a screen shows them; `clock` and `sleep` are in s."""
 
     def __init__(
         self, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep

@@ -503,7 +503,7 @@ def read_values(
 
 
 def reason_of(error: CanopenError) -> str:
-    """Return the text of an error from the abort code on, without the name of the object."""
+    """Return the text of an error from the abort code on, or the whole text without an abort code."""
     text = str(error)
     place = text.find("abort 0x")
     return text[place:] if place >= 0 else text

@@ -280,7 +280,7 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
 
 
 def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Check the date of the running program, since a boot-loader may have no date; DriveError for another date."""
+    """Check the date that the started program reports, as a boot-loader may have none; DriveError if unexpected."""
     progress.new_date = yield from _date()
     expected = options.expected_date
     if expected is not None and not expected.fits(progress.new_date):

@@ -1,4 +1,4 @@
-"""Writing of parameters to a node, with verification, or restoration of the previous values.
+"""Writing of parameters to a node with verification; after a refusal the previous values are restored.
 
 The present values are read first; only different ones are written, in an order that devices accept. A refused parameter
 is written once more after all others, because it may depend on a later one. Then everything is read back: a value that
@@ -429,7 +429,7 @@ class RestoreJournal:
         self._stored.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
-        """Delete the journal after a verified or undone restore; older values of other parameters stay in the file."""
+        """Delete the journal of a finished restore, except for values of an earlier, interrupted restore."""
         if restore.refused and restore.undone:
             remaining: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:

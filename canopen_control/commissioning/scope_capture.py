@@ -143,7 +143,7 @@ class Shot:
         return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
 
     def between(self, first: float, second: float) -> Shot:
-        """Return the part between two times relative to `zero`, with samples repeated at both times."""
+        """Return the part between two times relative to `zero`, with the values valid at these times at both ends."""
         begin, end = sorted((first + self.zero, second + self.zero))
         row_before = [row for time, row in self.rows if time <= begin][-1:]
         inner = [(time, row) for time, row in self.rows if begin < time <= end]

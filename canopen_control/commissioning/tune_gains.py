@@ -239,7 +239,7 @@ class PlantModel:
         return self.inertia / self.viscous if self.viscous > 0.0 else math.inf
 
     def scaled(self, unit: float) -> PlantModel:
-        """Return the model with torques in another unit, of which `unit` make one of the present unit."""
+        """Return the model with torques in another unit, converted by the factor `unit`."""
         parts = (self.inertia * unit, self.viscous * unit, self.coulomb * unit, self.load * unit)
         return PlantModel(*parts, self.delay, self.fit)
 

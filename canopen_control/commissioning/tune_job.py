@@ -146,7 +146,7 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
 
 
 class PagePresence:
-    """Time since the last confirmation that a page is open; `clock` in s."""
+    """Time since a page was last confirmed to be open; `clock` returns seconds."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._seen = clock, clock()

@@ -500,7 +500,7 @@ class TuneRequest:
 
     @property
     def band(self) -> tuple[float, float]:
-        """Lowest and highest frequency of a chirp in Hz; the highest is above a third of the sampling rate."""
+        """Lowest and highest frequency of a chirp in Hz, the latter slightly above a third of the sampling rate."""
         return _LOW_HZ, _BEYOND * HIGHEST / self.period
 
     def height(self, scale: JogScale) -> float:

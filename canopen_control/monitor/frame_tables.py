@@ -186,7 +186,7 @@ class BusTap:
             watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
-        """Advance the time to `now` in monotonic ns; open the bus if it is not open and a second has passed."""
+        """Advance the time to `now` in monotonic ns, and try once a second to open a bus that is not open."""
         self.meter.tick(now)
         if self._port is not None or now < self._retry_ns:
             return

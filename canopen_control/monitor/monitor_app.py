@@ -212,7 +212,7 @@ class DrivePane(Vertical):
         yield self.output
 
     def show(self, looking: DriveObjects | None) -> None:
-        """Show the objects of the selected drive, and read the visible ones; None if the monitor only listens."""
+        """Show the objects of the selected drive and read the visible ones; None if the monitor only listens."""
         title = _LISTENS if looking is None else looking.title
         if str(self.title.content) != title:
             self.title.update(Text(title))
@@ -598,7 +598,7 @@ class MonitorApp(App[None]):
 
 
 class FilterLine(Input):
-    """Input line without the space key; by default Textual gives input precedence over bindings for printable keys."""
+    """Input line that leaves the space key to STOP; by default, Textual gives an input precedence over key bindings."""
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
         """Leave the space key to the screen, where the key is STOP."""

@@ -1,4 +1,4 @@
-"""Jobs at one node, shared by all pages: short requests on threads, and one long job at a time. No toolkit.
+"""Jobs at one node, shared by all pages: short requests on threads, and one long job at a time. No NiceGUI.
 
 A request has its own connection, so that STOP and the state samples never wait behind the request. A long job continues
 when the page that started it is closed; every page shows the progress, and any page can end the job.

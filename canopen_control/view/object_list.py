@@ -1,4 +1,4 @@
-"""Objects of a node for the page, as rows with values and with a search; without the toolkit."""
+"""Objects of a node for the page, as rows with values and with a search; without NiceGUI."""
 
 from __future__ import annotations
 

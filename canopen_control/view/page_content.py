@@ -1,4 +1,4 @@
-"""Content of the panels, which is the same for all pages: state, events, controllers and faults. No toolkit."""
+"""Content of the panels, which is the same for all pages: state, events, controllers and faults. No NiceGUI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scope captures and frequency responses as options of ECharts charts. No toolkit.
+"""Scope captures and frequency responses as options of ECharts charts. No NiceGUI.
 
 A capture has a plot per unit, with an overlay in grey and cursors. The data are thinned to `MOST_POINTS` for each
 signal by sending the smallest and the greatest value of each time interval, so that no peak is lost; files contain

@@ -1,4 +1,4 @@
-"""Player of trajectories for pages, on separate connections; without the toolkit.
+"""Player of trajectories for pages, on separate connections; without NiceGUI.
 
 A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page or a
 click on Cancel ends the trajectory: the robot decelerates, holds its position, and reports this as a sentence. The end

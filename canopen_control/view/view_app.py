@@ -220,7 +220,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ begin and end
 
     async def run(self) -> None:
-        """Serve the page until a signal, the end of the parent, or an error of the server."""
+        """Serve the page until a signal or the end of the parent; a view started by `run` also ends with the robot."""
         loop = asyncio.get_running_loop()
         loop.set_exception_handler(self._on_error)
         for number in (signal.SIGTERM, signal.SIGINT):

@@ -1,4 +1,4 @@
-"""Texts of the page on the robot's state, drives and events, with levels for colours; without the toolkit."""
+"""Texts of the page on the robot's state, drives and events, with levels for colours; without NiceGUI."""
 
 from __future__ import annotations
 
