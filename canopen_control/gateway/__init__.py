@@ -1,1 +1,1 @@
-"""CiA 309-3 gateway: text access to a bus or a running robot for clients of other networks."""
+"""CiA 309-3 gateway, which gives clients in other networks text access to a bus or a running robot."""

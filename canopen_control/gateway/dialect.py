@@ -1,11 +1,12 @@
-"""Commands and answers of CiA 309-3 as in CANopenNode: bytes in, requests and bytes out, without I/O.
+"""Parser and formatter of CiA 309-3 commands and answers as in CANopenNode, without I/O.
 
     line    = [command] ["#" comment] LF
     command = "[" sequence "]" [[net] node] verb arguments
 
-Numbers are those of C: decimal, 0x or octal with a leading 0. The texts of CiA 309-3 are not public: grammar, error
-numbers and answers are those of CANopenNode's CO_gateway_ascii, byte for byte. Where it wraps a number that is too
-large, this module answers with a syntax error instead, but for the sequence number; and a line is never cut.
+Numbers are written as in C: decimal, 0x or octal with a leading 0. The text of CiA 309-3 is not public: grammar, error
+numbers and answers are those of CANopenNode's CO_gateway_ascii, byte for byte. If a number is too large, this module
+answers with a syntax error, where CANopenNode wraps the number; only the sequence number is wrapped. A line is never
+cut.
 """
 
 from __future__ import annotations
@@ -102,7 +103,7 @@ _LEDS: Final = b" CANopen status LEDs: R  G         \r"  # without line feed, as
 
 @dataclass(frozen=True, slots=True)
 class ReadOrder:
-    """Upload of an object; `type_name` is the type requested by the client."""
+    """Request to upload an object; `type_name` is the type that the client has requested."""
 
     node_id: int
     index: int
@@ -112,7 +113,7 @@ class ReadOrder:
 
 @dataclass(frozen=True, slots=True)
 class WriteOrder:
-    """Download of an object."""
+    """Request to download data to an object."""
 
     node_id: int
     index: int
@@ -121,28 +122,28 @@ class WriteOrder:
 
 
 class NmtOrder(NamedTuple):
-    """NMT command to a node; 0: to all."""
+    """Request to send an NMT command to a node, or to all nodes if `node_id` is 0."""
 
     node_id: int
     command: NmtCommand
 
 
 class LssOrder(NamedTuple):
-    """LSS service by its verb, with its arguments."""
+    """Request of an LSS service; `verb` is the command name, `numbers` are the arguments."""
 
     verb: str
     numbers: tuple[int, ...]
 
 
 class LogOrder(NamedTuple):
-    """Request of the events since the last one."""
+    """Request for the events since the last `log` command."""
 
 
 GatewayRequest: TypeAlias = ReadOrder | WriteOrder | NmtOrder | LssOrder | LogOrder
 
 
 class GatewayRefusal(CanopenError):
-    """Answer with an error number of CiA 309-3, and a sentence if the number is too general."""
+    """Refusal of a command, with an error number of CiA 309-3, and a sentence if the number is too general."""
 
     def __init__(self, number: int, reason: str = "") -> None:
         self.number, self.reason = number, reason
@@ -153,7 +154,7 @@ class GatewayRefusal(CanopenError):
 
 
 class _Fixed(NamedTuple):
-    """Type of a fixed size: the letter of `struct`, and how CANopenNode prints a value."""
+    """Data type of fixed size, with its letter in `struct` and the format in which CANopenNode prints a value."""
 
     letter: str
     shown: str
@@ -180,7 +181,7 @@ _LONG_VALUE: Final = re.compile(
 
 
 def shown_value(type_name: str, data: bytes) -> str:
-    """Return the bytes of an object as CANopenNode prints them; a length other than the type's falls back to hex."""
+    """Return an object's bytes as CANopenNode prints a value of the type; in hexadecimal if the length is wrong."""
     fixed = _FIXED.get(type_name)
     if fixed is not None and len(data) == struct.calcsize(fixed.letter):
         return fixed.shown.format(*struct.unpack(f"<{fixed.letter}", data))
@@ -193,7 +194,7 @@ def shown_value(type_name: str, data: bytes) -> str:
 
 
 def _c_number(token: bytes) -> tuple[int, bool]:
-    """Return the number that strtoul parses from a token, and whether the whole token is a number."""
+    """Return the number that C's strtoul would parse from a token, and whether the whole token is a number."""
     match = _NUMBER.match(token)
     if match is None:
         return 0, not token
@@ -219,7 +220,7 @@ def _fixed_bytes(fixed: _Fixed, token: bytes) -> bytes:
 
 
 def _open_bytes(type_name: str, raw: bytes) -> bytes:
-    """Return the bytes of a value that extends to the end of its line, without a comment."""
+    """Return the bytes of a value that extends to the end of the line, without a comment."""
     data = b""
     if type_name == _TEXT:
         match = (_QUOTED if raw[:1] == b'"' else _WORD).fullmatch(raw)
@@ -243,7 +244,7 @@ def _open_bytes(type_name: str, raw: bytes) -> bytes:
 
 
 class _Line:
-    """Tokens of a line; `closed` means that only a comment follows."""
+    """Tokens of a line; `closed` means that only a comment, or nothing, follows."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -268,30 +269,30 @@ class _Line:
         return self.raw[begin:end]
 
     def last(self, longest: int = _LONGEST_TOKEN) -> bytes:
-        """Return the next token, which must end the line."""
+        """Return the next token; GatewayRefusal unless it is the last token of the line."""
         token = self.token(longest)
         if not token or not self.closed:
             raise GatewayRefusal(SYNTAX)
         return token
 
     def more(self) -> bytes:
-        """Return the next token, which must not end the line."""
+        """Return the next token; GatewayRefusal if it is the last token of the line."""
         token = self.token()
         if not token or self.closed:
             raise GatewayRefusal(SYNTAX)
         return token
 
     def rest(self) -> bytes:
-        """Return the rest of the line as it is."""
+        """Return the rest of the line unchanged."""
         return self.raw[self._position :]
 
     def end(self) -> None:
-        """Check that no token follows."""
+        """Raise GatewayRefusal if another token follows."""
         if not self.closed:
             raise GatewayRefusal(SYNTAX)
 
     def go_on(self) -> None:
-        """Check that a token follows."""
+        """Raise GatewayRefusal if no token follows."""
         if self.closed:
             raise GatewayRefusal(SYNTAX)
 
@@ -322,7 +323,7 @@ def _ranged(token: bytes, low: int, high: int) -> int:
 
 
 class _Arguments(NamedTuple):
-    """Arguments of an LSS verb: the permitted numbers of them, and the range of each."""
+    """Arguments of an LSS command: the permitted numbers of arguments, and the range of each argument."""
 
     counts: tuple[int, ...]
     ranges: tuple[tuple[int, int], ...] = ()
@@ -358,7 +359,7 @@ _LSS: Final = {
 
 
 class GatewayDialect:
-    """One client: its defaults, its sequence number, and its received bytes.
+    """Dialog with one client: its defaults, its sequence number, and its unprocessed bytes.
 
     With `optional_sequence`, for people who type, a line may begin with the command; its sequence number is 0 then.
     """
@@ -375,15 +376,15 @@ class GatewayDialect:
 
     @property
     def unfinished(self) -> bool:
-        """Whether a line is incomplete."""
+        """Whether the received bytes end within a line."""
         return bool(self._input.strip()) or self._discarding
 
     def receive(self, data: bytes) -> None:
-        """Append bytes of the client."""
+        """Append bytes received from the client."""
         self._input += data
 
     def next_event(self) -> GatewayRequest | bytes | None:
-        """Return the next request, or the answer to a command without bus access; None without a complete line."""
+        """Return the next request, or the answer to a command that needs no network; None if no line is complete."""
         try:
             line = self._next_line()
             return None if line is None else self._parsed(line)
@@ -432,7 +433,7 @@ class GatewayDialect:
         return parse(self, line, verb)
 
     def _prefixes(self, line: _Line) -> bytes:
-        """Read net and node, and return the verb after them."""
+        """Read the optional net and node of a line, and return the verb after them."""
         numbers: list[int] = []
         while (token := line.token())[:1].isdigit():
             line.go_on()
@@ -549,32 +550,32 @@ class GatewayDialect:
         **dict.fromkeys(_LSS, _lss),
     }
 
-    # -- answers, each of them to be sent in one piece: cocomm decides by one read
+    # -- answers, each of them to be sent in one piece, because cocomm expects a whole answer from one read
 
     def ok(self) -> bytes:
         """Return the answer to a successful command without a value."""
         return self.text("OK")
 
     def text(self, text: str) -> bytes:
-        """Return an answer."""
+        """Return an answer with the sequence number of the command."""
         signed = self.sequence - (1 << 32) if self.sequence >> 31 else self.sequence  # CANopenNode prints PRId32
         return f"[{signed}] {text}".encode("utf-8", "surrogateescape") + _END
 
     def value(self, type_name: str, data: bytes) -> bytes:
-        """Return the answer to an upload."""
+        """Return the answer to a successful upload."""
         return self.text(shown_value(type_name, data))
 
     def abort(self, code: int) -> bytes:
-        """Return the answer to an aborted transfer."""
+        """Return the answer to an SDO transfer that was aborted."""
         meaning = _ABORTS.get(code) or abort_text(code)
         return self.text(f"ERROR:0x{code:08X} #{meaning[:1].upper()}{meaning[1:]}.")
 
     def error(self, refusal: GatewayRefusal) -> bytes:
-        """Return the answer to a failed command."""
+        """Return the answer to a command that was refused."""
         reason = " ".join(refusal.reason.split())
         return self.text(f"ERROR:{refusal.number} #{ERRORS[refusal.number]} {reason}".rstrip())
 
     @staticmethod
     def log(lines: list[str]) -> bytes:
-        """Return the answer to `log`, which has no sequence number."""
+        """Return the answer to the `log` command, which has no sequence number."""
         return "\n".join(lines).encode("utf-8", "surrogateescape") + _END

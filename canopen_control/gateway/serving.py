@@ -1,8 +1,8 @@
-"""Service of gateway clients: requests of the dialect against a bus or a robot, over stdio or a listening socket.
+"""Server for gateway clients: it executes their commands on a bus or a robot, over stdio or a listening socket.
 
-One client is served at a time, and one command of it at a time; other clients wait until it leaves. What may move a
-drive is refused unless the gateway was started for that. The robot's stop and supervision are not involved: they are in
-another process.
+There is one client at a time, with one command at a time; other clients wait until it disconnects. Commands that may
+move a drive are refused unless the gateway was started with permission. The robot's stop and supervision are not
+affected, because they run in another process.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ _CHUNK: Final = 1 << 16
 _SEND_S: Final = 5.0  # for a client that does not read
 _LOG_LINES: Final = 200
 
-#: indices whose write may move a drive, or take away what would stop it
+#: indices to which a write may move a drive, or disable what would stop it
 _MOVING: Final = (
     range(0x1005, 0x1008),  # SYNC: set-points are applied with it
     range(0x100C, 0x100E),  # node guarding: a drive stops when the master is gone
@@ -77,39 +77,39 @@ _HTTP: Final = re.compile(rb"\A[A-Z]+ \S+ HTTP/\d")
 
 
 class GatewayNetwork(Protocol):
-    """Interface of the bus or robot behind a gateway; every call may raise CanopenError."""
+    """Interface of the bus or robot behind a gateway; every method may raise CanopenError."""
 
     def fileno(self) -> int:
-        """Return the descriptor that is readable when `take_in` has work."""
+        """Return the descriptor that is readable when `take_in` has data to process."""
 
     def take_in(self) -> None:
-        """Process received data; RemoteError or BusError if robot or bus are gone."""
+        """Process received data; raise RemoteError or BusError if the robot or the bus is lost."""
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
-        """Upload an object."""
+        """Upload an object of a node."""
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
-        """Download an object."""
+        """Download data to an object of a node."""
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send an NMT command; 0 for all nodes."""
+        """Send an NMT command to a node; node id 0 addresses all nodes."""
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service."""
+        """Run an LSS service and return its result; `scan_s` is the time for each request of a scan."""
 
     def log(self) -> list[str]:
-        """Return and clear the event lines."""
+        """Return and clear the lines about recorded events."""
 
 
 class BusLog:
-    """Core that records boot-ups, EMCYs and NMT state changes as lines."""
+    """Recorder of boot-ups, EMCYs and NMT state changes on a bus, as lines of text."""
 
     def __init__(self) -> None:
         self._lines: deque[str] = deque(maxlen=_LOG_LINES)
         self._states: dict[int, NmtState | None] = {}
 
     def receive(self, frame: CanFrame, _now: int) -> None:
-        """Receive a frame."""
+        """Record the event that a frame reports, if any."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         if 1 <= node_id <= MAX_NODE_ID and len(frame.data) == 1:
             state = state_of_byte(frame.data[0])
@@ -121,18 +121,18 @@ class BusLog:
             self.add(f"node {message.node_id}: EMCY {message}")
 
     def add(self, text: str) -> None:
-        """Append a line, with the time of day."""
+        """Append a line, preceded by the time of day."""
         self._lines.append(f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}")
 
     def take(self) -> list[str]:
-        """Return and clear the lines."""
+        """Return and clear the recorded lines."""
         lines = list(self._lines)
         self._lines.clear()
         return lines
 
 
 def motion_reason(request: GatewayRequest) -> str:
-    """Return why a request needs --allow-motion; "" if it does not."""
+    """Return the reason why a request needs --allow-motion; "" if it does not."""
     advice = f"start the gateway with {ALLOW_MOTION} to allow it"
     if isinstance(request, NmtOrder):
         return f"NMT commands start and stop drives; {advice}"
@@ -144,14 +144,14 @@ def motion_reason(request: GatewayRequest) -> str:
 
 
 class _LssConsole:
-    """LSS verbs on a network; like CANopenNode's master it remembers whether a slave is in configuration."""
+    """Executor of the LSS commands; like CANopenNode's master it records whether a slave is in configuration state."""
 
     def __init__(self, network: GatewayNetwork) -> None:
         self._network = network
         self._configuring = False
 
     def answer(self, order: LssOrder) -> list[str]:
-        """Run a service and return the lines of its answer; the last one gets the sequence number."""
+        """Run a service and return the lines of the answer; the last line gets the sequence number."""
         verb, numbers = order
         if verb == "lss_switch_glob" and not numbers[0]:
             return self._leave()
@@ -233,7 +233,7 @@ def _words(identity: LssIdentity) -> str:
 
 
 def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
-    """Return the result of a service; GatewayRefusal `refused` for a refusal, 103 without an answer."""
+    """Return the result of a service; raise GatewayRefusal with `refused` for a refusal, or 103 without an answer."""
     try:
         return ask()
     except LssRefused as refusal:
@@ -244,14 +244,14 @@ def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
 
 
 class GatewayService:
-    """Answers to the requests of one client at a time."""
+    """Service that answers the commands of one client at a time."""
 
     def __init__(self, network: GatewayNetwork, *, allow_motion: bool = False) -> None:
         self.network, self.allow_motion = network, allow_motion
         self._lss = _LssConsole(network)
 
     def answers(self, client: GatewayDialect, data: bytes) -> Iterator[bytes]:
-        """Yield the answers to a client's input; RemoteError or BusClosed if robot or bus are gone."""
+        """Yield the answers to a client's input; raise RemoteError or BusClosed if the robot or the bus is lost."""
         client.receive(data)
         while (event := client.next_event()) is not None:
             yield event if isinstance(event, bytes) else self._answer(client, event)
@@ -289,7 +289,7 @@ class GatewayService:
     # -- transports
 
     def serve_stdio(self) -> bool:
-        """Serve standard input until its end; False if it ended within a line."""
+        """Answer the commands on standard input until its end; return False if it ended within a line."""
         client = GatewayDialect(optional_sequence=True)
         source, sink = sys.stdin.fileno(), sys.stdout.buffer
         poll = self._poll_with(source)
@@ -304,7 +304,7 @@ class GatewayService:
                 sink.flush()
 
     def serve_listener(self, listener: socket.socket) -> None:
-        """Serve the clients of a socket one at a time, until robot or bus are gone."""
+        """Accept clients of a socket one at a time and answer their commands, until the robot or the bus is lost."""
         poll = self._poll_with(listener.fileno())
         while True:
             if not self._ready(poll, listener.fileno()):
@@ -342,14 +342,14 @@ class GatewayService:
         return poll
 
     def _ready(self, poll: select.poll, descriptor: int) -> bool:
-        """Wait, serve the network, and return whether the client's descriptor is ready."""
+        """Wait, process data of the network, and return whether the client's descriptor is ready."""
         ready = {number for number, _ in poll.poll()}
         self.network.take_in()
         return descriptor in ready
 
 
 def _abort_of(error: CanopenError) -> int | None:
-    """Return the SDO abort code for an error in an answer, None for other errors."""
+    """Return the SDO abort code with which an error is answered, None for errors without a code."""
     if isinstance(error, SdoAbort):
         return error.code
     if isinstance(error, SdoTimeout) or (isinstance(error, RemoteError) and error.kind in _SILENT):
@@ -361,7 +361,7 @@ def _abort_of(error: CanopenError) -> int | None:
 
 
 def _refusal_of(error: CanopenError) -> GatewayRefusal:
-    """Return the answer to an error; raise the error again if robot or bus are gone."""
+    """Return the refusal that answers an error; raise the error again if the robot or the bus is lost."""
     kind = error.kind if isinstance(error, RemoteError) else type(error).__name__
     if kind == BusClosed.__name__:
         raise error
