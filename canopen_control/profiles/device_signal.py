@@ -1,7 +1,7 @@
-"""Signal of a device in units: object or bit, conversion of raw numbers, and invalid values.
+"""Signal of a device, with its object or bit, the conversion of raw numbers to units, and invalid numbers.
 
-value = raw * factor * (scale read from the device) + offset, and the inverse for outputs; a bit is 0 or 1. An invalid
-value is nan.
+value = raw * factor * (scales read from the device) + offset, and the inverse for outputs; a bit is 0 or 1. The value
+of an invalid raw number is nan.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ TYPES: Final = {
     "f32": DataType.REAL32,
     "f64": DataType.REAL64,
 }
-"""Names of the types that can override the type of an object."""
+"""Names of the types with which the type of an object can be overridden."""
 
 
 @dataclass(frozen=True, slots=True)
 class SignalScale:
-    """Factor from an object of the device: `of` computes it from the number; `assumed` replaces a missing object.
+    """Scale factor in an object of the device: `of` computes the factor; `assumed` is used if the object is missing.
 
-    It is read after the boot of the node, not taken from a file, because users and devices change it.
+    The object is read after the boot of the node and not taken from a file, because users and devices change it.
     """
 
     address: Address
@@ -46,9 +46,9 @@ class SignalScale:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Input or `output` of a device; `status` is an object that makes it invalid unless it is 0.
+    """Input or `output` of a device; the value is invalid if the number in the object `status` is not 0.
 
-    `data_type` overrides the type of the object, None: as in the file. `invalid` are raw numbers without a value.
+    `data_type` overrides the type of the object, None: as in the file. `invalid` contains raw numbers without a value.
     `unwrap` is the object with the range of a position: the value is then the continuous travel since the first value.
     `safe` is the value of an output without a master, None: unchanged. `max_rate` is the largest plausible rate of an
     input in units per second; a faster change is a jump.
@@ -72,21 +72,21 @@ class Signal:
 
     @property
     def address(self) -> Address:
-        """The pair (index, subindex)."""
+        """Address of the object: the pair (index, subindex)."""
         return self.index, self.subindex
 
     @property
     def where(self) -> str:
-        """Address of the object, for messages."""
+        """Address of the object and bit, for messages."""
         return f"0x{self.index:04X}:{self.subindex:02X}" + ("" if self.bit is None else f".{self.bit}")
 
     @property
     def needs(self) -> tuple[Address, ...]:
-        """Objects whose values are needed for the conversion."""
+        """Addresses of the objects whose values are needed for the conversion."""
         return (*(scale.address for scale in self.scales), *(() if self.unwrap is None else (self.unwrap,)))
 
     def gain(self, numbers: Mapping[Address, Value]) -> float:
-        """Return units per raw number, with the `numbers` read from the objects of the device."""
+        """Return the units per raw number; `numbers` are the values read from the objects in `needs`."""
         gain = self.factor
         for scale in self.scales:
             number = numbers.get(scale.address)
@@ -94,7 +94,7 @@ class Signal:
         return gain
 
     def value(self, raw: float, gain: float) -> float:
-        """Return the value of a raw number; nan if it is invalid."""
+        """Return the value of a raw number; nan if the raw number is invalid."""
         if raw in self.invalid:
             return math.nan
         if self.bit is not None:
@@ -102,7 +102,7 @@ class Signal:
         return raw * gain + self.offset
 
     def raw(self, value: float, gain: float, *, whole: bool) -> float:
-        """Return the raw number of a value; with `whole`, rounded for an object of integers."""
+        """Return the raw number of a value; `whole` rounds it for an object of an integer type."""
         raw = (value - self.offset) / gain
         return round(raw) if whole else raw
 
@@ -117,7 +117,7 @@ def object_of(text: str) -> tuple[int, int, int | None] | None:
 
 
 def retyped(value: Value, source: DataType, target: DataType) -> Value:
-    """Return the bits of a value as another type of the same width; nan if they are invalid there."""
+    """Return a value whose bits are interpreted as another type; nan if they are not valid for that type."""
     try:
         return decode(encode(value, source), target)
     except ValueError:
@@ -146,16 +146,16 @@ _UNITS: Final = {
 
 
 def unit_of_code(code: int) -> str:
-    """Return the name of a coded unit, "" if the table lacks it; 0x002D0000 is degrees Celsius."""
+    """Return the name of a coded unit, such as "degC" for 0x002D0000; "" if the unit is not in the table."""
     return _UNITS.get(code >> 16 & 0xFF, "")
 
 
 def factor_of_prefix(code: int) -> float:
-    """Return the factor of a prefix: 0xFD260000 is a millivolt, 0.001."""
+    """Return the factor of a coded prefix, such as 0.001 for 0xFD260000 (millivolt)."""
     power = code >> 24 & 0xFF
     return float(10.0 ** (power - 0x100 if power > 0x7F else power))
 
 
 def factor_of_digits(digits: int) -> float:
-    """Return the value of the last of `digits` decimal digits; an invalid number counts as 0 digits."""
+    """Return the weight of the last of `digits` decimal digits; an invalid number counts as 0 digits."""
     return float(10.0**-digits) if 0 <= digits <= 9 else 1.0

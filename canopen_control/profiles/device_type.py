@@ -1,7 +1,8 @@
-"""Profile of a device from its dictionary: CiA 401 I/O, 404 measuring, 406 encoder, 418 battery, ...
+"""Profile of a device, determined from its dictionary: CiA 401 I/O, 404 measuring, 406 encoder, 418 battery and others.
 
-The low word of 0x1000 is the number of the profile, but half of all files have none there, and some call a drive an I/O
-module. A device with controlword and statusword is therefore a drive, and without a valid 0x1000 the objects decide.
+The low word of 0x1000 is the number of the profile, but half of all files have 0 there, and some call a drive an I/O
+module. A device with controlword and statusword is therefore a drive, and without a number in 0x1000 the objects
+decide.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ _CONTROLWORD, _STATUSWORD, _AXIS_OFFSET, _AXES = 0x6040, 0x6041, 0x800, 8
 
 
 class Profile(enum.IntEnum):
-    """Profiles by the number of their standard, as in the low word of 0x1000; NONE: unknown."""
+    """Profiles by the number of their standard, as in the low word of 0x1000; NONE if the profile is unknown."""
 
     NONE = 0
     IO = 401
@@ -34,7 +35,7 @@ class Profile(enum.IntEnum):
 
     @property
     def words(self) -> str:
-        """Name of a device with this profile, for users."""
+        """Description of a device with this profile, for users."""
         return _WORDS[self]
 
 
@@ -66,7 +67,7 @@ _SIGNATURES: Final = (
 
 
 def profile_of(od: ObjectDictionary) -> Profile:
-    """Return the profile of a device, NONE if neither 0x1000 nor its objects indicate one."""
+    """Return the profile of a device, NONE if neither 0x1000 nor the objects indicate a known profile."""
     if any(
         (_CONTROLWORD + _AXIS_OFFSET * axis, 0) in od and (_STATUSWORD + _AXIS_OFFSET * axis, 0) in od
         for axis in range(_AXES)
@@ -87,6 +88,6 @@ def profile_of(od: ObjectDictionary) -> Profile:
 
 
 def _is_told_the_charge(od: ObjectDictionary) -> bool:
-    """Whether the state of charge is writable: a charger has the same objects as a battery, and receives it."""
+    """Whether the state of charge is writable: a charger has the objects of a battery, but receives their values."""
     entry = od.get(0x6081)
     return entry is not None and entry.writable and entry.rpdo_mappable

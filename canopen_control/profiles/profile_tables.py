@@ -1,8 +1,8 @@
-"""Signals of all device profiles, and objects by their address.
+"""Signals of all device profiles, and of single objects given by address.
 
 Manufacturers do not share object names, so that a signal has the name of the profile (`di0`, `position`) or of bus.yml;
-a device of CiA 454 has only the latter. ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with its raw
-number.
+a device of CiA 454 has only names of bus.yml. ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with
+the raw number as its value.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 
 # Sensors and chargers: measuring (CiA 404), encoders (406), inclinometers (410), batteries (418), chargers (419). The
-# scale of a raw number (decimal digits, steps per turn, resolution) is read from the device. Angles are in rad, the
-# others in the unit named.
+# scale of a raw number (decimal digits, steps per turn, resolution) is read from the device. Angles are in rad, other
+# values in the unit named.
 
 
 _LINEAR: Final = (8, 9)  # high word of 0x1000 of a linear encoder (CiA 406)
@@ -45,9 +45,10 @@ def _number(od: ObjectDictionary, index: int, subindex: int, default: int) -> in
 
 
 def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield ai0, ... (process values, invalid with their status) and ao0, ... of a CiA 404 device.
+    """Yield the inputs ai0, ai1 ... with their states status0 ..., and the outputs ao0 ... of a CiA 404 device.
 
-    The same values may exist as floats, with 16 and with 32 bits: the ones mapped into a TPDO are used, else the first.
+    The process values may exist as floats, with 16 and with 32 bits: those mapped into a TPDO are used, or else the
+    first. An input is invalid unless its state is 0.
     """
     index = next((candidate for candidate in (0x7130, 0x9130, 0x6130, 0x8130) if _mapped(od, candidate)), None)
     index = index or next((candidate for candidate in (0x7130, 0x9130, 0x6130, 0x8130) if (candidate, 1) in od), None)
@@ -65,7 +66,7 @@ def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
 
 
 def _mapped(od: ObjectDictionary, index: int) -> bool:
-    """Whether a TPDO of the file maps the object."""
+    """Whether a TPDO maps the object by default."""
     return any(
         isinstance(entry.value, int) and entry.value >> 16 == index
         for entry in od
@@ -76,7 +77,7 @@ def _mapped(od: ObjectDictionary, index: int) -> bool:
 def _unit(
     od: ObjectDictionary, index: int, subindex: int, code: int, digits: int
 ) -> tuple[str, tuple[SignalScale, ...]]:
-    """Return the unit of a value, and the scales of its prefix and decimal digits."""
+    """Return the unit of a value, and the scales for its prefix and decimal digits."""
     scales = []
     if (code, subindex) in od:
         scales.append(SignalScale((code, subindex), factor_of_prefix, _number(od, code, subindex, 0)))
@@ -95,10 +96,10 @@ def _per_step(thousandths: int) -> float:
 
 
 def encoder_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield `position` (continuous.
+    """Yield `position`, `position_absolute` and `speed` of a CiA 406 encoder.
 
-    Rad, or m of a linear encoder), `position_absolute` and `speed` of a CiA 406 device. `position_absolute` wraps at
-    the total range (0x6002). The unit of `speed` is manufacturer-specific.
+    `position` is continuous; both positions are in rad, or in m for a linear encoder. `position_absolute` wraps at the
+    total range (0x6002). The unit of `speed` is manufacturer-specific.
     """
     if _number(od, 0x1000, 0, 0) >> 16 & 0xFF in _LINEAR:
         unit, scale = "m", SignalScale((0x6005, 1), _per_step, _number(od, 0x6005, 1, 1000))
@@ -121,7 +122,7 @@ def _resolution(thousandths: int) -> float:
 
 
 def inclinometer_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield `longitudinal` and `lateral` in rad of a CiA 410 device, with the 16-bit or the 32-bit objects."""
+    """Yield `longitudinal` and `lateral` in rad of a CiA 410 inclinometer, from the 16-bit or the 32-bit objects."""
     scales = (SignalScale((0x6000, 0), _resolution, _number(od, 0x6000, 0, 10)),)
     for name, short, long in (("longitudinal", 0x6010, 0x6110), ("lateral", 0x6020, 0x6120)):
         index = next((candidate for candidate in (short, long) if _mapped(od, candidate)), None)
@@ -139,11 +140,11 @@ _BATTERY: Final[_Table] = (
     ("battery_charge_current", 0x6070, 0, 1 / 16, "A"),
     ("battery_capacity", 0x6020, 2, 1.0, "Ah"),
 )
-"""Name, object, unit per raw number and unit; the names are those of ros2_control's battery broadcaster."""
+"""Name, index, subindex, units per raw number, and unit; the names are those of ros2_control's battery broadcaster."""
 
 
 def battery_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield the signals of a CiA 418 battery; no object of the profile has the current of the pack."""
+    """Yield the signals of a CiA 418 battery; no object of the profile contains the current of the battery pack."""
     for signal, _entry in _signals_of(od, _BATTERY):
         yield signal
 
@@ -157,17 +158,17 @@ _CHARGER: Final[_Table] = (
     ("battery_voltage", 0x6060, 0, 1 / 1024, "V"),
     ("battery_percentage", 0x6081, 0, 1.0, "%"),
 )
-"""Objects of a charger: measured ones, and those of the battery (CiA 418) that it receives."""
+"""Objects of a charger: measured values, and values of the battery (CiA 418) that the charger receives."""
 
 
 def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield the signals of a CiA 419 charger, and its inputs as outputs; a requested current remains until it is 0."""
+    """Yield the signals of a CiA 419 charger, as outputs if the charger receives them; a requested current persists."""
     for signal, entry in _signals_of(od, _CHARGER):
         yield dataclasses.replace(signal, output=entry.rpdo_mappable and entry.writable)
 
 
 def _signals_of(od: ObjectDictionary, table: _Table) -> Iterator[tuple[Signal, Entry]]:
-    """Yield the signals of a table whose objects exist in the device, each with its object."""
+    """Yield the signals of a table whose objects exist in the device, each with the entry of its object."""
     for name, index, subindex, factor, unit in table:
         if (entry := od.get(index, subindex)) is not None:
             yield Signal(name, index, subindex, factor=factor, unit=unit), entry
@@ -187,7 +188,7 @@ ANALOGUE_INPUTS: Final = (0x6401, 0x6402, 0x6400, 0x6403)
 
 @dataclass(frozen=True, slots=True)
 class _Group:
-    """Objects for the same signals, the usual one first; `lines` is the number per subindex if they are bits."""
+    """Alternative objects for the same signals, in order of preference, each with its number of lines per subindex."""
 
     prefix: str
     output: bool
@@ -203,7 +204,7 @@ _GROUPS: Final = (
 
 
 def io_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield the lines of an I/O module."""
+    """Yield a signal for each input and output line of an I/O module."""
     for group in _GROUPS:
         for index, lines in group.objects:
             subindices = [subindex for subindex in od.subindices(index) if 1 <= subindex < 0xFF]
@@ -232,14 +233,14 @@ ERROR_OBJECTS: Final = {
     0x6413: (0x6443, 0x6445),
     0x7300: (0x6340, 0x7341),
 }
-"""Output object to its error mode and error value objects, which have the same subindices."""
+"""Objects of error mode and error value by output object; all three have the same subindices."""
 
 
 @dataclass(frozen=True, slots=True)
 class SafeOutput:
-    """Error mode and error value of one output object, as they are written.
+    """Error mode and error value to be written for one output object.
 
-    Their addresses are None if the device has no such object.
+    The addresses are None if the device does not have the objects.
     """
 
     output: Address
@@ -250,7 +251,7 @@ class SafeOutput:
 
 
 def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[SafeOutput]:
-    """Yield the error mode and error value objects for the `safe` values of the signals; others are 0."""
+    """Yield for each output object the error mode and error value that set the `safe` values of the signals."""
     by_object: dict[Address, list[Signal]] = {}
     for signal in signals:
         if signal.output and signal.index in ERROR_OBJECTS:
@@ -263,14 +264,14 @@ def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[Sa
 
 
 def has_error_mode(od: ObjectDictionary, signal: Signal) -> bool:
-    """Whether the device can set an output to a value when the master is lost."""
+    """Whether a device can set an output to a value, or always does, when the master is lost."""
     return signal.index not in ERROR_OBJECTS or (ERROR_OBJECTS[signal.index][0], signal.subindex) in od
 
 
 def _of_lines(lines: list[Signal]) -> tuple[int, int]:
-    """Return the bit fields of mode and value.
+    """Return the bit fields of error mode and error value for the lines of one object.
 
-    Of a line with two names the last one counts, which is that of bus.yml.
+    If a line has two names, the last signal counts, which is the signal of bus.yml.
     """
     safe = {line.bit or 0: line.safe for line in lines}
     mode = sum(1 << bit for bit, value in safe.items() if value is not None)
@@ -296,13 +297,13 @@ _TABLES: Final[dict[Profile, Callable[[ObjectDictionary], Iterator[Signal]]]] = 
 
 
 def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]:
-    """Return the signals of a device by name, in the order of its table; none for a drive or an unknown profile."""
+    """Return the signals of a device by name, in the order of the table; none for a drive or an unknown profile."""
     table = _TABLES.get(profile)
     return {} if table is None else {signal.name: signal for signal in table(od)}
 
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
-    """Return the raw number of an object as a signal named by its address, None without the object."""
+    """Return a signal with the raw number of an object, given by its address; None if there is no such object."""
     place = object_of(name) if name[:2] in ("0x", "0X") else None
     entry = None if place is None else od.get(place[0], place[1])
     if place is None or entry is None or entry.data_type.bits is None:
