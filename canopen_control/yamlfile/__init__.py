@@ -1,1 +1,1 @@
-"""YAML files as frozen dataclasses; all errors of a file are reported at once, with their places."""
+"""YAML files as frozen dataclasses; all errors of a file are reported at once, with their positions."""

@@ -1,13 +1,13 @@
 # ruff: noqa: ANN401 - values of a file, and their target types, are of any type
 """Conversion of YAML nodes to the types declared by a dataclass, with bounds and choices.
 
-A conversion returns the value, or reports a mistake at the node and returns INVALID; a structure with an invalid part
-is invalid too. An integer is accepted for a float, and so is a plain `1e3`, which is text in YAML 1.1 and a number for
-rcl.
+A conversion returns the value, or reports an error at the node and returns INVALID; a structure with an invalid part
+is invalid too. An integer is accepted for a float, and so is an unquoted `1e3`, which is text in YAML 1.1 and a number
+for rcl.
 
 A dataclass is the schema. Field types: bool, int, float, str, enums, Literal, Any, Node, unions, list[X], tuple[X,
-...], dict[str | int, X] and other dataclasses; they must be importable at run time. `setting()` adds a key with another
-name, bounds and choices; `position()` is a field with the node of its mapping, for later checks.
+...], dict[str | int, X] and other dataclasses; they must be importable at run time. `setting()` declares a field with
+another key, bounds and choices; `position()` declares a field for the node of the mapping, for later checks.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _KINDS: Final[dict[Any, str]] = {
 
 
 class _Invalid(enum.Enum):
-    """Result of a conversion with an error that was reported; any structure with it is invalid too."""
+    """Result of a conversion whose error was reported; a structure that contains it is invalid too."""
 
     INVALID = 0
 
@@ -63,10 +63,10 @@ def setting(
     hint: str = "",
     help: str = "",  # noqa: A002 - the word of argparse and click
 ) -> Any:
-    """Return a dataclass field: `key` is its name in YAML, `low`/`high` bound numbers.
+    """Return a dataclass field; `key` is the field's name in YAML, `low` and `high` bound the numbers.
 
-    `choices` lists the valid values. Bounds and choices apply to the elements of a list, tuple or dict; with `nan`, not
-    a number is within any bounds. A list default is given as `factory=list`. A `section` contains the parameters whose
+    `choices` lists the valid values. Bounds and choices apply to the elements of a list, tuple or dict; with `nan`, the
+    value nan is within any bounds. A list default is given as `factory=list`. A `section` contains the parameters whose
     dotted names begin with `key`. `hint` ends the message about a wrong type; `help` is the description of the
     parameter.
     """
@@ -86,7 +86,7 @@ def setting(
 
 
 def position() -> Any:
-    """Return a field of type Node with the node of its mapping; it is ignored in comparisons."""
+    """Return a field of type Node that receives the node of the mapping; comparisons ignore the field."""
     return dataclasses.field(default=NOWHERE, compare=False, repr=False, metadata={"here": True})
 
 
@@ -96,14 +96,14 @@ def part() -> Any:
 
 
 def derived(default: Any) -> Any:
-    """Return a field without a key in the file; the reader of the file sets it."""
+    """Return a field without a key in the file, which the reader of the file sets."""
     return dataclasses.field(default=default, metadata={"derived": True})
 
 
 def convert(node: Node, target: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
-    """Return the node's value as the requested type; report a mistake and return `default` if it is not one.
+    """Return the node's value as the requested type; report an error and return `default` if this is impossible.
 
-    `ignored` are keys without a field that are not reported.
+    `ignored` contains keys without a field that are not reported as unknown.
     """
     value = _dataclass(node, target, ignored) if ignored else _converted(node, target, {})
     return default if value is INVALID else value
@@ -121,18 +121,18 @@ def fields_of(cls: type[Any]) -> list[tuple[dataclasses.Field[Any], Any]]:
 
 
 def key_of(entry: dataclasses.Field[Any]) -> str:
-    """Return the key that a field is read from."""
+    """Return the YAML key from which a field is read."""
     return str(entry.metadata.get("key") or entry.name)
 
 
 def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
-    """Return the help text of a field of `cls`, or of the base class field that it overrides; "" for none."""
+    """Return the help text of a field of `cls`, or of the base class field that it overrides; "" if there is none."""
     fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
     return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 
 
 def keys_of(cls: type[Any]) -> list[str]:
-    """Return the keys of a dataclass, including those of its parts."""
+    """Return the YAML keys of a dataclass, including the keys of its parts."""
     hints, keys = _hints(cls), list[str]()  # type: ignore[arg-type]  # a class is hashable, which mypy does not see
     for entry in dataclasses.fields(cls):
         if entry.metadata.get("part"):
@@ -159,7 +159,7 @@ def _converted(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _content(node: Node) -> str:
-    """Return a description of the node's content for messages."""
+    """Return a description of the node's content, for messages."""
     if node.kind != "scalar":
         return {"mapping": "a mapping", "sequence": f"a list of {len(node.elements())}", "null": "nothing"}[node.kind]
     value = node.value
@@ -168,7 +168,7 @@ def _content(node: Node) -> str:
 
 
 def _expected(node: Node, expected: str, hint: str = "") -> Any:
-    """Report a wrong type; return INVALID."""
+    """Report that the node is not of the expected type; return INVALID."""
     node.error(f"expected {expected}, got {_content(node)}{hint}")
     return INVALID
 
@@ -185,7 +185,7 @@ def _plain(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _as_float(node: Node, value: Any) -> Any:
-    """Convert an integer or `1e3` to a float; `1e3` is text in YAML 1.1 and a number for rcl."""
+    """Convert an integer or an unquoted text such as `1e3` to a float; return other values unchanged."""
     plain_text = type(value) is str and not node.quoted and _NUMBER.fullmatch(value)
     try:
         return float(value) if type(value) is int or plain_text else value
@@ -209,7 +209,7 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _enum(node: Node, target: type[enum.Enum]) -> Any:
-    """Return a member by its name, in any case, or by its value."""
+    """Return the enum member with this name, in any case, or with this value; report an error if there is none."""
     if node.kind == "scalar":
         value = node.value
         for member in target:
@@ -231,7 +231,7 @@ _FITS: Final = {"mapping": (dict, collections.abc.Mapping), "sequence": (list, t
 
 
 def _fits(node: Node, target: Any) -> bool:
-    """Whether a member of a union accepts this kind of node."""
+    """Whether a type in a union accepts this kind of node."""
     if target in (Any, Node):
         return True
     origin = typing.get_origin(target) or target
@@ -323,7 +323,7 @@ def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any
 
 
 def _fields(node: Node, cls: type[Any]) -> Any:
-    """Create a dataclass and its parts from a mapping."""
+    """Create a dataclass and its parts from a mapping; return INVALID if a field is invalid."""
     hints = _hints(cls)  # type: ignore[arg-type]  # as above
     values: _Values = {}
     for entry in dataclasses.fields(cls):
@@ -337,7 +337,7 @@ def _fields(node: Node, cls: type[Any]) -> Any:
 
 
 def _field(node: Node, entry: dataclasses.Field[Any], target: Any, values: _Values) -> None:
-    """Add the value of a key to `values`; the default if it is absent or null."""
+    """Add the value of a key to `values`, unless the key is absent or null and the field has a default."""
     value = node.get(key_of(entry))
     if value is not None and (value.kind != "null" or _required(entry) or type(None) in typing.get_args(target)):
         values[entry.name] = _converted(value, target, entry.metadata)
@@ -351,7 +351,7 @@ def _required(entry: dataclasses.Field[Any]) -> bool:
 
 
 def _construct(node: Node, cls: type[Any], values: _Values) -> Any:
-    """Create the dataclass; a ValueError of its `__post_init__` is reported as an error in the file."""
+    """Create the dataclass; report a ValueError of its `__post_init__` as an error in the file."""
     try:
         return cls(**values)
     except ValueError as error:

@@ -8,11 +8,11 @@ from canopen_control.yamlfile.problems import Problems
 
 
 class Node:
-    """Node of a YAML file, with its value and place.
+    """Node of a YAML file, with its value and its position in the file.
 
     `kind` is "mapping", "sequence", "scalar" or "null"; `text` is a scalar as written, `quoted` whether it is quoted or
-    a block; `where` is the dotted path; `line` and `column` count from 1, line 0 is in no file. Access as another kind
-    returns nothing and never raises: `items()` of a scalar is empty.
+    a block; `where` is the dotted path; `line` and `column` count from 1, and line 0 means that the node is in no file.
+    Methods for another kind return nothing and never raise: `items()` of a scalar is empty.
     """
 
     __slots__ = ("_elements", "_pairs", "_scalar", "column", "kind", "line", "problems", "quoted", "text", "where")
@@ -26,19 +26,19 @@ class Node:
 
     @classmethod
     def scalar(cls, place: Node, text: str, value: object, *, quoted: bool) -> Node:
-        """Return a scalar node at `place`."""
+        """Make the node `place` a scalar, and return it."""
         place.text, place._scalar, place.quoted = text, value, quoted
         return place
 
     @classmethod
     def mapping(cls, place: Node, pairs: dict[str, tuple[Node, Node]]) -> Node:
-        """Return a mapping node at `place`, of (key node, value node) by the key as written."""
+        """Make the node `place` a mapping, and return it; `pairs` has (key node, value node) by the key as written."""
         place._pairs = pairs
         return place
 
     @classmethod
     def sequence(cls, place: Node, elements: list[Node]) -> Node:
-        """Return a sequence node at `place`."""
+        """Make the node `place` a sequence, and return it."""
         place._elements = elements
         return place
 
@@ -52,7 +52,7 @@ class Node:
 
     @property
     def value(self) -> Any:  # noqa: ANN401 - a file may hold anything
-        """Plain Python value, with dicts (keys as written) and lists."""
+        """Value as plain Python objects, with dicts (keys as written) and lists."""
         if self.kind == "mapping":
             return {key: child.value for key, child in self.items()}
         if self.kind == "sequence":
@@ -60,11 +60,11 @@ class Node:
         return self._scalar
 
     def pairs(self) -> list[tuple[Node, Node]]:
-        """Return key and value nodes in the order of the file, with merge keys; the last one of a repeated key."""
+        """Return the key and value nodes in the order of the file, merged keys last; of a repeated key, the last."""
         return list(self._pairs.values())
 
     def items(self) -> list[tuple[str, Node]]:
-        """Return (key as written, node) in the order of the file."""
+        """Return pairs of the key as written and the value node, in the order of the file."""
         return [(key, value) for key, (_, value) in self._pairs.items()]
 
     def keys(self) -> dict[str, Node]:
@@ -72,16 +72,16 @@ class Node:
         return {key: node for key, (node, _) in self._pairs.items()}
 
     def get(self, key: str) -> Node | None:
-        """Return the value node of a key, None if absent."""
+        """Return the value node of a key, None if the key is absent."""
         pair = self._pairs.get(key)
         return pair[1] if pair else None
 
     def elements(self) -> list[Node]:
-        """Return the nodes of a sequence."""
+        """Return the nodes of a sequence; empty for other nodes."""
         return list(self._elements)
 
     def over(self, below: Node) -> Node:
-        """Return this node with the additional keys of `below`, at every depth of mappings."""
+        """Return this node with the additional keys of `below`, recursively for mappings in both nodes."""
         if self.kind == "null" and below.kind == "mapping":
             return below
         if self.kind != "mapping" or below.kind != "mapping":
@@ -92,13 +92,13 @@ class Node:
         return Node.mapping(Node(self.kind, self.line, self.column, self.where, self.problems), pairs)
 
     def error(self, message: str) -> None:
-        """Report an error here; `problems.raise_if_any()` raises it with all others."""
+        """Report an error at this node; `problems.raise_if_any()` raises it with all others."""
         self.problems.error(self, message)
 
     def warning(self, message: str) -> None:
-        """Report a warning here; the file remains usable."""
+        """Report a warning at this node; the file remains usable."""
         self.problems.warning(self, message)
 
 
 NOWHERE: Final = Node("null", 0, 0, "", Problems(""))
-"""Node of an object created in Python instead of read from a file."""
+"""Node of an object that was created in Python instead of read from a file."""

@@ -1,7 +1,7 @@
-"""Errors in a YAML file, with their places.
+"""Errors and warnings about a YAML file, with their positions.
 
-Mistakes are collected instead of raised one by one, so that a user sees all of them at once. Each is reported as
-`path:line:column: where: what`, with its line of the file and a caret.
+Errors are collected instead of raised one by one, so that a user sees all of them at once. Each error is reported as
+`path:line:column: where: what`, with the line of the file and a caret.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LINE_END: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 class Place(Protocol):
-    """Place in a file: line and column from 1, and the dotted path."""
+    """Position in a file: line and column from 1, and the dotted path."""
 
     line: int
     column: int
@@ -33,7 +33,7 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """Error or warning: `where` is the dotted path in the file, `source` the text of its line; lines count from 1."""
+    """Error or warning: `where` is the dotted path in the file, `source` the text of the line; lines count from 1."""
 
     line: int
     column: int
@@ -52,9 +52,10 @@ class Problem:
 
 
 class Problems:
-    """Collected problems of one file.
+    """Collected errors and warnings of one file.
 
-    An `error` makes a file unusable, a `warning` does not. With `strict` false, a repeated or unknown key is a warning.
+    An `error` makes a file unusable, a `warning` does not. If `strict` is False, a repeated or unknown key is a
+    warning.
     """
 
     def __init__(self, path: str, text: str = "", *, strict: bool = True) -> None:
@@ -65,7 +66,7 @@ class Problems:
 
     @property
     def errors(self) -> list[Problem]:
-        """Errors in the order of their lines; each once, even if aliases repeat it."""
+        """Errors in the order of their lines, without duplicates that aliases would cause."""
         return sorted(self._errors)
 
     @property
@@ -74,33 +75,33 @@ class Problems:
         return sorted(self._warnings)
 
     def at(self, line: int, column: int, place: str, message: str) -> Problem:
-        """Return a problem at a position counted from 1; line 0 is the file as a whole."""
+        """Return a problem at a position counted from 1; line 0 means the file as a whole."""
         source = self.lines[line - 1][:200] if 0 < line <= len(self.lines) else ""
         return Problem(line, column, self.path, place, message, source)
 
     def error(self, place: Place, message: str) -> None:
-        """Add an error at the place."""
+        """Add an error at a place."""
         self._errors[self.at(place.line, place.column, place.where, message)] = None
 
     def warning(self, place: Place, message: str) -> None:
-        """Add a warning at the place."""
+        """Add a warning at a place."""
         self._warnings[self.at(place.line, place.column, place.where, message)] = None
 
     def suspect(self, place: Place, message: str) -> None:
-        """Add an error if strict, else a warning."""
+        """Add an error if `strict`, otherwise a warning."""
         (self.error if self.strict else self.warning)(place, message)
 
     def forget(self, where: str) -> None:
-        """Remove the errors below a dotted path, which follow from another one."""
+        """Remove the errors below a dotted path, because they follow from another error."""
         self._errors = {error: None for error in self._errors if not error.where.startswith(f"{where}.")}
 
     def file_error(self, line: int, column: int, message: str) -> None:
-        """Add an error that has no node in the tree."""
+        """Add an error at a position for which there is no node."""
         self._errors[self.at(line, column, "", message)] = None
 
     @contextlib.contextmanager
     def raising(self, error: type[ConfigError]) -> Iterator[None]:
-        """Raise `error` at the end of the context if errors were added in it."""
+        """Raise `error` at the end of the context if errors were added in the context."""
         before, self._errors = self._errors, {}
         try:
             yield
@@ -109,7 +110,7 @@ class Problems:
             self._errors = before
 
     def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
-        """Raise `error` with the paragraphs of all errors, if there are any."""
+        """Raise `error` with the texts of all errors, if there are any."""
         errors = self.errors
         if not errors:
             return

@@ -1,9 +1,9 @@
 """Reader from YAML text to frozen dataclasses, or one error with all problems (file, line, column and caret).
 
 Only this module imports `yaml`. Any text gives either a value or the error class of the caller, never another
-exception. Nothing is dropped silently: repeated keys, unknown keys and values of another type are reported. Scalars are
-those of YAML 1.1 as resolved by PyYAML (`010` is 8 and `off` is false, as in other tools for the same files), except
-that dates remain text; positions count from 1.
+exception. Nothing is dropped silently: repeated keys, unknown keys and values of another type are reported. Scalars
+have the values of YAML 1.1 as resolved by PyYAML (`010` is 8 and `off` is false, as in other tools for the same files),
+except that dates remain text; positions count from 1.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 MAX_NODES: Final = 100_000
-"""Maximum number of nodes with aliases followed, so that a self-multiplying file does not fill the memory."""
+"""Maximum number of nodes when aliases are followed, so that a file that multiplies itself does not fill the memory."""
 MAX_DEPTH: Final = 64
 MAX_BYTES: Final = 8_000_000
-"""Maximum length of a file: a hundred times the largest in use, read in seconds."""
+"""Maximum length of a file in bytes: a hundred times the largest file in use, and read in seconds."""
 
 _FAST_LOADER: Final = getattr(yaml, "CSafeLoader", None)  # PyYAML may be built without libyaml
 #: Texts that libyaml accepts and PyYAML's own parser does not, or for which it reports other places: control characters
@@ -71,7 +71,7 @@ def _place(node: yaml.Node, place: str, problems: Problems) -> Node:
 
 
 def _build(node: yaml.Node, dotted: str, problems: Problems) -> Node:
-    """Return the node of a PyYAML node and of all nodes below it."""
+    """Convert a PyYAML node, with all its children, to a `Node`."""
     place = _place(node, dotted, problems)
     if isinstance(node, yaml.ScalarNode):
         return Node.scalar(place, node.value, _value(node), quoted=bool(node.style))
@@ -87,7 +87,7 @@ def _build(node: yaml.Node, dotted: str, problems: Problems) -> Node:
 
 
 def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
-    """Add the values of a mapping by key: own keys first, then new ones from merge keys (YAML 1.1, merge type)."""
+    """Add the pairs of a mapping by key: its own keys first, then new keys from merge keys (YAML 1.1, merge type)."""
     merged: list[yaml.Node] = []
     own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
     for key, value in node.value:
@@ -103,7 +103,7 @@ def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -
 
 
 class _Walk:
-    """Check of every node, once, before aliases are followed."""
+    """Check of every node, made once before aliases are followed."""
 
     def __init__(self, problems: Problems) -> None:
         self._problems = problems
@@ -112,7 +112,7 @@ class _Walk:
         self.endless = False
 
     def measure(self, node: yaml.Node, place: str = "") -> tuple[int, int]:
-        """Return the number of nodes below a node, with aliases followed, and their depth; report excesses."""
+        """Return the number and depth of the nodes in a tree, with aliases followed; report invalid keys and loops."""
         if id(node) in self._open:
             _place(node, place, self._problems).error("an alias inside its own anchor never ends")
             self.endless = True
@@ -158,7 +158,7 @@ def _check_merge(here: Node, value: yaml.Node) -> None:
 
 
 def _root(text: str) -> yaml.Node | None:
-    """Return the root node, by libyaml in a tenth of the time if the result is equal; errors are those of PyYAML."""
+    """Return the root node, parsed by libyaml if that gives the same result; errors are those of PyYAML."""
     if _FAST_LOADER is not None and text.endswith("\n") and not _NOT_ALIKE.search(text):
         try:
             return yaml.compose(text, Loader=_FAST_LOADER)
@@ -195,7 +195,7 @@ def _compose(problems: Problems, text: str) -> yaml.Node | None:
 
 
 def _checked(problems: Problems, root: yaml.Node) -> yaml.Node | None:
-    """Return the root if the number of nodes and the depth are limited."""
+    """Return the root, or report an error and return None if the number of nodes or the depth is too large."""
     walk = _Walk(problems)
     size, depth = walk.measure(root)
     if size > MAX_NODES:
@@ -215,10 +215,10 @@ def parse(
     warnings: list[Problem] | None = None,
     strict: bool = True,
 ) -> T:
-    """Parse the text as `cls`, or raise `error` with all problems.
+    """Parse the text as `cls`; raise `error` with all problems if it is invalid.
 
-    `check` receives the value and may add mistakes across fields before they are raised; `warnings` receives warnings.
-    With `strict` false, repeated (the last one counts) and unknown keys are warnings.
+    `check` receives the value and may add errors that concern several fields; `warnings` receives the warnings. If
+    `strict` is False, repeated keys (the last one counts) and unknown keys are warnings.
     """
     root = read(text, path, error=error, strict=strict)
     value = convert(root, cls)
@@ -239,21 +239,21 @@ def load(
     warnings: list[Problem] | None = None,
     strict: bool = True,
 ) -> T:
-    """Return the file as `cls`; see `parse`. An unreadable file raises `error` too."""
+    """Read and parse a file as `cls`, as `parse` does; an unreadable file raises `error` too."""
     text = read_text(path, error)
     return parse(text, cls, str(path), error=error, check=check, warnings=warnings, strict=strict)
 
 
 def tree(path: str | os.PathLike[str], *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
-    """Return the root node of a file for free access; end with `node.problems.raise_if_any(error)`.
+    """Return the root node of a file for free access; the caller ends with `node.problems.raise_if_any(error)`.
 
-    Text that is not YAML raises at once.
+    A file that is not valid YAML raises `error` at once.
     """
     return read(read_text(path, error), str(path), error=error, strict=strict)
 
 
 def read(text: str, path: str = "<text>", *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
-    """Return the root node of a text; see `tree`. An empty text is an empty mapping."""
+    """Return the root node of a text, as `tree` does for a file; an empty text is an empty mapping."""
     text = text.removeprefix("\ufeff")
     problems = Problems(path, text, strict=strict)
     node = _compose(problems, text)
@@ -264,7 +264,7 @@ def read(text: str, path: str = "<text>", *, error: type[ConfigError] = BusConfi
 
 
 def read_text(path: str | os.PathLike[str], error: type[ConfigError] = BusConfigError) -> str:
-    """Return the text of a UTF-8 file; `error` if it cannot be read."""
+    """Return the text of a UTF-8 file; raise `error` if the file cannot be read."""
     problems = Problems(str(path))
     try:
         return read_limited(Path(path), MAX_BYTES).decode("utf-8")
