@@ -163,11 +163,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     actions.add_parser("list", help="list interfaces, local buses and python-can adapters")
     status = actions.add_parser("status", help="show members, load and counters")
-    status.add_argument("channel", nargs="?", metavar="CHANNEL", help="default: all local buses and CAN interfaces")
+    status.add_argument(
+        "channel", nargs="?", metavar="CHANNEL", help="channel (default: all local buses and CAN interfaces)"
+    )
     up = actions.add_parser("up", help="bring a CAN interface up; a missing vcan is created")
     up.add_argument("interface", metavar="INTERFACE")
     up.add_argument("--bitrate", type=int, metavar="BIT/S", help="bit rate of a real interface")
-    up.add_argument("--restart-ms", type=int, metavar="MS", help="restart after bus-off, after this time; 0: never")
+    up.add_argument(
+        "--restart-ms", type=int, metavar="MS", help="time from bus-off to the restart, in ms; 0: no restart"
+    )
     up.add_argument("--sample-point", type=float, metavar="0.875")
     down = actions.add_parser("down", help="take a CAN interface down")
     down.add_argument("interface", metavar="INTERFACE")

@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=_value,
         metavar="VALUE",
-        help="one for each joint, in SI units (rad/s, rad, Nm); or NAME=VALUE for outputs of <gpio> parts",
+        help="one value for each joint, in SI units (rad/s, rad, Nm); or NAME=VALUE for outputs of <gpio> parts",
     )
     add_repeat_arguments(parser)
 

@@ -80,16 +80,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"with --master: time of the run in s (default: {DEFAULT_S:g}); faults that do not fit are left out",
     )
     parser.add_argument("--level", choices=LEVELS, default="all", help="checks of one document (default: all)")
-    parser.add_argument("--configure", action="store_true", help="write parameters and reset the node, too")
-    parser.add_argument("--store", action="store_true", help="store parameters and restore defaults, too")
+    parser.add_argument("--configure", action="store_true", help="also write parameters and reset the node")
+    parser.add_argument("--store", action="store_true", help="also store parameters and restore defaults")
     parser.add_argument(
-        "--motion", action="store_true", help="switch on the power stage and turn the shaft, too, which must be free"
+        "--motion", action="store_true", help="also switch on the power stage and turn the shaft, which must be free"
     )
     parser.add_argument(
-        "--speed", type=_bound, default=0, metavar="N", help="speed of motions in the drive's unit (1 %% of 0x607F)"
+        "--speed", type=_bound, default=0, metavar="N", help="speed of motions in units of the drive (1 %% of 0x607F)"
     )
     parser.add_argument(
-        "--distance", type=_bound, default=0, metavar="N", help="way of motions in the drive's unit (half a revolution)"
+        "--distance",
+        type=_bound,
+        default=0,
+        metavar="N",
+        help="distance of motions in units of the drive (half a revolution)",
     )
     parser.add_argument("--yes", action="store_true", help="do not ask before --configure, --store and --motion")
     parser.add_argument(
@@ -97,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=number("number of seconds above 0", lambda value: value > 0),
         default=0.5,
         metavar="S",
-        help="time that each answer may take in s (default: 0.5)",
+        help="timeout of each answer in s (default: 0.5)",
     )
     parser.add_argument("--junit", metavar="FILE", help="write a JUnit XML report")
     parser.add_argument("--html", metavar="FILE", help="write a page with the verdict per clause and a summary")

@@ -121,10 +121,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--eds",
         action="append",
         metavar="[N[,N]=]FILE",
-        help="a path, or the name of a bundled file; needed to run drives; N=FILE applies to these nodes "
-        "only (repeatable)",
+        help="EDS of the drives: a path, or the name of a bundled file; needed to run drives; N=FILE applies "
+        "to these nodes only (repeatable)",
     )
-    parser.add_argument("--can", metavar="CHANNEL", help="local:NAME, vcan0, can0, ...")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drives: local:NAME, vcan0, can0, ...")
     parser.add_argument(
         "--buses",
         metavar="FILE",
@@ -149,14 +149,15 @@ def _add_behaviour(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="Q[=V][@AXIS]",
-        help="behave as a manufacturer's drive does; canopen-control quirk list explains all (repeatable)",
+        help="deviate from the standard as a real drive does; canopen-control quirk list explains all quirks "
+        "(repeatable)",
     )
     parser.add_argument(
         "--like",
         metavar="NAME|FILE",
-        help="behave as the drives of a manufacturer do: the name of a bundled personality, or a file of your own",
+        help="behave like the drives of a manufacturer: the name of a bundled personality, or a file of your own",
     )
-    parser.add_argument("--scenario", metavar="FILE", help="a timeline of faults, see above")
+    parser.add_argument("--scenario", metavar="FILE", help="file with a timeline of faults and quirks, see above")
     parser.add_argument(
         "--plant", metavar="FILE", help="simulated mechanics of the axes, see above (default: ideal axes)"
     )

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     table.add_argument("--wide", action="store_true", help="a row for each PDO, a column for each signal")
     for parser_of_format in (dbc, table):
         add_network_arguments(parser_of_format)
-        parser_of_format.add_argument("-o", "--output", metavar="FILE", help="where to (default: standard output)")
+        parser_of_format.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:

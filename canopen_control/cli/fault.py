@@ -55,9 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name",
         nargs="?",
         metavar="NAME",
-        help="the fault, or SIGNAL=VALUE; without it the faults that are on are listed",
+        help="name of the fault, or SIGNAL=VALUE; without a name the active faults are listed",
     )
-    parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="state of the fault (default: on)")
     parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
 
 

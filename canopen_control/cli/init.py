@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--like",
         metavar="NAME|FILE",
-        help="drives of this manufacturer: the keys that they need stand in bus.yml (default: by the EDS, as comments)",
+        help="manufacturer of the drives, whose keys are written to bus.yml (default: by the EDS, as comments)",
     )
     parser.add_argument(
         "--joint",

@@ -61,31 +61,35 @@ _number = whole_number("whole number of at most 32 bits, decimal or 0x", range(_
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    switch = actions.add_parser("switch", help="switch all slaves, or the one of an identity, to a mode")
+    switch = actions.add_parser("switch", help="switch all slaves, or the slave with an identity, to a mode")
     switch.add_argument("mode", choices=[mode.name.lower() for mode in LssMode])
-    inquire = actions.add_parser("inquire", help="ask the slave in configuration for its identity and node id")
+    inquire = actions.add_parser("inquire", help="print identity and node id of the slave in configuration mode")
     inquire.add_argument("part", nargs="?", choices=(*PARTS, NODE_ID), help="print only this part")
-    node_id = actions.add_parser("node-id", help="give the slave in configuration a node id; `store` keeps it")
-    node_id.add_argument("node_id", type=_number, metavar="N", help="1 to 127, or 255 for none")
-    timing = actions.add_parser("bit-timing", help="give the slave in configuration a bit rate")
+    node_id = actions.add_parser("node-id", help="assign a node id to the slave in configuration mode")
+    node_id.add_argument("node_id", type=_number, metavar="N", help="node id, 1 to 127, or 255 for none")
+    timing = actions.add_parser("bit-timing", help="assign a bit rate to the slave in configuration mode")
     timing.add_argument("bitrate", metavar="BITRATE", help=f"bit/s: {_rates()}, or {AUTO}")
-    store = actions.add_parser("store", help="keep node id and bit rate of the slave in configuration")
-    activate = actions.add_parser("activate", help="let all slaves in configuration change to their new bit rate")
+    store = actions.add_parser("store", help="store node id and bit rate of the slave in configuration mode")
+    activate = actions.add_parser("activate", help="switch all slaves in configuration mode to their new bit rate")
     activate.add_argument(
-        "delay_ms", type=_number, metavar="DELAY_MS", help="delay before the change, and silence after it"
+        "delay_ms", type=_number, metavar="DELAY_MS", help="delay in ms before the change, and silence after the change"
     )
-    scan = actions.add_parser("fast-scan", help="find one slave without a node id and switch it to configuration")
-    find = actions.add_parser("find", help="ask whether there are slaves without a node id")
+    scan = actions.add_parser("fast-scan", help="find a slave without a node id, switch it to configuration mode")
+    find = actions.add_parser("find", help="report whether there are slaves without a node id")
     for part in PARTS:
         switch.add_argument(
             f"--{part}", type=_number, metavar="N", help="identity of the slave to switch; give all four"
         )
         scan.add_argument(
-            f"--{part}", type=_number, metavar="N", help="known part of the identity, only confirmed: saves time"
+            f"--{part}", type=_number, metavar="N", help="known part of the identity, which makes the scan faster"
         )
-    parser.add_argument("--can", metavar="CHANNEL", help="can0, local:NAME, ...; also after the action")
+    parser.add_argument(
+        "--can", metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...); may follow the action"
+    )
     for action in (switch, inquire, node_id, timing, store, activate, scan, find):
-        action.add_argument("--can", default=argparse.SUPPRESS, metavar="CHANNEL", help="can0, local:NAME, ...")
+        action.add_argument(
+            "--can", default=argparse.SUPPRESS, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)"
+        )
 
 
 def run(args: argparse.Namespace) -> int:

@@ -41,8 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what", metavar="list|NODE", help="list: explain all quirks; otherwise a node, a joint or a node id"
     )
-    parser.add_argument("name", nargs="?", metavar="NAME", help="the quirk; without it those that are on are listed")
-    parser.add_argument("state", nargs="?", choices=["on", "off"], help="default: on")
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="name of the quirk; without a name the active quirks are listed"
+    )
+    parser.add_argument("state", nargs="?", choices=["on", "off"], help="state of the quirk (default: on)")
     parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
 
 

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--config", metavar="ROBOT", help="take names for a recording of frames from this robot's files"
     )
-    parser.add_argument("--bus", metavar="NAME", help="which bus of ROBOT, where it has several")
+    parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
     parser.add_argument(
         "--eds", action="append", default=[], metavar="[NODE=]FILE", help="take names from an EDS file (repeatable)"
     )

@@ -141,14 +141,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     hz = topic.add_parser("hz", help="measure the rate of messages")
     for action, unit in ((echo, "message"), (hz, "second: rate in Hz, times in s")):
         action.add_argument("topic", metavar="TOPIC")
-        action.add_argument("type", nargs="?", metavar="TYPE", help="default: the type that is published")
+        action.add_argument("type", nargs="?", metavar="TYPE", help="message type (default: the published type)")
         action.add_argument("--json", action="store_true", help=f"print JSON, a line for each {unit}")
         action.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
         _add_timeout(action)
     echo.add_argument("--once", action="store_true", help="end after the first message")
     pub = topic.add_parser("pub", help="publish a message, repeatedly")
     _add_data(pub, "topic")
-    pub.add_argument("--rate", type=_positive, default=1.0, metavar="HZ", help="default: 1")
+    pub.add_argument("--rate", type=_positive, default=1.0, metavar="HZ", help="messages per second (default: 1)")
     pub.add_argument("--once", action="store_true", help="publish once, as soon as there is a subscriber")
     pub.add_argument("--for", type=_positive, metavar="S", dest="seconds", help="end after S seconds")
     service = groups.add_parser("service", help="list, call").add_subparsers(
@@ -169,21 +169,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action = param.add_parser(name, help=text)
         for operand in ("node", *operands):
             action.add_argument(
-                operand, metavar=operand.upper(), help="YAML, such as 0.5" if operand == "value" else None
+                operand, metavar=operand.upper(), help="value in YAML, such as 0.5" if operand == "value" else None
             )
         if name != "set":
             action.add_argument("--json", action="store_true", help="print JSON")
         _add_timeout(action)
     # with another prefix argparse leaves all options to the bridge
     bridge = groups.add_parser(
-        "bridge", help="show a running robot to ROS; --help lists the options", add_help=False, prefix_chars="+"
+        "bridge", help="connect a running robot to ROS; --help lists the options", add_help=False, prefix_chars="+"
     )
     bridge.add_argument("arguments", nargs="*", metavar="OPTIONS")
 
 
 def _add_list(actions: Any, title: str) -> None:  # noqa: ANN401 - argparse's private class
     listing = actions.add_parser("list", help=f"names of all {title}")
-    listing.add_argument("-t", "--types", action="store_true", help="and their types")
+    listing.add_argument("-t", "--types", action="store_true", help="print the types too")
     listing.add_argument("--json", action="store_true", help="print JSON: the types by name")
 
 
@@ -192,7 +192,13 @@ def _add_data(action: argparse.ArgumentParser, title: str) -> None:
     action.add_argument(
         "type", metavar="TYPE", help="such as std_msgs/msg/Float64MultiArray" if title == "topic" else None
     )
-    action.add_argument("data", nargs="?", metavar="DATA", default="{}", help="YAML, such as '{data: [10.0, 10.0]}'")
+    action.add_argument(
+        "data",
+        nargs="?",
+        metavar="DATA",
+        default="{}",
+        help="message or request in YAML, such as '{data: [10.0, 10.0]}'",
+    )
     _add_timeout(action)
 
 
@@ -202,7 +208,7 @@ def _add_timeout(action: argparse.ArgumentParser) -> None:
         type=_positive,
         default=5.0,
         metavar="S",
-        help="for a server to be there, and to answer (default: 5)",
+        help="time to wait for the server and its answer in s (default: 5)",
     )
 
 

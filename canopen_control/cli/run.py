@@ -110,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--world",
         metavar="FILE",
         help="with physics: file of the objects on the floor and timed events (YAML), or of static shapes (SDF world); "
-        "without ROBOT: run the robots it names",
+        "without ROBOT: run the robots that the file names",
     )
     parser.add_argument("--say-name", action="store_true", help="prefix each output line with the robot's name")
     parser.add_argument("--view", action="store_true", help="serve a web page of the robot on this computer")
@@ -133,7 +133,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--spawn",
         action="store_true",
-        help="start drives, hub, recorder and ROS bridge as interpreters of their own, not as forks of this process",
+        help="start drives, hub, recorder and ROS bridge as new interpreters instead of forks of this process",
     )
     add_duration(parser, "stop S seconds after the robot runs", former="--duration", dest="duration")
     parser.add_argument(
@@ -148,7 +148,8 @@ def _add_timing_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--kernel-sync",
         action="store_true",
-        help="on SocketCAN: let the kernel send SYNC, on time even if this process is late; the cycle follows it",
+        help="on SocketCAN: let the kernel send SYNC, on time even if this process is late; the cycle "
+        "follows that SYNC",
     )
     parser.add_argument(
         "--realtime",
@@ -168,7 +169,9 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     add_kind_arguments(parser)
     parser.add_argument("--no-drives", action="store_true", help="start no virtual drives; they are running already")
     parser.add_argument(
-        "--like", metavar="NAME|FILE", help="let the virtual drives behave as those of a manufacturer, see drive --like"
+        "--like",
+        metavar="NAME|FILE",
+        help="let the virtual drives behave like those of a manufacturer, see drive --like",
     )
     add_new_name(parser, "name of this robot for its clients (default: the folder's)")
 

@@ -69,18 +69,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     download = actions.add_parser("download", help="write a file into an object, by block transfer if it is large")
     for action in (read, write, upload, download):
         action.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
-        action.add_argument("object", metavar="INDEX[:SUB]", help="hexadecimal, or a name of the EDS")
-    write.add_argument("value", metavar="VALUE", help="decimal or 0x, a text, or bytes in hexadecimal: by type")
+        action.add_argument("object", metavar="INDEX[:SUB]", help="address in hexadecimal, or a name in the EDS")
+    write.add_argument("value", metavar="VALUE", help="by type: a decimal or 0x number, a text, or hexadecimal bytes")
     # Without this, Python 3.11's argparse takes -0x10 and -1e3 for options.
     write._negative_number_matcher = re.compile(r"-\.?\d.*")  # noqa: SLF001 - argparse has no public option for it
     for action in (upload, download):
         action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")
     for action in (read, write):
-        action.add_argument("--type", metavar="T", help=f"instead of the EDS's: {TYPE_NAMES}")
+        action.add_argument("--type", metavar="T", help=f"data type, instead of the type in the EDS: {TYPE_NAMES}")
     for action in (read, write, upload, download):
-        action.add_argument("--eds", metavar="FILE", help="a path, or the name of a bundled file")
+        action.add_argument("--eds", metavar="FILE", help="EDS of the node: a path, or the name of a bundled file")
         action.add_argument(
-            "--timeout", type=timeout_seconds, metavar="S", help="for each answer (default: 0.5, or bus.yml's)"
+            "--timeout",
+            type=timeout_seconds,
+            metavar="S",
+            help="timeout of each answer in s (default: 0.5, or that of bus.yml)",
         )
         add_target_arguments(action)
 

@@ -122,9 +122,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--world",
         metavar="FILE",
-        help="with --physics: objects on the floor, YAML or SDF; without ROBOT: simulate the robots it names",
+        help="with --physics: objects on the floor, YAML or SDF; without ROBOT: simulate the robots that the "
+        "file names",
     )
-    parser.add_argument("--like", metavar="NAME|FILE", help="let all drives behave as those of a manufacturer")
+    parser.add_argument("--like", metavar="NAME|FILE", help="let all drives behave like those of a manufacturer")
     parser.add_argument(
         "--quirk", action="append", default=[], metavar="Q[=V][@AXIS]", help="give all drives a quirk (repeatable)"
     )
@@ -167,7 +168,7 @@ def _add_served(parser: argparse.ArgumentParser) -> None:
     )
     add_new_name(parser, "with --serve: name of the robot for its clients")
     parser.add_argument(
-        "--serve", action="store_true", help="let programs reach the robot by its socket, as they reach a running one"
+        "--serve", action="store_true", help="let programs connect to the robot by its socket, as to a running robot"
     )
     parser.add_argument(
         "--ros", action="store_true", help="as --serve, and start the ROS 2 bridge, which publishes /clock"

@@ -67,7 +67,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         type=_value(parse_services),
         default=frozenset(),
         metavar="S,...",
-        help="only these: pdo, sdo, emcy, nmt, hb, sync, time, lss, error, raw",
+        help="only these services: pdo, sdo, emcy, nmt, hb, sync, time, lss, error, raw",
     )
     parser.add_argument(
         "--id",
@@ -81,7 +81,7 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--events",
         action="store_true",
-        help="only news: states, commands, modes, boot-ups, EMCY, aborts, what is wrong",
+        help="only events: changes of state, commands, modes, boot-ups, EMCY, aborts, errors",
     )
     parser.add_argument(
         "--count",

@@ -104,7 +104,7 @@ class Reached:
 class RestoreOptions:
     """Options of a restore and of a clone; `reached` is used only in suggested commands."""
 
-    protect: Sequence[str] = option((), "do not write these: an address as in '0x2*', or a name", metavar="GLOB")
+    protect: Sequence[str] = option((), "exclude these objects: an address as in '0x2*', or a name", metavar="GLOB")
     include_protected: bool = option(False, "also write the calibration of another drive")
     keep: bool = option(False, "keep the accepted values if the drive refuses others")
     store: bool = option(False, "store in the drive (0x1010) after verification")
@@ -158,19 +158,19 @@ class ProgramOptions:
     )
     expected: int | None = option(
         None,
-        "required 0x1F56 before the program is started",
+        "value that 0x1F56 must have before the program is started",
         flag="--expect",
         metavar="ID",
         read=whole_between(0, 0xFFFFFFFF, "whole number of 32 bits, decimal or 0x"),
     )
     expected_date: ProgramDate | None = option(
         None,
-        "required 0x1F52 of the running program: 2026-11-21, or 2026-11-21T14:30:00",
+        "date that 0x1F52 of the running program must have: 2026-11-21, or 2026-11-21T14:30:00",
         flag="--expect-date",
         metavar="DAY[TTIME]",
         read=parse_date,
     )
-    confirm: bool = option(False, "confirm a program that runs on trial (0x80, as Zephyr's)")
+    confirm: bool = option(False, "confirm a program that runs on trial (0x80, as in Zephyr)")
     tries: int = 2
     start_s: float = 30.0
 
@@ -200,7 +200,7 @@ class MotionOptions:
         read=number_that(lambda value: value > 0, "current in per mille above 0"),
     )
     counts: float | None = option(
-        None, "position counts per turn, if neither EDS nor drive gives them", metavar="N", read=_positive
+        None, "position counts per turn, if neither the EDS nor the drive has them", metavar="N", read=_positive
     )
     axis: int = option(0, "axis number of a drive with several", metavar="N", read=whole_between(0, 7, "axis: 0 to 7"))
     allow_unsupervised: bool = option(False, "accept a drive that would not stop when this computer fails")
@@ -283,24 +283,24 @@ class Job:
 
 
 _PARAMETERS: Final = "parameters"
-BACKUP: Final = Job("backup", "its parameters as a DCF", "FILE.dcf", _PARAMETERS)
+BACKUP: Final = Job("backup", "save the parameters as a DCF", "FILE.dcf", _PARAMETERS)
 DIFF: Final = Job("diff", "compare with a file or another node", "FILE.dcf or NODE", _PARAMETERS)
 RESTORE: Final = Job("restore", "write the parameters of a DCF", "FILE.dcf", _PARAMETERS, RestoreOptions)
 CLONE: Final = Job(
-    "clone", "give it the parameters of another", "NODE", _PARAMETERS, RestoreOptions, without=("any_node",)
+    "clone", "write the parameters of another node", "NODE", _PARAMETERS, RestoreOptions, without=("any_node",)
 )
 FIRMWARE: Final = Job("firmware", "load a program", "FILE", "firmware", ProgramOptions, can_end=False)
-JOG: Final = Job("jog", "turn it, slowly", "20rpm,3s or 90deg", options=MotionOptions)
-SCOPE: Final = Job("scope", "objects over time", "0x6064,0x606C,--output=step.csv", "scope", ScopeOptions)
+JOG: Final = Job("jog", "turn the axis slowly", "20rpm,3s or 90deg", options=MotionOptions)
+SCOPE: Final = Job("scope", "record objects over time", "0x6064,0x606C,--output=step.csv", "scope", ScopeOptions)
 TUNE: Final = Job(
     "tune",
-    "step, Bode, identification, gains",
-    "step=30rpm, bode, identify=150 or revert; --yes agrees to the limits that it tells without",
+    "measure step and frequency responses, identify gains",
+    "step=30rpm, bode, identify=150 or revert; --yes confirms the limits in advance",
     "tune",
     TuneOptions,
 )
-DUMP: Final = Job("dump", "all that it holds", "table or csv")
-NMT: Final = Job("nmt", "take it out, or start it", "preop, start, reset-node")
+DUMP: Final = Job("dump", "print all values", "table or csv")
+NMT: Final = Job("nmt", "change the NMT state", "preop, start, reset-node")
 JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE, CLONE, FIRMWARE, DUMP, NMT)}
 """Jobs by the names of their commands."""
 

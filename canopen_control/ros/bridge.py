@@ -59,18 +59,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
     """Split the arguments of the program from the arguments of ROS (`--ros-args ...`), and parse the former."""
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
-    parser = argparse.ArgumentParser(prog="python -m canopen_control.ros.bridge", description="Show a robot to ROS 2.")
+    parser = argparse.ArgumentParser(
+        prog="python -m canopen_control.ros.bridge", description="Connect a robot to ROS 2."
+    )
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
-    parser.add_argument("--namespace", default="", help="of all relative names, for several robots in one graph")
     parser.add_argument(
-        "--rate", type=float, default=0.0, metavar="HZ", help="at most (default: as often as controllers publish)"
+        "--namespace", default="", help="namespace of all relative names, for several robots in one graph"
+    )
+    parser.add_argument(
+        "--rate",
+        type=float,
+        default=0.0,
+        metavar="HZ",
+        help="largest rate of publications in Hz (default: as often as controllers publish)",
     )
     parser.add_argument(
         "--tf", action=argparse.BooleanOptionalAction, default=True, help="publish /tf and /tf_static (default: on)"
     )
-    parser.add_argument(
-        "--frame-prefix", metavar="PREFIX", help="before the name of every frame (default: the namespace)"
-    )
+    parser.add_argument("--frame-prefix", metavar="PREFIX", help="prefix of every frame name (default: the namespace)")
     return parser.parse_args(argv[:split]), argv[split:]
 
 

@@ -45,7 +45,10 @@ def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True)
         parser.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the node: a path, or the name of a bundled file")
     parser.add_argument(
-        "--timeout", type=timeout_seconds, metavar="S", help="timeout of each answer in s (default: 0.5, or bus.yml's)"
+        "--timeout",
+        type=timeout_seconds,
+        metavar="S",
+        help="timeout of each answer in s (default: 0.5, or that of bus.yml)",
     )
     add_target_arguments(parser)
 
