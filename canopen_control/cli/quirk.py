@@ -78,7 +78,9 @@ def _list(args: argparse.Namespace) -> int:
     for listing in listings:
         strength = ""
         if listing.default is not None:
-            strength = f" Strength: {listing.low:.10g} to {listing.high:.10g} {listing.unit}, {listing.default:g}."
+            strength = (
+                f" Strength: {listing.low:.10g} to {listing.high:.10g} {listing.unit} (default: {listing.default:g})."
+            )
         clause = listing.clause or "no clause"
         text = f"The drive {listing.does}.{strength} Departs from {clause}. Source: {listing.source}."
         print(listing.name)

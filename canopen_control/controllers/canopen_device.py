@@ -31,7 +31,7 @@ class DeviceParams(CommonParams):
 class CanopenProxyController(Controller):
     """Controller that offers the services of one node: NMT commands, SDO access and PDOs."""
 
-    title: ClassVar[str] = "One node, as ros2_canopen shows it"
+    title: ClassVar[str] = "One node, with the interfaces of ros2_canopen"
     reads: ClassVar[type[DeviceParams]] = DeviceParams
     moves_joints: ClassVar[bool] = False
     offers: ClassVar[tuple[str, ...]] = (NODE_SERVICES,)

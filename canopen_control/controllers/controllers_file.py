@@ -84,9 +84,9 @@ class ManagerParams:
 
     INEFFECTIVE: ClassVar[dict[str, str]] = {
         "handle_exceptions": "an exception of a controller never ends the cycle",
-        "lock_memory": "run --realtime locks it",
-        "thread_priority": "run --realtime sets it",
-        "cpu_affinity": "run --cpu sets it",
+        "lock_memory": "run --realtime locks the memory",
+        "thread_priority": "run --realtime sets the priority",
+        "cpu_affinity": "run --cpu sets the CPU",
     }
 
     update_rate: int = setting(

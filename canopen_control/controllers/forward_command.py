@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class ForwardCommandController(Controller):
     """Controller that forwards a list of numbers to the same interface of several joints."""
 
-    title: ClassVar[str] = "Forward command: all joints of one interface"
+    title: ClassVar[str] = "Forward command: one interface of several joints"
     independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "commands"
     settable: ClassVar[tuple[str, ...]] = ("command_timeout",)
@@ -160,7 +160,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 class _JointGroupController(ForwardCommandController):
     """Base class of forward command controllers whose type determines the interface."""
 
-    title: ClassVar[str] = "Group controllers: the interface is the type's"
+    title: ClassVar[str] = "Group controllers: the name of the type contains the interface"
     fixed_interface = VELOCITY
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
 
@@ -243,7 +243,7 @@ class TargetController(ForwardCommandController):
     `interface` is the quantity of the drive's current mode of operation.
     """
 
-    title: ClassVar[str] = "One drive in whatever mode it is"
+    title: ClassVar[str] = "One drive in any mode"
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = SingleParams
     topic: ClassVar[str | None] = TARGET
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class DofGains(LoopGains):
     """Gains of one degree of freedom; `antiwindup` is ROS 1's deprecated name for the strategy `legacy`."""
 
-    INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains all of it"}
+    INEFFECTIVE: ClassVar[dict[str, str]] = {"activate_state_publisher": "~/controller_state contains the whole state"}
 
     antiwindup: bool = setting(False, help="whether the strategy `legacy` limits the integral itself (deprecated)")
     error_deadband: float = setting(1e-16, help="largest error that is not integrated")

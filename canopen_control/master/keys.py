@@ -29,10 +29,10 @@ SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_v
 
 #: keys of ros2_canopen's `master` that have no effect here, and what replaces them
 UNUSED_MASTER = {
-    "driver": "the master is this package",
-    "package": "the master is this package",
-    "namespace": "the ROS bridge's business",
-    "remappings": "the ROS bridge's business",
+    "driver": "this package is the master",
+    "package": "this package is the master",
+    "namespace": "options of the ROS bridge replace this key",
+    "remappings": "options of the ROS bridge replace this key",
     "dcf_path": "no files are generated for the master",
     "vendor_id": "the master has no object dictionary of its own",
     "product_code": "the master has no object dictionary of its own",
@@ -42,12 +42,12 @@ UNUSED_MASTER = {
     "emcy_inhibit_time": "the master sends no EMCY",
     "error_behavior": "the master never leaves OPERATIONAL by itself",
     "nmt_inhibit_time": "NMT commands are sent when they are due and confirmed by heartbeats",
-    "heartbeat_consumer": "nodes are always watched",
+    "heartbeat_consumer": "the heartbeats of all nodes are always monitored",
     "start": "the master always starts itself",
-    "start_nodes": "the boot starts every node; `boot: false` of a node leaves it alone",
+    "start_nodes": "the boot starts every node except those with `boot: false`",
     "start_all_nodes": "each node is started when it is ready",
-    "reset_all_nodes": "`recovery` and the stop of the whole robot take its place",
-    "stop_all_nodes": "`recovery` and the stop of the whole robot take its place",
+    "reset_all_nodes": "`recovery` and the stop of the whole robot replace this key",
+    "stop_all_nodes": "`recovery` and the stop of the whole robot replace this key",
 }
 #: keys that users write by mistake -> the correct key
 MISNAMED_ROOT = {
@@ -104,16 +104,16 @@ MISNAMED_NODE = {
 #: keys of ros2_canopen's nodes that have no effect here, and what replaces them
 UNUSED_NODE = {
     "package": "every node is driven by this package",
-    "polling": "drives are read every SYNC",
-    "period": "drives are read every SYNC",
+    "polling": "drives are read at every SYNC",
+    "period": "drives are read at every SYNC",
     "non_transmit_timeout": "sending never blocks",
     "diagnostics": "diagnostics are always on",
     "enable_lazy_load": "nodes join when they appear",
     "num_channels": "axes are taken from the EDS",
     "channel": "a joint names its axis in the description",
-    "joint_name": "the description says which joint a node moves",
+    "joint_name": "the description defines which joint a node moves",
     "scale_eff_to_dev": "efforts are commanded in the unit of 0x6071, as in ros2_canopen",
-    "enable_ros_interfaces": "the ROS bridge's business",
+    "enable_ros_interfaces": "options of the ROS bridge replace this key",
     "software_file": "firmware is never downloaded; a wrong software_version is boot error I",
 }
 

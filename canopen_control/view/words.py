@@ -252,7 +252,9 @@ def quirk_text(quirk: QuirkListing | None) -> str:
         return ""
     strength = ""
     if quirk.default is not None:
-        strength = f"<br><b>Strength:</b> {quirk.low:g} to {quirk.high:g} {escape(quirk.unit)}, {quirk.default:g}"
+        strength = (
+            f"<br><b>Strength:</b> {quirk.low:g} to {quirk.high:g} {escape(quirk.unit)} (default: {quirk.default:g})"
+        )
     source = f"<b>Departs from</b> {escape(quirk.clause or 'no clause')}; source: {escape(quirk.source)}"
     return f"<p class='cc-note'>The drive {escape(quirk.does)}.{strength}<br>{source}</p>"
 

@@ -28,7 +28,7 @@ def test_list_explains_every_quirk_with_clause_and_source(capsys):
     for quirk in QUIRKS.values():
         assert f"{quirk.name} The drive {quirk.does}." in said
     assert said.count("Source:") == said.count("Departs from") == len(QUIRKS)
-    assert "Strength: 0.001 to 60 s, 0.5." in said
+    assert "Strength: 0.001 to 60 s (default: 0.5)." in said
 
 
 def test_list_as_json_has_one_entry_for_each(capsys):

@@ -233,7 +233,7 @@ def test_what_the_manager_does_not_do_is_told_with_its_line(file):
     assert file(text.format(own.format("false"))).warnings == []
     (warning,) = file(text.format(own.format("true"))).warnings
     assert "c.yaml:1:" in warning
-    assert "lock_memory has no effect: run --realtime locks it" in warning
+    assert "lock_memory has no effect: run --realtime locks the memory" in warning
 
 
 LINES = st.lists(
