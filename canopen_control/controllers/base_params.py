@@ -25,7 +25,9 @@ Six = tuple[float, float, float, float, float, float]
 class TwistAxisLimits:
     """Limits of one twist axis, such as `linear.x`; nan means unlimited."""
 
-    max_velocity: float = setting(NAN, low=0.0, nan=True, help="largest velocity forward (m/s) or to the left (rad/s)")
+    max_velocity: float = setting(
+        NAN, low=0.0, nan=True, help="largest velocity in m/s or rad/s, forward or to the left"
+    )
     min_velocity: float = setting(
         NAN,
         high=0.0,
@@ -33,7 +35,7 @@ class TwistAxisLimits:
         help="largest velocity backward or to the right, as a negative number; absent: minus `max_velocity`",
     )
     max_acceleration: float = setting(
-        NAN, low=0.0, nan=True, help="acceleration limit in m/s^2 or rad/s^2 forward or to the left"
+        NAN, low=0.0, nan=True, help="acceleration limit in m/s^2 or rad/s^2, forward or to the left"
     )
     max_deceleration: float = setting(
         NAN,

@@ -93,7 +93,7 @@ class BatteryParams(CommonParams):
     """
 
     batteries: tuple[str, ...] = setting(
-        (), help="names of <sensor>, <gpio> or <joint> parts that have at least `battery_voltage`"
+        (), help="names of `<sensor>`, `<gpio>` or `<joint>` parts that have at least `battery_voltage`"
     )
     interfaces: dict[str, bool] = setting(
         key="interfaces",
@@ -184,7 +184,7 @@ _COVARIANCE: Final = 9
 class SensorParams(CommonParams):
     """Common parameters of sensor broadcasters: the <sensor> of the description, and the frame of its values."""
 
-    sensor_name: str = setting("", help="<sensor> of the description whose interfaces have the names of ros2_control")
+    sensor_name: str = setting("", help="`<sensor>` of the description whose interfaces have the names of ros2_control")
     frame_id: str = setting("", help="frame id of the message headers")
 
     def mistakes(self) -> Iterator[str]:
@@ -310,7 +310,7 @@ class PoseParams(CommonParams):
     """
 
     frame_id: str = setting("", help="frame in which the pose is given")
-    pose_name: str = setting("", help="<sensor> of the description with `position.x` to `orientation.w`")
+    pose_name: str = setting("", help="`<sensor>` of the description with `position.x` to `orientation.w`")
     interface_names: dict[str, str] = setting(
         key="interface_names",
         section=True,
@@ -508,7 +508,7 @@ class PoseBroadcaster(SensorBroadcaster):
     title: ClassVar[str] = "Pose"
     reads: ClassVar[type[PoseParams]] = PoseParams
     sections: ClassVar[dict[str, type[object]]] = {
-        "Its transform: `tf.KEY`": PoseTransform,
+        "Transform: `tf.KEY`": PoseTransform,
     }
     tells: ClassVar[type[Sample] | None] = PoseSample
     params: PoseParams

@@ -46,7 +46,7 @@ class GpioParams(CommonParams):
     are "<gpio>.interfaces", those of the safe values "<gpio>.<interface>"; `kept_outputs` are "<gpio>/<interface>".
     """
 
-    gpios: tuple[str, ...] = setting((), help="names of <gpio> parts of the description")
+    gpios: tuple[str, ...] = setting((), help="names of `<gpio>` parts of the description")
     command_interfaces: dict[str, tuple[str, ...]] = setting(
         key="command_interfaces",
         section=True,

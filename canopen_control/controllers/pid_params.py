@@ -52,7 +52,7 @@ class PidParams(CommonParams):
         (), help="controlled quantity and its derivative, as in [position, velocity]"
     )
     set_current_state_as_first_setpoint: bool = setting(
-        True, help="true: the first references keep the joints where they are; false: they are 0"
+        True, help="first references: true keeps the joints where they are, false sets the references to 0"
     )
     use_external_measured_states: bool = setting(
         False, help="whether to receive the states on `~/measured_state` instead of from the state interfaces"

@@ -65,8 +65,12 @@ class TractionLimits:
 class SteeringLimits:
     """Limits of the steering angle, its velocity and acceleration; nan means unlimited."""
 
-    max_position: float = setting(NAN, nan=True, help="largest steering angle in rad; absent: minus `min_position`")
-    min_position: float = setting(NAN, nan=True, help="smallest steering angle in rad; absent: minus `max_position`")
+    max_position: float = setting(
+        NAN, nan=True, help="upper limit of the steering angle in rad; absent: minus `min_position`"
+    )
+    min_position: float = setting(
+        NAN, nan=True, help="lower limit of the steering angle in rad; absent: minus `max_position`"
+    )
     max_velocity: float = setting(NAN, low=0.0, nan=True, help="limit of the steering velocity in rad/s")
     max_acceleration: float = setting(
         NAN, low=0.0, nan=True, help="half of the limit of the steering acceleration in rad/s^2, as upstream applies it"

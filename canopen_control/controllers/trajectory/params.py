@@ -200,7 +200,9 @@ class JointGains(LoopGains):
     """
 
     p: float = setting(0.0, help="proportional gain of the loop; only for velocity and effort commands")
-    ff_velocity_scale: float = setting(0.0, help="factor of the trajectory's velocity, which is added to the command")
+    ff_velocity_scale: float = setting(
+        0.0, help="factor with which the velocity of the trajectory is added to the command"
+    )
     i_clamp: float = setting(math.inf, help="limit of the integral in both directions (deprecated)")
 
     @property
@@ -284,7 +286,7 @@ class TrajectoryParams(CommonParams):
         (), help="command interfaces: position, velocity, acceleration or effort, or a valid combination of them"
     )
     state_interfaces: tuple[str, ...] = setting(
-        (), help="state interfaces: position, or position with velocity and acceleration"
+        (), help="state interfaces: position, optionally with velocity, or with velocity and acceleration"
     )
     initial_scaling_factor: float = setting(
         1.0,
