@@ -299,7 +299,7 @@ class EmcyProducer:
 
     @property
     def history(self) -> tuple[int, ...]:
-        """History 0x1003 from subindex 1, newest first.
+        """History of errors (0x1003) from subindex 1 on, newest first.
 
         The error code is in bits 0 to 15, two manufacturer-specific bytes above it.
         """
@@ -311,7 +311,7 @@ class EmcyProducer:
         return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
-        """Activate and report an error; return False if it is already active."""
+        """Activate and report an error; return False if the error is already active."""
         # CiA 301, 7.2.7: an error is sent once when it occurs
         if code in self._active:
             return False
@@ -369,7 +369,7 @@ class EmcyProducer:
             self._put(self._waiting.popleft(), now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next message, None if none waits."""
+        """Return the time of the next message, None if no message is waiting."""
         return self._ready_ns if self._waiting else None
 
     def frames(self) -> list[CanFrame]:

@@ -32,7 +32,7 @@ class GuardingEventKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GuardingEvent:
-    """Guarding event `kind` of `node_id`; `state` is the last state received, None if none was received or known."""
+    """Guarding event `kind` of `node_id`; `state` is the last state received, None if it is unknown."""
 
     kind: GuardingEventKind
     node_id: int
@@ -115,7 +115,7 @@ class GuardingMaster:
             node.deadline_ns += nanoseconds
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next remote frame or timeout."""
+        """Return the time of the next remote frame or timeout, None if no node is guarded."""
         times = [node.poll_ns for node in self._nodes.values()]
         times += [node.deadline_ns for node in self._nodes.values() if not node.missed]
         return min(times, default=None)

@@ -103,7 +103,7 @@ class HeartbeatProducer:
 
 
 class HeartbeatEventKind(enum.Enum):
-    """Kind of a heartbeat event; BOOT_UP is reported for every node, the others for monitored ones."""
+    """Kind of a heartbeat event; BOOT_UP is reported for every node, the other kinds for monitored nodes."""
 
     STARTED = "started"
     CHANGED = "changed"
@@ -217,8 +217,8 @@ class HeartbeatConsumer:
             self.unknown += 1
             return
         node = self._nodes.setdefault(node_id, _Node())
-        # a heartbeat after its deadline resolves a timeout instead of hiding it; one that waited in the queue was not
-        # late
+        # a heartbeat after its deadline resolves a timeout instead of hiding it; a heartbeat that waited in the queue
+        # was not late
         self._check(node_id, node, now if since is None else since)
         age = 0 if node.last_ns is None else now - node.last_ns
         node.last_ns = now

@@ -117,7 +117,7 @@ class _Ask(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class LssRequest:
-    """One LSS service call: `result` is valid when `done` without `error`; `context` is free for the owner."""
+    """One LSS service call; `result` is valid once it is `done` and `error` is None; the owner may use `context`."""
 
     name: str
     result: LssResult = None
@@ -249,7 +249,7 @@ class LssMaster:
             self._advance(job, now)
 
     def tick(self, now: int) -> None:
-        """Send the next request, or finish the current one whose time has elapsed."""
+        """Send the next request, or stop waiting for an answer when its time has elapsed."""
         if not self._jobs:
             return
         job = self._jobs[0]
@@ -257,7 +257,7 @@ class LssMaster:
             self._advance(job, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next request or timeout; 0 means at once."""
+        """Return the time of the next request or timeout; 0 means at once, None that no service waits."""
         if not self._jobs:
             return None
         job = self._jobs[0]

@@ -240,7 +240,7 @@ class NmtConfirmed:
 
 @dataclass(frozen=True, slots=True)
 class NmtUnconfirmed:
-    """Missing confirmation: `node_id` did not enter the requested state after `tries` commands; it is in `state`."""
+    """Missing confirmation: `node_id` did not enter the requested state after `tries` commands, but is in `state`."""
 
     node_id: int
     command: NmtCommand

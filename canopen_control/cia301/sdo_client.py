@@ -1,4 +1,4 @@
-"""SDO client of one server: a queue of requests, and the phases of the current one (CiA 301, 7.2.4).
+"""SDO client of one server: a queue of requests, and the phases of the current request (CiA 301, 7.2.4).
 
 A server has one client with one outstanding request; the other requests wait in their order, each with a timeout that
 starts when its first frame is sent. A phase decides which frames are answers to the request: command specifier and
@@ -318,7 +318,7 @@ class SdoClient:
             self._exchange.report(request, error)
 
     def cancel_all(self, error: CanopenError) -> None:
-        """End all requests with `error`, including waiting ones."""
+        """End the active request and all waiting requests with `error`."""
         self._exchange.cancel(error)
         while self._queue:
             self._exchange.report(self._queue.popleft(), error)
@@ -337,7 +337,7 @@ class SdoClient:
 
     @property
     def waiting(self) -> int:
-        """Number of requests waiting behind the active one."""
+        """Number of requests that wait for the end of the active request."""
         return len(self._queue)
 
     @property
@@ -374,7 +374,7 @@ class SdoClient:
                 self._next(now)
 
     def receive_records(self, records: bytes, start: int, now: int) -> int:
-        """Receive several records from byte `start` on at once, with the same result as one by one.
+        """Process several frame records from byte `start` on at once, as if each were passed to `receive`.
 
         Return the number of records processed; if it is 0, pass the first record to `receive`.
         """

@@ -75,7 +75,7 @@ def crc16(data: bytes | bytearray) -> int:
 # The cost per segment does not depend on Python's speed. All other frames are processed one by one.
 
 
-SHORTEST_RUN: Final = 4  # fewer segments are as fast one by one
+SHORTEST_RUN: Final = 4  # fewer segments are processed as fast one by one
 _ID_SIZE: Final = 4  # bytes of a record's can_id
 _NUMBER_AT: Final = 8  # offset of the first data byte in a record
 _FRAME_DATA: Final = struct.Struct("8s")

@@ -239,7 +239,7 @@ class LateAnswerGuard:
         self.pending: dict[bytes, None] = {}  # only the keys are used, as an ordered set
 
     def add(self, mux: bytes) -> None:
-        """Add an abandoned request."""
+        """Add the multiplexer of an abandoned request."""
         self.pending.setdefault(mux)
 
     def answered(self, mux: bytes) -> None:
@@ -265,7 +265,7 @@ _UNARMED: Final = 0  # deadline of a request whose time is unknown; the next tic
 
 
 class Transfer(Protocol):
-    """Segmented or block transfer after an initiate."""
+    """Segmented or block transfer after an initiate request."""
 
     @property
     def toggle_suspect(self) -> bool:
@@ -329,7 +329,7 @@ _PAUSING: Final = Pausing()
 
 
 class SdoTransfer:
-    """Active request of a client, with its phase.
+    """State of a client's transfers: the active request with its phase, and late answers.
 
     `first_phase` starts a try. The client fetches `out`, the frames to send, and `finished`, the ended requests. `mux`
     and `first` are the multiplexer and the first frame of the current try.
@@ -511,7 +511,7 @@ class SdoTransfer:
             self.handle_abort(request, code, now)
 
     def handle_timeout(self, request: SdoRequest, now: int) -> None:
-        """Abort a try after a timeout, and start another one or end the request."""
+        """Abort a try after a timeout, then start another try or end the request."""
         budget = self._retry_budget()
         budget.waited_ns += request.timeout_ns
         broke_off = self._program_started(request)
@@ -535,11 +535,11 @@ class SdoTransfer:
         self._send_abort(code)
 
     def _may_disappear(self, request: SdoRequest, code: int, budget: RetryBudget) -> bool:
-        """Whether a busy abort may disappear after a pause: an upload is repeated once, a download longer.
+        """Whether a busy abort may disappear after a pause: an upload is repeated once, a download repeatedly.
 
-        A write may have to wait for the device. A read only waits if the server serves another client. Some servers
-        answer every object without a value with 0x060A0023 (LocalNode of canopen), so that a code which a pause did not
-        change is final from then on.
+        A write may have to wait for the device. A read only waits if the server is busy with another client. Some
+        servers answer every object without a value with 0x060A0023 (LocalNode of canopen), so that a code which a pause
+        did not change is final from then on.
         """
         if request.is_write:
             return True

@@ -92,7 +92,7 @@ class SegmentReceiver:
         return DONE if last and code == PROGRESS else code
 
     def _length_error(self, length: int, last: bool) -> int:
-        """Return PROGRESS, or the abort code for an object of `length` bytes, which is final if `last`."""
+        """Return PROGRESS, or the abort code for a wrong length; `length` is final if `last`."""
         size = self._size
         # CiA 301, table 22: 0x05040005, out of memory
         if length > self._limit:
@@ -158,7 +158,7 @@ class BlockReceiver(SegmentReceiver):
         self._in_order += 1
         self._buffer += data[1:]
         self._complete = data[0] & LAST_FLAG != 0
-        # Only the last segment has padding, and only that of an empty object consists of it.
+        # Only the last segment has padding, and only the segment of an empty object consists of padding alone.
         at_least = len(self._buffer) - SEGMENT_DATA + (len(self._buffer) > SEGMENT_DATA)
         if (code := self._length_error(at_least, last=False)) != PROGRESS:
             return code
@@ -200,7 +200,7 @@ class BlockSender:
 
     def __init__(self, cob_id: int, data: bytes, crc: bool, block_size: int) -> None:
         self._cob_id, self._data, self._crc, self._block_size = cob_id, data, crc, block_size
-        self._total = max(1, -(-len(data) // SEGMENT_DATA))  # segments; an empty object has one
+        self._total = max(1, -(-len(data) // SEGMENT_DATA))  # segments; an empty object has one segment
         self._first = 0  # index of the first segment of the current sub-block
         self._sent = 0  # number of segments in it
         self._stuck = 0  # acknowledgements in a row of 0 segments
@@ -262,7 +262,7 @@ class SegmentedUpload(SegmentReceiver):
         out.append(_frame(cob_id, _REQUESTS, 0))
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment of the server."""
+        """Process a segment from the server."""
         if data[0] & COMMAND_MASK != SEGMENT or out:  # an answer cannot precede its request
             return IGNORED
         if data[0] & TOGGLE != self._toggle:
@@ -303,7 +303,7 @@ class SegmentedDownload:
         return min(self._offset, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a confirmation of the server."""
+        """Process the server's confirmation of a segment."""
         # CiA 301, 7.2.4.3.4: scs 1, the answer to a download segment
         if data[0] & COMMAND_MASK != DOWNLOAD_SEGMENT_ANSWER or out:
             return IGNORED
@@ -414,7 +414,7 @@ class ServedDownload(SegmentReceiver):
         return command & COMMAND_MASK == SEGMENT
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment of the client."""
+        """Process a segment from the client."""
         if out:
             return IGNORED  # a copy by the bus: the client cannot have the answer yet
         if data[0] & TOGGLE != self._toggle:  # CiA 301, 7.2.4.3.4: it alternates

@@ -1,6 +1,6 @@
 """SYNC object, producer and consumer, and TIME object (CiA 301, 7.2.5, 7.2.6, 7.5.2.5 to 7.5.2.7, 7.5.2.22).
 
-Without a counter (0x1019 = 0) a SYNC has no data. With an overflow value n of 2 to 240 it carries one byte that
+Without a counter (0x1019 = 0) a SYNC has no data. With an overflow value n of 2 to 240 it has one byte that
 counts from 1 to n and starts again at 1. A SYNC of the wrong length is reported for EMCY 0x8240 and still counts as a
 SYNC without counter, as in other stacks, because its timing is valid.
 """

@@ -35,7 +35,7 @@ class CheckTouch(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Conformance check; `run` raises CheckFailed or NotApplicable, `group` is the document (301, 302, 305 ...)."""
+    """Conformance check; `run` raises CheckFailed or NotApplicable, `group` is the document number, such as "301"."""
 
     id: str
     group: str

@@ -142,7 +142,7 @@ class CheckedNode:
 
     @contextmanager
     def operational(self) -> Iterator[None]:
-        """Context in which the node is OPERATIONAL, then PRE-OPERATIONAL; frames received at the start are kept."""
+        """Context with the node OPERATIONAL, on exit PRE-OPERATIONAL; frames received at the start are kept."""
         self.nmt(NmtCommand.START)
         try:
             yield

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 DRIVES = 402  # low word of 0x1000
-STEP_S = 0.005  # between two looks at an object
+STEP_S = 0.005  # between two uploads of an object
 LIMIT_S = 10.0  # longest time of a transition, or of a change of mode
 _STANDING = (OperationMode.PV, OperationMode.PP, OperationMode.CSV, OperationMode.CSP)
 SOD, RTSO, ON, OE = State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
@@ -130,7 +130,7 @@ def select_standstill_mode(node: CheckedNode) -> None:
 
 @contextmanager
 def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
-    """Context with the drive in state `goal` and the node OPERATIONAL; on exit the drive is disabled again."""
+    """Context with the node OPERATIONAL, the drive in state `goal`; on exit drive off and mode restored."""
     is_drive(node)
     with node.operational():
         before = node.read(o.MODES_OF_OPERATION)

@@ -24,7 +24,7 @@ _CONCISE = 0x1F22
 _PROGRAM, _CONTROL, _IDENTIFICATION, _FLASH = 0x1F50, 0x1F51, 0x1F56, 0x1F57
 _NODES = 127
 _STATES = (0, 1, 2, 3)  # of 0x1F51: stopped, running, reset, cleared
-_OWN_STATES = 0x80  # from here on those of a manufacturer
+_OWN_STATES = 0x80  # states from here on are manufacturer-specific
 
 
 @_add("G01", "302-2, object 0x1F80", "0x1F80 has four bytes, and its reserved bits 7 to 31 are 0")

@@ -25,7 +25,7 @@ _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 
 
 class MasterCheck(NamedTuple):
-    """Check of a master: `expected` is the expected behaviour, `occasion` the reason why it was not tested."""
+    """Check of a master: `expected` is the expected behaviour, `occasion` the reason given if it was not tested."""
 
     id: str
     group: str
@@ -138,7 +138,7 @@ class _Finding:
 
 
 class MasterFindings:
-    """Findings of the checks; `log` contains the last frames except SYNC, formatted as in `CheckedNode`."""
+    """Findings of the checks; `log` contains the last recorded frames, formatted as in `CheckedNode`."""
 
     def __init__(self) -> None:
         self.now = self.begin = 0

@@ -180,7 +180,7 @@ class ConfigurationObserver(MasterObserver):
             return
         entries = self._entries.get(record)
         if entries is None:
-            return  # the entries that the device has are taken as they are
+            return  # the master uses the present entries of the device
         text = f"{value} to 0x{record:04X}:00 after entries {', '.join(map(str, sorted(entries))) or 'none'}"
         expect(not entries or entries == set(range(1, value + 1)), "MC09", text)
 

@@ -274,7 +274,7 @@ class ReactionObserver(MasterObserver):
                 self._contacts.append(now)
 
     def controlword(self, word: int, now: int) -> None:
-        """Record a controlword and the first change of it."""
+        """Record a controlword; the first changed controlword counts as a reaction of the master."""
         self._word = word
         stage = self.stage
         if stage is None:

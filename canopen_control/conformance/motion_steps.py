@@ -148,7 +148,7 @@ def _return(node: CheckedNode, motion: Motion) -> None:
 
 
 class DriveSample(NamedTuple):
-    """State of the drive at a time in s."""
+    """State of the drive at the time `seconds`."""
 
     seconds: float
     position: int
@@ -182,7 +182,7 @@ def until(
 
 
 def watch(node: CheckedNode, motion: Motion, seconds: float) -> list[DriveSample]:
-    """Return the samples of the next `seconds`."""
+    """Sample the state of the drive for `seconds`, and return the samples."""
     samples = [sample(node, motion)]
     while samples[-1].seconds - samples[0].seconds < seconds:
         node.listen(STEP_S)

@@ -97,7 +97,7 @@ class ConformanceReport:
         )
 
     def count(self, verdict: str) -> int:
-        """Return the number of results with a verdict."""
+        """Return the number of results with the given verdict."""
         return sum(result.verdict == verdict for result in self.results)
 
 

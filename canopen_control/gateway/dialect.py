@@ -233,7 +233,7 @@ def _open_bytes(type_name: str, raw: bytes) -> bytes:
     elif (match := _BASE64.fullmatch(raw)) is not None:
         try:
             data = binascii.a2b_base64(match[1] + b"=" * (-len(match[1]) % 4))
-        except binascii.Error:  # one letter alone holds less than a byte
+        except binascii.Error:  # a single letter encodes less than a byte
             data = b""
     if not data:
         raise GatewayRefusal(SYNTAX)
@@ -508,7 +508,7 @@ class GatewayDialect:
             self.timeout_ms = value
         elif what == b"sdo_block":
             self.block = bool(value)
-        return self.ok()  # `network` is accepted: there is one net, as in CANopenNode's usual build
+        return self.ok()  # `network` is accepted: there is a single net, as in CANopenNode's usual build
 
     def _lss(self, line: _Line, verb: str) -> GatewayRequest:
         numbers: list[int] = []

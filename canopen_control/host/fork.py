@@ -111,7 +111,7 @@ def fork(
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):  # closed, or gone
             stream.flush()
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # handlers of ours must not run in it
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())  # our handlers must not run in the child
     try:
         pid = os.fork()
         if pid:
@@ -172,7 +172,7 @@ def _reset_descriptors(output: int | None, keep: Collection[int]) -> None:
         os.dup2(output or 0, number)
     for number in [int(entry) for entry in os.listdir("/proc/self/fd")]:
         if number > 2 and number not in keep:
-            with contextlib.suppress(OSError):  # that of the listing
+            with contextlib.suppress(OSError):  # the descriptor of the listing is closed already
                 os.close(number)
 
 
@@ -211,16 +211,16 @@ def _show(argv: Sequence[str], environment: Mapping[str, str]) -> None:
     In this memory the environment follows the command line, and is not used any more. A command line that does not have
     a zero byte at its old end is shown as one string (proc_pid_cmdline(5)), so that its words are separated by spaces.
     """
-    with contextlib.suppress(OSError, ValueError, IndexError):  # a kernel without it shows the parent's
+    with contextlib.suppress(OSError, ValueError, IndexError):  # an older kernel shows the parent's command line
         with open("/proc/self/stat", "rb") as file:
             fields = file.read().rpartition(b")")[2].split()
-        start, arg_end, _, end = map(int, fields[_ARG_START - 3 : _ENV_END - 2])  # the first one is field 3
+        start, arg_end, _, end = map(int, fields[_ARG_START - 3 : _ENV_END - 2])  # the first element is field 3
         words = [word.encode(errors="surrogateescape") for word in argv]
         fits = sum(map(len, words)) + len(words) <= arg_end - start
         title = (b"\0" if fits else b" ").join(words).ljust(arg_end - start - 1, b"\0")
         variables = [f"{name}={value}".encode(errors="surrogateescape") for name, value in environment.items()]
         text = title[: end - start - 1] + b"\0"
-        for variable in sorted(variables, key=len):  # a longer command line leaves no place for the longest ones
+        for variable in sorted(variables, key=len):  # a longer command line leaves no space for the longest variables
             text += variable + b"\0" if len(text) + len(variable) < end - start else b""
         with open("/proc/self/mem", "r+b", buffering=0) as memory:
             memory.seek(start)

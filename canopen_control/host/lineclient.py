@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 MAX_LINE: Final = 1 << 20
 MAX_REQUEST: Final = 1 << 16
 MAX_VALUES: Final = 4096  # of a request: the decoding time depends on the number of values, not of bytes
-_COSTLY: Final = b",[{\\"  # each value, or letter, that takes time is accompanied by one of these
+_COSTLY: Final = b",[{\\"  # every value, or escaped letter, that takes time contains one of these
 
 
 def too_many_values(line: bytes) -> bool:
@@ -47,7 +47,7 @@ class LineBuffer:
         self.overflow = False
 
     def feed(self, data: bytes) -> None:
-        """Append the next piece of the stream."""
+        """Append the next bytes of the stream."""
         if not self.overflow:
             self._data += data
 

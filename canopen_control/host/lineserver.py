@@ -75,7 +75,7 @@ class Connection:
 
     @property
     def pending(self) -> int:
-        """Number of bytes that wait to be sent."""
+        """Number of bytes in the send buffer."""
         return len(self._output)
 
     def fileno(self) -> int:
@@ -323,7 +323,7 @@ class LineServer:
                 return
             self._admit(sock)
             if full:
-                return  # the next turn shows whether another place is needed
+                return  # the next turn shows whether another connection must be closed
 
     def _pause(self) -> None:
         self.reactor.remove_reader(self._socket)

@@ -83,7 +83,7 @@ class MarkedSelector(selectors.BaseSelector):
         ]
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
-        """Return the ready numbers that are registered as epoll does, each as readable."""
+        """Return the numbers that are registered and ready, each with the mask of readable, as epoll does."""
         marked, keys = self.marked, self._keys
         if not marked:
             return ()

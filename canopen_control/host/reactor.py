@@ -116,7 +116,7 @@ class Reactor:
         self._wake_out.setblocking(False)
         self.add_reader(self._wake_in, self._on_wake)
         if self._alarm is not None:
-            # Setting the alarm clears it, and it is set before every wait: it need not be read.
+            # The alarm is set before every wait, which clears an earlier firing: it need not be read.
             self._selector.register(self._alarm.fileno(), _READ, None)
 
     def __enter__(self) -> Reactor:

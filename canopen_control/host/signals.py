@@ -115,5 +115,5 @@ def _imports(frame: FrameType | None) -> bool:
 def block_for_exec() -> None:
     """Keep SIGINT and SIGTERM pending across `exec`, until `ProcessSignals.begin` of the new program."""
     signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
-    if _stop_timer():  # one came during an import
+    if _stop_timer():  # a signal came during an import
         raise KeyboardInterrupt

@@ -252,7 +252,7 @@ def listen(path: Path, backlog: int = 64) -> socket.socket:
 
     End it with `close_listener`, which removes the file too.
     """
-    # not the lock of `path` itself: a starter may hold that one until the server listens
+    # not the lock of `path` itself, which a starter may hold until the server listens
     with lock(path.with_name(path.name + ".listen")):
         _remove_stale(path)
         sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -313,7 +313,7 @@ def close_listener(sock: socket.socket) -> None:
     """Remove the file of a listening socket, then close the socket; no-op if it is closed already."""
     if sock.fileno() < 0:
         return
-    # While the socket listens no process takes it for stale, so that the file still belongs to this socket.
+    # While the socket listens, no process treats the file as stale, so that it still belongs to this socket.
     with contextlib.suppress(OSError):
         os.unlink(sock.getsockname())
     sock.close()

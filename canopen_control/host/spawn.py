@@ -102,7 +102,7 @@ class Child:
 
     def kill(self) -> None:
         """Kill the child and the processes in its group (SIGKILL); no-op once the child has ended."""
-        # Until the child is waited for, its process id, and with it that of its group, is not reused.
+        # Until the child is waited for, its process id, which is also the group id, is not reused.
         if self._process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)

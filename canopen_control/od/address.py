@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _NUMBER = re.compile(r"(?:0[xX])?([0-9A-Fa-f]{1,4})(?::(?:0[xX])?([0-9A-Fa-f]{1,2}))?")
 _NAME_AND_SUB = re.compile(r"(.+):(?:0[xX])?([0-9A-Fa-f]{1,2})")
-_SHOWN = 5  # number of similar names offered for an unknown one
+_SHOWN = 5  # number of similar names offered for an unknown name
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,7 @@ _REFUSES_DOWNLOAD = 1  # bit of ObjFlags (CiA 306-1)
 
 
 class ConciseEntry(NamedTuple):
-    """One download of a concise DCF."""
+    """One download in a concise DCF: an address and the data for it."""
 
     index: int  # type: ignore[assignment] # hides tuple.index, which addresses do not need
     subindex: int

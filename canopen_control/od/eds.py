@@ -209,7 +209,7 @@ def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
         text = f"{_where(entry)} is {entry.data_type.name}; the number of entries is UNSIGNED8"
         report.warning(entry.line, "sub0-type", text)
     if entry.writable or entry.index in range(0x1600, 0x1800) or entry.index in range(0x1A00, 0x1C00):
-        return  # there it is the number of entries in use
+        return  # in these records subindex 0 is the number of entries in use
     if isinstance(entry.value, int) and entry.value != highest:
         text = f"{_where(entry)} says {entry.value}, the highest subindex described is {highest}"
         report.warning(entry.line, "sub0-count", text)
@@ -417,7 +417,7 @@ class EdsFile:
     encoding: str = "utf-8-sig"
 
 
-_State: TypeAlias = tuple[int, ...]  # of a file, by which a changed one is recognized
+_State: TypeAlias = tuple[int, ...]  # identity, size and times of a file, which show a change
 _cache: dict[str, tuple[_State, EdsFile]] | None = None
 
 

@@ -561,7 +561,7 @@ _COUNT_DEFAULTS = {"granularity": 8}
 _BIT_RATE = re.compile(r"baudrate_([0-9]{1,5})")
 _DUMMY = re.compile(r"dummy([0-9a-f]{4})")
 _COMMENT_KEY = re.compile(r"line([0-9]{1,9})")
-_HIGHEST_KBITS = 10_000  # a larger Baudrate is in bit/s, a smaller one in kbit/s as in CiA 306-1
+_HIGHEST_KBITS = 10_000  # a larger Baudrate is in bit/s, a smaller Baudrate in kbit/s as in CiA 306-1
 
 
 def read_device(sections: Sections, node_id: int | None, report: Report) -> ObjectDictionary:

@@ -115,7 +115,7 @@ class AnswerInvariants:
             self._reports.append((now, event))
 
     def reported(self, node_id: int, since: int, word: str = "") -> bool:
-        """Whether a reason about a node, or a warning that contains `word`, was reported since a time."""
+        """Whether the robot has reported a reason that concerns a node since a time, or an event with `word`."""
         axis = self._axes.get(node_id)
         if axis is None:
             return False

@@ -80,7 +80,7 @@ _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
 
 
 def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> list[Cell]:
-    """Return up to `most` uncovered cells for which a targeted schedule exists, spread over the table."""
+    """Return up to `most` uncovered pairs of state and fault that can be targeted, spread over the table."""
     empty = [cell for cell in cells_of(faults) if cell not in hit and cell[:2] in _WAYS]
     return [empty[number * len(empty) // most] for number in range(most)] if len(empty) > most else empty
 
@@ -88,7 +88,7 @@ def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> l
 def targeted_schedule(
     seed: int, cell: Cell, motions: Sequence[SampleMotion], nodes: Sequence[int]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the schedule for a cell; the seed determines the node, the values and the duration of the fault."""
+    """Return a schedule that injects the fault of `cell` in its state, with details determined by the seed."""
     machine, state, kind = cell
     draw = Random(f"{seed}/aimed").random
     way, armed = _WAYS[machine, state]
@@ -291,7 +291,7 @@ class Totals:
 
 
 class Campaign:
-    """Campaign of seeds of `duration_ns` each on a robot, with the named faults; breaches are minimised in `tries`."""
+    """Campaign of seeds of `duration_ns` each on a robot, with the named faults; `tries` limits the minimisation."""
 
     def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MOST_TRIES) -> None:
         self._tries = tries
@@ -301,7 +301,7 @@ class Campaign:
         self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
     def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
-        """Assign uncovered cells of state and fault to seeds; return the seeds to which a cell was assigned."""
+        """Assign uncovered pairs of state and fault to seeds; return the seeds to which a pair was assigned."""
         cells = cells_to_aim_at(hit, self._faults, len(seeds)) if self._nodes else []
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])

@@ -72,7 +72,7 @@ def _results(client: Client, campaign: Campaign, seeds: Sequence[int], address: 
     from cloudpickle import dumps
     from distributed import KilledWorker, as_completed
 
-    # as a task, so that it survives the worker that stores it
+    # a task, because the campaign must survive the worker that stores it
     packed = client.submit(_same, dumps(campaign), pure=False)
     futures = {client.submit(_run_seed, packed, seed, __version__, pure=False): seed for seed in seeds}
     for future in as_completed(futures, loop=client.loop):

@@ -53,7 +53,7 @@ class EventPlayer:
         self.refused = 0
         self.mistakes: list[ControlError] = []
         """Refusals of commands that are errors of the schedule, and not due to disabled drives or a latched STOP."""
-        self._requested: set[int] = set()  # the ids of acts, all of which are in `played`
+        self._requested: set[int] = set()  # ids of events that have sent a request; all of them are in `played`
         self.troubles: Counter[tuple[str, str]] = Counter()
         self.torn: list[str] = []
         self.clients = SimulatedClients(robot)
@@ -168,12 +168,12 @@ class EventPlayer:
                 self._later(act.for_ns, partial(wire.cut.discard, label))
 
     def bus_off(self, act: ScenarioEvent) -> None:
-        """Set the CAN controller of a member to bus-off for `for_ns`."""
+        """Set the CAN controller of the robot or of a drive to bus-off for `for_ns`."""
         for wire, label in self._members(act.target):
             wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
 
     def disturb_frames(self, act: ScenarioEvent) -> None:
-        """Lose, double or disturb every n-th frame of a member, or of all; n is the first value, by default 1."""
+        """Lose, double or disturb every n-th frame of the robot, a drive, or all; n is the first value, default 1."""
         for wire, label in self._members(act.target):
             rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
             rule = DropRule(label, every=int(act.values[0]) if act.values else 1)

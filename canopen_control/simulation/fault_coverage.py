@@ -130,14 +130,14 @@ def kind_of(act: ScenarioEvent) -> str:
 
 
 def cells_of(faults: Sequence[str]) -> list[Cell]:
-    """Return all cells for these faults of drives and all other kinds of faults, ordered by state and kind."""
+    """Return all pairs of state and fault, for these faults of drives and all other faults, in order."""
     names = [name for name, kind in KINDS.items() if kind.breaks and name != "fault"]
     kinds = sorted({*faults, *names})
     return [(machine, state, kind) for machine, states in STATES.items() for state in states for kind in kinds]
 
 
 def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
-    """Return a text with the number of covered cells of each state machine."""
+    """Return a text with the number of covered pairs of state and fault of each state machine."""
     hit_cells, all_cells = set(hit), cells_of(faults)
     counts = Counter(machine for machine, _, _ in all_cells)
     hits = Counter(cell[0] for cell in all_cells if cell in hit_cells)
@@ -170,14 +170,14 @@ def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
 
 
 class FaultCoverage:
-    """Counter of the cells in which faults occurred; call `troubled` for each event that begins."""
+    """Counter of the pairs of state and fault (cells) that occurred; call `troubled` for each event that begins."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self.cells: Counter[Cell] = Counter()
         self._robot = robot
 
     def troubled(self, act: ScenarioEvent) -> None:
-        """Count the cells of a fault event, each once even if several nodes are affected; ignore other events."""
+        """Count the pairs of state and fault of a fault event, once for all affected nodes; ignore other events."""
         if not KINDS[act.kind].breaks:
             return
         robot = self._robot

@@ -133,7 +133,7 @@ class MotionInvariants:
         """Check the shafts and drives now."""
         if self._robot.started_ns > self._enabled_ns:  # a start enables the drives once
             self._enabled_ns, self._stop = self._robot.started_ns, None
-            if self._latched:  # the robot restarts with the latch set
+            if self._latched:  # the robot restarts with STOP latched
                 self._stop_by(now, "a start with STOP latched", now + BOOT_NS)
             self._fresh = {"": self._enabled_ns + BOOT_NS}
         for stop in self._reasons(now):

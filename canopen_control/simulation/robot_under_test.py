@@ -233,7 +233,7 @@ class RobotUnderTest:
         self.host: Actor
         self.core: RobotCore
         self._times = 0
-        self._state = tempfile.TemporaryDirectory(prefix="canopen-control-")  # what outlives its process
+        self._state = tempfile.TemporaryDirectory(prefix="canopen-control-")  # files that outlive the robot's process
         self._boot()
         self.floor: SimulatedFloor | None = None
         if setup.physics and time is None:

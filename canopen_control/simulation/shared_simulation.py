@@ -90,7 +90,7 @@ class SharedSimulation:
 
     @property
     def outcome(self) -> SharedOutcome:
-        """Result so far."""
+        """Result of the simulation so far, of all robots together and of each robot."""
         outcomes = {name: run.outcome for name, run in self.runs.items()}
         return SharedOutcome(
             self.seed,
@@ -104,6 +104,6 @@ class SharedSimulation:
         )
 
     def close(self) -> None:
-        """Release all resources."""
+        """End all robots and drives, and delete their temporary files."""
         for run in self.runs.values():
             run.close()

@@ -120,7 +120,7 @@ class SimulatedWire:
         self._carry(label, pack_records([frame]), None)
 
     def bus_off(self, label: str, duration_ns: int = RESTART_NS) -> None:
-        """Set the controller of a label to bus-off, with an error frame, and restart it after `duration_ns`."""
+        """Set the CAN controller of the member `label` to bus-off, and restart it after `duration_ns`."""
         if label not in self._off:
             self._off.add(label)
             self._report(label, error_frames.bus_off_frame())

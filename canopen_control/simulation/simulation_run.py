@@ -104,7 +104,7 @@ class SimulationRun:
 
     @property
     def outcome(self) -> SimulationResult:
-        """Result so far."""
+        """Result of the run so far."""
         robot = self.robot
         digest = robot.digest
         return SimulationResult(
@@ -126,7 +126,7 @@ class SimulationRun:
         return f"{core.setup.name} never ran in {seconds:g} s: {why}"
 
     def close(self) -> None:
-        """Release all resources."""
+        """End the robot and the drives, close the served socket, and delete temporary files."""
         if self.served is not None:
             self.served.close()
         self.robot.close()

@@ -364,7 +364,7 @@ def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") 
 # goal is reported as reached, its joints are at its last point; if it is reported as missed, a joint is outside of its
 # tolerance; if all joints are at the last point, the goal ends. After a cancelled goal the joints stop with the
 # decelerations of the parameters or at once, unless there is a newer request; a goal that was ended by a stop reports
-# the stop. The shafts of undisturbed nodes are checked, with the tolerances of the controller's parameters. Times: ns.
+# the stop. The shafts of undisturbed nodes are checked with the tolerances of the controller's parameters.
 
 
 _LATE_NS: Final = 500 * _MS  # time after its end in which a reached goal must be reported
@@ -509,5 +509,5 @@ class GoalInvariants:
 
 
 def _all_within(off: dict[str, tuple[float, float]]) -> bool:
-    """Whether all joints are certainly within their tolerances."""
+    """Whether all joints are certainly within their tolerances; False if their errors are unknown."""
     return bool(off) and all(most < -_GOAL_SLACK for most, _ in off.values())

@@ -75,7 +75,7 @@ class _Followed:
         return self._slope
 
     def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
-        """Return the limits of 0x607D and the maximum velocity of 0x607F, 0 for none; updated every second."""
+        """Return the limits of 0x607D and the maximum velocity of 0x607F, 0 for none; they are read once a second."""
         if self._limits_of != (version := (drive, now // _CALM_NS)):
             objects = drive.objects
             low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
@@ -89,7 +89,7 @@ class _Followed:
         self.at, self.reported = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
-        """Move the range of speeds towards the range of the targets, with the drive's ramp."""
+        """Move the range of allowed speeds towards the range of the targets, with the drive's ramp."""
         if not self.at:
             self.low, self.high = min(speed, low), max(speed, high)
         else:

@@ -1,7 +1,7 @@
 """Virtual time: one clock for many reactors, each with its own wake-up delays and oscillator.
 
-No event is waited for: time advances at once to the next event. Events at the same nanosecond occur in the order of
-their scheduling, so that the same seed gives the same result. Times are in ns.
+Nothing waits in real time: the clock advances at once to the next event. Events at the same nanosecond occur in the
+order of their scheduling, so that the same seed gives the same result. Times are in ns.
 """
 
 from __future__ import annotations

@@ -113,14 +113,14 @@ class ConfigurationInvariants:
         if remote.boots == node.boots:
             return
         node.boots = remote.boots
-        # foreign frames do not excuse it
+        # foreign frames are no excuse for a wrong configuration
         disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)
         if disturbed and disturbed > now - _CALM_NS:
             return
         carried = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
         final = {write.address: write for write in node.plan.writes if write.address not in carried}
         wrong = [f"0x{write.index:04X}:{write.subindex:02X}" for write in final.values() if not _holds(device, write)]
-        since = self._robot.started_ns  # a drive that keeps another value is named by its boot
+        since = self._robot.started_ns  # a boot reports a drive that keeps another value
         wrong = [name for name in wrong if not self._answers.reported(node.plan.node_id, since, name)]
         if wrong:
             names = ", ".join(wrong)
@@ -191,7 +191,7 @@ def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
     entry = od.get(*write.address)
     value = device.get(*write.address)
     if entry is None or (write.pdo is not None and write.subindex == _TRANSMISSION and not entry.writable):
-        return True  # used as the node has it
+        return True  # the master uses the present value of the node
     if isinstance(value, int) and entry.data_type.is_integer:
         planned = int.from_bytes(write.data, "little", signed=entry.data_type.signed)
         if write.index in _RECORDS and write.subindex == 1:

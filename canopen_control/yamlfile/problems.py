@@ -71,7 +71,7 @@ class Problems:
 
     @property
     def warnings(self) -> list[Problem]:
-        """Warnings in the order of their lines."""
+        """Warnings in the order of their lines, without duplicates."""
         return sorted(self._warnings)
 
     def at(self, line: int, column: int, place: str, message: str) -> Problem:

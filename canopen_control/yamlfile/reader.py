@@ -163,7 +163,7 @@ def _root(text: str) -> yaml.Node | None:
         try:
             return yaml.compose(text, Loader=_FAST_LOADER)
         except (yaml.YAMLError, ValueError):
-            pass  # its message and place differ from PyYAML's, which are used below
+            pass  # message and position differ from those of PyYAML, which are used below
     return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
