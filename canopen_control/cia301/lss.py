@@ -141,7 +141,7 @@ class LssMaster:
     A service is a generator that yields its requests and returns its result. A missing answer is an error if one slave
     must answer, and a result if the service checks whether a slave exists. `timeout_ns` is the time for an answer,
     `scan_timeout_ns` the time that all slaves have for each request of a scan. Requests are sent at the next `tick`;
-    `events` returns the finished ones. Invalid arguments, and more than `queue_limit` waiting services, raise
+    `events` returns the finished requests. Invalid arguments, and more than `queue_limit` waiting services, raise
     LocalProtocolError. `stray` counts answers without a request.
     """
 
@@ -387,7 +387,7 @@ class LssActivateBitTiming:
 
 
 class LssSlave:
-    """LSS slave of one node; `node_id` is the active node id (255: none), `pending_node_id` the next one (CiA 305).
+    """LSS slave of one node; `node_id` is the active node id (255: none), `pending_node_id` the next node id (CiA 305).
 
     The slave is in the waiting state until the master switches all slaves, selects this slave by its identity, or finds
     it by fast scan; then it is in the configuration state. An unconfigured node activates a new node id when it returns

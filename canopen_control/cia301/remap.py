@@ -44,7 +44,7 @@ class PdoRules:
     """Checks of SDO writes to the parameters of one PDO; each returns the abort code, None if the write is accepted.
 
     `rtr_supported` concerns bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that does not
-    answer remote frames may require it. In an RPDO the bit is reserved, "do not care" (7.5.2.35): it is stored as
+    answer remote frames may require it. In an RPDO the bit is reserved, "do not care" (7.5.2.35): the bit is stored as
     written and ignored.
 
     `lookup` returns the attributes of an object or the reason why it cannot be mapped (NO_OBJECT, NO_SUBINDEX).

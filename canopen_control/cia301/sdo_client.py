@@ -3,8 +3,8 @@
 A server has one client with one outstanding request; the other requests wait in their order, each with a timeout that
 starts when its first frame is sent. A phase decides which frames are answers to the request: command specifier and
 multiplexer must match, and the request must have been sent, since an earlier frame can only be a copy of an older
-answer. There is one phase per kind of initiate, and one for segments and blocks. The consequences of answers and errors
-are in `sdo_exchange`.
+answer. There is one phase per kind of initiate request, and one phase for segments and blocks. The consequences of
+answers and errors are in `sdo_exchange`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Frame layouts of SDO, shared by client and server (CiA 301, 7.2.4.3).
 
-Every SDO frame has eight bytes, unused ones zero. Byte 0 is the command specifier, bytes 1 to 3 of an initiate and of
-an abort are the multiplexer (index little-endian, subindex). Client and server share only these layouts and the
-transfer of segments; their state machines are separate, so that tests of one against the other are meaningful.
+Every SDO frame has eight bytes; unused bytes are zero. Byte 0 is the command specifier, bytes 1 to 3 of an initiate
+request or an abort are the multiplexer (index little-endian, subindex). Client and server share only these layouts and
+the transfer of segments; their state machines are separate, so that tests of one against the other are meaningful.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> 
 
 
 class SyncProducer:
-    """Producer of SYNC frames: `frame` returns the next one; after `start` a timer sends one every `period_ns`, if set.
+    """Producer of SYNC frames: `frame` returns the next SYNC; after `start` a timer sends SYNC every `period_ns`.
 
     The frames are created once, so that the cycle allocates nothing. A reserved overflow value raises
     LocalProtocolError.

@@ -122,7 +122,7 @@ class CheckedNode:
         return list(self._frames)
 
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Return the first frame with an identifier, even one received before the call; None after `seconds`."""
+        """Return the first frame with an identifier, even if received before the call; None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
         self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
         self._check_bus()

@@ -92,7 +92,7 @@ def first_pdo(node: CheckedNode, base: int = RPDO) -> PdoRecord:
 
 
 def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
-    """Return the data of an RPDO with the present values of the mapped objects; NotApplicable if one is unreadable."""
+    """Return the data of an RPDO with the present values of the mapped objects; NotApplicable if unreadable."""
     image, shift = 0, 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)

@@ -102,7 +102,7 @@ class ConformanceReport:
 
 
 def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
-    """Return the checks of one document, or of "all", that `allowed` permits, in the order in which they run."""
+    """Return the checks of a document (`level`; "all": every document) that `allowed` permits, in order."""
     chosen = [check for check in CHECKS if level in ("all", check.group) and check.touch in allowed]
     return sorted(chosen, key=lambda check: ORDER.index(check.touch))
 

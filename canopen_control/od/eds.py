@@ -157,7 +157,7 @@ def _check_limits(entry: Entry, report: Report) -> None:
 
 
 def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
-    """Report a PDO, SYNC or EMCY COB-ID that is not allowed, and a PDO without one; `node_id` replaces $NODEID."""
+    """Report a COB-ID that a PDO, SYNC or EMCY must not have, and a PDO without COB-ID; `node_id` replaces $NODEID."""
     value = entry.value
     if not isinstance(value, int):
         if is_cob_id(*entry.address) and "defaultvalue" not in {key.lower() for key in entry.texts}:

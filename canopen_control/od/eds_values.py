@@ -70,7 +70,7 @@ def parse_number(text: str) -> Number:
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
-    """Parse `text` as a value of `data_type`; raise ValueError with a message if it is not a valid one.
+    """Parse `text` as a value of `data_type`; raise ValueError with the reason if the text is not valid.
 
     $NODEID counts as 0 if `node_id` is None.
     """

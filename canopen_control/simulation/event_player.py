@@ -198,7 +198,7 @@ class EventPlayer:
     # -- clients
 
     def command(self, act: ScenarioEvent) -> None:
-        """Publish a command for its duration; a newer publisher of the same controller replaces the present one."""
+        """Publish a command for its duration; a newer command for the same controller replaces it."""
         turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
         self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
 

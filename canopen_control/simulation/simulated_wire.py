@@ -96,7 +96,7 @@ class SimulatedWire:
         self._listeners.clear()
 
     def leave(self, port: SimulatedPort) -> None:
-        """Remove a port, and discard those of its frames that are not sent yet."""
+        """Remove a port, and discard the frames that the port has not sent yet."""
         if self._ports.pop(port.number, None) is not None:
             self._wire.forget(port.number)
             self.refilter()
