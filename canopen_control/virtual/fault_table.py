@@ -125,7 +125,7 @@ _ROWS = (
     Fault(25, "drive_fault", "axis", "enters FAULT because of over-temperature, which persists", "names the fault; after a reset it reports that the cause persists", switched=device.over_temperature),
     Fault(25, "short_circuit", "axis", "enters FAULT because of a short circuit, which persists", "names the fault; after a reset it reports that the cause persists", switched=device.short_circuit),
     Fault(25, "fault_reset_ignored", "axis", "ignores a fault reset", "reports this after its timeout", switched=device.reset_deaf),
-    Fault(26, "fault_needs_reset", "node", "stays in FAULT until its communication is reset", "offers the sequence: reset communication, boot, fault reset", switched=device.stubborn_fault),
+    Fault(26, "fault_needs_reset", "node", "enters FAULT with 0x8120, which can be cleared only after a reset of its communication", "offers the sequence: reset communication, boot, fault reset", switched=device.stubborn_fault),
     Fault(27, "transition_slow", "axis", "needs two seconds for every transition", "waits, and holds its targets", quirk="transition_slow=2"),
     Fault(28, "power_stage_off", "axis", "loses the supply of its power stage, without a fault", "reports this, stops all axes, and does not enable the drive by itself", switched=device.power_stage_off),
     Fault(28, "undervoltage", "axis", "enters FAULT because of undervoltage, which persists", "names the fault; after a reset it reports that the cause persists", switched=device.supply_low),

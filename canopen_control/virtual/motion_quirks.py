@@ -414,7 +414,7 @@ _HOMING_QUIRKS: Final[tuple[Quirk, ...]] = (
     ),
     Quirk(
         "homes_without_power",
-        "accepts homing methods 35 and 37 in every state",
+        "sets its home position by methods 35 and 37 in every state, even without power",
         _HOMING,
         "Trinamic, TMCM-1270 manual",
         _model(lambda _strength: {"homes_without_power": True}),
