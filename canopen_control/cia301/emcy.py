@@ -223,7 +223,7 @@ class EmcyMessage:
 
     @classmethod
     def parse(cls, frame: CanFrame, node_id: int | None = None) -> EmcyMessage | None:
-        """Return the message of `frame`, or None if the frame is no emergency message.
+        """Return the message of `frame`, or None if the frame is not an emergency message.
 
         Without `node_id` the COB-ID must be between 0x081 and 0x0FF. Frames of fewer than 3 bytes are rejected.
         """

@@ -1,9 +1,9 @@
 """Heartbeat protocol, for producer and consumer (CiA 301, 7.2.8.3.2).
 
 Monitoring of a node starts with its first heartbeat, not with `watch` or its boot-up. A boot-up suspends monitoring
-until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are no NMT
-state counts as a heartbeat with an unknown state. Bit 7, which is 0 in heartbeats, is masked; only 0x80 is neither a
-boot-up nor a heartbeat, and is counted as unknown.
+until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are not an
+NMT state counts as a heartbeat with an unknown state. Bit 7, which is 0 in heartbeats, is masked; only 0x80 is neither
+a boot-up nor a heartbeat, and is counted as unknown.
 """
 
 from __future__ import annotations

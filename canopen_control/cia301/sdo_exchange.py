@@ -376,7 +376,7 @@ class SdoTransfer:
         self.start_try(request, now)
 
     def receive(self, data: bytes, now: int) -> None:
-        """Receive the data of a frame of the server; a frame that is no answer to the request is counted as ignored."""
+        """Receive the data of a frame of the server; a frame that does not answer the request is counted."""
         if len(data) != 8 and not (data := completed(data)):
             self.ignored += 1
         elif data[0] != ABORT:

@@ -65,7 +65,7 @@ _TWOS = ValueIssue("number-sign", Severity.WARNING, "taken as two's complement")
 
 
 def parse_number(text: str) -> Number:
-    """Return the number in `text`; raise ValueError if the text is no number."""
+    """Return the number in `text`; raise ValueError if the text is not a number."""
     return _parse(text)
 
 

@@ -113,7 +113,7 @@ class ConfigurationInvariants:
         if remote.boots == node.boots:
             return
         node.boots = remote.boots
-        # foreign frames are no excuse for a wrong configuration
+        # foreign frames do not excuse a wrong configuration
         disturbed = max(self._disturbed.moved(node.plan.node_id), self._disturbed.deaf_at)
         if disturbed and disturbed > now - _CALM_NS:
             return
