@@ -81,6 +81,7 @@ def test_a_place_at_every_sync_is_followed_within_the_window(monkeypatch):
     assert made.broken == ["target_missed"] * 6
 
 
+@pytest.mark.sources
 def test_the_range_of_a_speed_grows_only_with_the_time_of_the_shaft():
     followed = _Followed(view=None)
     followed.ramp(-3000.0, -3000.0, 13000.0, S, speed=0.0)
