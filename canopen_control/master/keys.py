@@ -29,8 +29,8 @@ SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_v
 
 #: keys of ros2_canopen's `master` that have no effect here, and what replaces them
 UNUSED_MASTER = {
-    "driver": "this package is the master",
-    "package": "this package is the master",
+    "driver": "the master is this package",
+    "package": "the master is this package",
     "namespace": "options of the ROS bridge replace this key",
     "remappings": "options of the ROS bridge replace this key",
     "dcf_path": "no files are generated for the master",
@@ -104,8 +104,8 @@ MISNAMED_NODE = {
 #: keys of ros2_canopen's nodes that have no effect here, and what replaces them
 UNUSED_NODE = {
     "package": "every node is driven by this package",
-    "polling": "drives are read at every SYNC",
-    "period": "drives are read at every SYNC",
+    "polling": "drives are read every SYNC",
+    "period": "drives are read every SYNC",
     "non_transmit_timeout": "sending never blocks",
     "diagnostics": "diagnostics are always on",
     "enable_lazy_load": "nodes join when they appear",

@@ -91,7 +91,7 @@ def test_defaults_and_bounds_are_those_of_the_code(generate):
     text = generate.bus_yml()
     assert "| `node_id` | integer, 1 to 127 | required |" in text
     assert "| `heartbeat_multiplier` | number, 1 to 100 | `3.0` |" in text
-    assert "| `driver` | this package is the master |" in text
+    assert "| `driver` | the master is this package |" in text
 
 
 @pytest.mark.parametrize("api", [ROBOT, DRIVE, HUB], ids=lambda each: each.name)

@@ -192,7 +192,7 @@ def test_keys_of_the_other_stack_are_named_once(tmp_path):
     text = NESTED.replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      polling: true")
     bus = read_bus(write(tmp_path, text))
     assert [note for note in bus.notes if "polling" in note] == [
-        f"{bus.path}: polling: has no meaning here: drives are read at every SYNC"
+        f"{bus.path}: polling: has no meaning here: drives are read every SYNC"
     ]
 
 
