@@ -91,7 +91,7 @@ class _HeldAnswers:
 
 
 class MasterJudge:
-    """Virtual device and its observers, without I/O; `contacts` counts the frames for the device."""
+    """Test of a CANopen master without I/O: a virtual device, and observers that check the frames on its bus."""
 
     def __init__(self, node: VirtualNode, now: int) -> None:
         self.node, self.findings = node, MasterFindings()

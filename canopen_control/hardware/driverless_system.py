@@ -285,7 +285,7 @@ class SimulatedSystem(ComponentLifecycle):
 
     @property
     def changeable(self) -> bool:
-        """Whether an engine moves the joints, so that disturbances are possible."""
+        """Whether a physics engine moves the joints, so that disturbances can be applied."""
         return self._engine is not None
 
     def act(self, world_act: WorldAct) -> None:

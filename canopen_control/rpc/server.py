@@ -65,7 +65,7 @@ class ServerObserver(Protocol):
     """Observer of the accepted requests of a server, except requests that only read."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
-        """Process an accepted request, by method name and undecoded parameters."""
+        """Process a request that has been handled without error: its method name and undecoded parameters."""
 
 
 class Server(Generic[H, P]):

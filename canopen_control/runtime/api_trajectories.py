@@ -274,7 +274,7 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
 
 
 class GripperMethods:
-    """API methods for grippers; `keep` raises ControlError if no further permanent connection is allowed.
+    """API methods for grippers; `keep` raises ControlError if too many clients already subscribe or hold a command.
 
     `promise` receives the heartbeat period that a connection announces, or None.
     """

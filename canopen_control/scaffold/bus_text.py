@@ -323,7 +323,7 @@ def _pdo(use: PdoUse) -> list[str]:
 
 
 def _by_scale(node: NewNode) -> bool:
-    """Whether separate scales are needed: for position and velocity, or for each axis."""
+    """Whether bus.yml needs separate scale factors, either for position and velocity or for each axis."""
     units = {(joint.mirrored, joint.axis.counts, joint.axis.rpm) for joint in node.joints}
     return len(units) > 1 or any(_in_rpm(joint.axis) for joint in node.joints)
 

@@ -63,7 +63,7 @@ def _marks(low: float, high: float, most: int) -> Iterator[float]:
 
 
 def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the lines and numbers of the time grid."""
+    """Yield the SVG elements of the time grid: its lines and tick labels."""
     for mark in _marks(axis.begin, axis.end, 10):
         x = axis.x(mark)
         yield f'<line class="grid" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'

@@ -560,7 +560,7 @@ class Encoder(SensorDevice):
         return abs(self.gain(signal)) * (self.number((_STEPS, 0)) or 4096)
 
     def _counted(self, value: float, gain: float) -> float:
-        """Return the steps of a position, without preset and range."""
+        """Convert a position to encoder steps, before preset and measuring range are applied."""
         operation = int(self.number((_OPERATION, 0), _SCALING))
         single_turn = self.number((_SINGLE_TURN, 0))
         if not operation & _SCALING and single_turn:

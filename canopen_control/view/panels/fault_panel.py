@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FaultPanel:
-    """Panel that switches faults and quirks of a chosen virtual drive, and sets inputs of a virtual device."""
+    """Panel that turns faults and quirks of a virtual drive on and off, and sets the inputs of a virtual device."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
