@@ -187,8 +187,7 @@ def find_robot(
 ) -> RobotFiles:
     """Find the files of a robot; single options override the folder. RobotConfigError lists all missing files.
 
-    `arguments` are NAME:=VALUE for xacro. A ROS launch file adds arguments for xacro, and files that neither an option
-    nor the folder provides.
+    `arguments` are NAME:=VALUE for xacro. A ROS launch file adds some, and files that no option and no folder provides.
     """
     if config == "" or all(option is None for option in (config, bus, controllers, description, launch)):
         raise _not_given(", or its three files")
