@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 _HEARTBEATS = 2.5  # heartbeat periods for which a heartbeat is awaited
-_LONGEST_S = 3.0
+_SHORTEST_S, _LONGEST_S = 0.5, 3.0  # a busy computer reads a heartbeat late
 _HEARTBEAT = (0x1017, 0)
 _NMT_S, _RESET_S = 0.3, 3.0  # time in which a node must show a state
 _MUTE_S = 0.02  # for a node without heartbeat: only a pause before the next request
@@ -214,7 +214,8 @@ class BusTransfers(Transfers):
             period_ms = 0
         self._mute = not period_ms
         if period_ms and bus.states.get(node_id) is None:
-            bus.serve([], lambda: bus.states.get(node_id) is not None, min(_LONGEST_S, _HEARTBEATS * period_ms / 1e3))
+            seconds = min(max(_SHORTEST_S, _HEARTBEATS * period_ms / 1e3), _LONGEST_S)
+            bus.serve([], lambda: bus.states.get(node_id) is not None, seconds)
         return bus.states.get(node_id)
 
     def taken_out(self) -> bool:
