@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import inspect
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,12 @@ def test_a_public_name_is_found_and_says_what_it_is(name):
     found = getattr(canopen_control, name)
     assert found.__name__ == name
     assert (found.__doc__ or "").strip()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_public_method_is_documented(name):
+    methods = inspect.getmembers(getattr(canopen_control, name), inspect.isfunction)
+    assert [method for method, code in methods if method[0] != "_" and not inspect.getdoc(code)] == []
 
 
 def test_dir_lists_what_is_public():
