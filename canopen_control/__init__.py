@@ -1,7 +1,7 @@
 """CANopen and CiA 402 drives for robots: master, virtual drives and ros2_control's world in Python.
 
-`Robot` is the library: `Robot.from_config("robby")` is a robot of this program, `Robot.attach("robby")` a running one.
-What stands in `__all__`, and the exceptions of `canopen_control.errors`, are the public surface; all else is internal.
+`Robot.from_config("robby")` creates a robot in this process, `Robot.attach("robby")` connects to a running robot.
+The names in `__all__` and the exceptions in `canopen_control.errors` are public; everything else is internal.
 """
 
 from __future__ import annotations

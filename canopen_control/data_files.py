@@ -16,7 +16,7 @@ def _folder(kind: str) -> Path:
 
 
 def data_path(kind: str, name: str) -> Path:
-    """Return the path of `name` among the bundled files of `kind` ("eds" or "config"); it may not exist."""
+    """Return the path of the bundled file `name` of `kind` ("eds" or "config"), also if there is no such file."""
     return _folder(kind) / name
 
 
@@ -26,7 +26,7 @@ def data_names(kind: str) -> list[str]:
 
 
 def read_limited(path: Path, limit: int) -> bytes:
-    """Return the bytes of a file; ValueError before reading if it has more than `limit`, or is not a regular file.
+    """Return the bytes of a regular file; ValueError for a folder, a device, or more than `limit` bytes.
 
     OSError as raised by `open`.
     """

@@ -91,7 +91,7 @@ class CanopenError(Exception):
 
     @property
     def of_usage(self) -> bool:
-        """Whether the error is in the user's input, so that nothing was done and the command line exits with 2."""
+        """Whether the error is in the user's input: nothing was done, and the command line exits with code 2."""
         return isinstance(self, _OF_USAGE)
 
 
@@ -140,7 +140,7 @@ class BusClosed(BusError):
 
 
 class BusOff(BusError):
-    """Bus-off: the CAN controller left the bus after too many errors."""
+    """CAN controller in the bus-off state, after too many transmission errors."""
 
     def __init__(self, channel: str) -> None:
         self.channel = channel
@@ -148,7 +148,7 @@ class BusOff(BusError):
 
 
 class InterfaceNotFound(BusError):
-    """Missing channel; `hint` is the advice to the user."""
+    """CAN channel that does not exist; `hint` is the advice to the user."""
 
     def __init__(self, name: str, hint: str = "") -> None:
         self.name, self.hint = name, hint
@@ -203,7 +203,7 @@ class SdoAbort(RemoteProtocolError):
 
 
 class SdoTimeout(RemoteProtocolError):
-    """Missing answer of an SDO server; `seconds` is the total timeout of all tries."""
+    """SDO request without an answer; `seconds` is the total timeout of all attempts."""
 
     hint = "is the node powered and its node id right?"
 
@@ -216,7 +216,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """Missing answer of an SDO server whose node is STOPPED, an NMT state without SDO (CiA 301, table 38)."""
+    """SDO request to a node in NMT state STOPPED, which answers no SDO (CiA 301, table 38)."""
 
     hint = "its heartbeat says NMT STOPPED, where a node answers no SDO; `nmt preop` or `nmt start` ends that"
 
@@ -225,7 +225,7 @@ class SdoStopped(SdoTimeout):
 
 
 class SdoRestarted(RemoteProtocolError):
-    """Boot-up of a node during an SDO transfer, so that the transfer failed."""
+    """SDO transfer that failed because the node booted during the transfer."""
 
     def __init__(self, node_id: int, index: int, subindex: int, name: str = "") -> None:
         self.index, self.subindex = index, subindex
@@ -261,7 +261,7 @@ class BootError(RemoteProtocolError):
 
 
 class HeartbeatLost(RemoteProtocolError):
-    """Node whose last heartbeat is older than the heartbeat timeout; `age` is in s."""
+    """Node whose heartbeat has timed out; `age` is the time since the last heartbeat in s."""
 
     def __init__(self, node_id: int, age: float, name: str = "") -> None:
         self.age = age
@@ -281,7 +281,7 @@ class UnsupportedMode(DriveError):
 
 
 class ControlError(CanopenError):
-    """Error of a controller or of a command, switch or claim that is refused."""
+    """Error of a controller, or a refused command, switch or claim."""
 
 
 class InterfaceConflict(ControlError):
@@ -349,7 +349,7 @@ _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper",
 
 
 def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
-    """Return a suggestion `, did you mean 'x'?`, else a list of the known names if `listed`, else "".
+    """Return `, did you mean 'x'?` for a similar known name, else a list of the known names if `listed`, else "".
 
     The words of a name may be in another order; a name with the opposite meaning (left, right) is not suggested.
     """

@@ -164,5 +164,5 @@ def is_restricted(cob_id: int) -> bool:
 
 
 def can_id_of(entry: int) -> int:
-    """Return the identifier in a COB-ID entry (such as 0x1800:01) with the flag of a frame, without other bits."""
+    """Return the CAN identifier in a COB-ID entry (such as 0x1800:01), with EXTENDED_FLAG if it has 29 bits."""
     return entry & 0x1FFFFFFF | EXTENDED_FLAG if entry & EXTENDED_BIT else entry & 0x7FF

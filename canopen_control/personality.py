@@ -45,7 +45,7 @@ class PersonalityError(ConfigError):
 
 @dataclass(frozen=True)
 class DriveIdentity:
-    """Vendor-ID (0x1018:01) and product codes (0x1018:02); an empty list stands for all products of the vendor."""
+    """Vendor-ID (0x1018:01) and product codes (0x1018:02); an empty list means all products of the vendor."""
 
     vendor: int = setting(low=1, high=_MOST)
     products: list[int] = setting(factory=list, low=0, high=_MOST)
@@ -114,15 +114,15 @@ class Personality:
     here: Node
 
     def line_of(self, key: str) -> str:
-        """Return the file and the line of a key, as ``PATH:LINE``."""
+        """Return the location of a key in the personality file, as ``PATH:LINE``."""
         return f"{self.path}:{self.here.keys()[key].line}"
 
     def place(self, line: QuirkLine) -> str:
-        """Return the file and the line of a quirk, as ``PATH:LINE``."""
+        """Return the location of a quirk in the personality file, as ``PATH:LINE``."""
         return f"{self.path}:{line.here.line}"
 
     def fits(self, vendor: int | None, product: int | None) -> bool:
-        """Whether a vendor-ID and a product code are those of a drive with this personality."""
+        """Whether a drive with this vendor-ID and product code has this personality."""
         return any(
             identity.vendor == vendor and (not identity.products or product in identity.products)
             for identity in self.identity
@@ -175,7 +175,7 @@ def _vendors_of(name: str) -> frozenset[int]:
 
 
 def personality_of(vendor: int | None, product: int | None) -> Personality | None:
-    """Return the bundled personality of an identity (0x1018:01 and :02), None if there is none.
+    """Return the bundled personality for a vendor-ID and product code (0x1018:01 and :02), None if there is none.
 
     A personality that names the product takes precedence over a personality for all products of the vendor.
     """

@@ -172,7 +172,7 @@ class Robot:
         self._ask(messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode))
 
     def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Activate and deactivate controllers, all or none.
+        """Activate and deactivate controllers; if one switch is refused, no controller changes.
 
         Controllers that are already in the requested state are skipped; unloaded controllers are loaded and configured
         first.
@@ -326,14 +326,14 @@ _OF_THE_NODE: Final = ("SdoAbort", "SdoTimeout", "RemoteProtocolError")
 
 
 def _of_node(node: NodePlace, error: RemoteError) -> CanopenError:
-    """Return the local error for a failed SDO transfer: RemoteProtocolError for SdoAbort, SdoTimeout and the like."""
+    """Return the local error for a failed SDO transfer: RemoteProtocolError for SDO errors of the node."""
     if error.kind in _OF_THE_NODE:
         return RemoteProtocolError(node.node_id, str(error))
     return _as_here(error)
 
 
 def _as_here(error: RemoteError) -> CanopenError:
-    """Return the local error for a RemoteError, of the same class or the nearest suitable base class.
+    """Return the local exception for an error of the robot's process, of the same class or a base class.
 
     Only classes that can be constructed from a message alone are suitable; else the RemoteError itself is returned.
     """

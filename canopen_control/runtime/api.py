@@ -130,7 +130,7 @@ def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates
 
 
 def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReading:
-    """Return a hardware component as `list_hardware_components` of ROS 2 shows it.
+    """Return a hardware component in the form of ROS 2's `list_hardware_components`.
 
     Command interfaces are available while the component is active, state interfaces also while it is inactive.
     """
@@ -177,7 +177,7 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
 
 
 class ParameterMethods:
-    """API methods that get and set parameters; controllers declared by spawners are added to those of the file."""
+    """API methods that get and set parameters of controllers and of the controller manager."""
 
     def __init__(self, robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
         self._robot, self._spawned = robot, SpawnedControllers(robot.setup.controllers)
@@ -255,7 +255,6 @@ class SimulationMethods:
         return Simulation(seconds=seconds, paused=clock.paused, period=period, changeable=bool(self._worlds()))
 
     def _worlds(self) -> list[HardwareComponent]:
-        """Return the hardware components that move in a physics simulation."""
         return [component for component in self._robot.registry.components if component.changeable]
 
     def _get(self, call: Call[GetSimulation]) -> None:
@@ -348,11 +347,9 @@ class _Subscription:
         self.every, self.events, self.pdos, self.requests = 0, False, False, False
 
     def wants_state(self, cycle: int) -> bool:
-        """Whether the state must be sent after this cycle."""
         return self.every > 0 and cycle % self.every == 0
 
     def is_due(self, cycle: int) -> bool:
-        """Whether the state, or process data, may have to be sent after this cycle."""
         return self.pdos or self.wants_state(cycle)
 
 
@@ -360,11 +357,11 @@ class RequestObserver(Protocol):
     """Observer of the requests that a robot's clients send."""
 
     def requested(self, message: messages.RequestSeen) -> None:
-        """Process a request; the message has its time in Unix s."""
+        """Handle a client's request; `message` has the time in Unix s."""
 
 
 class ApiServer(RobotObserver):
-    """API server of one robot; creates its Unix socket and removes it in `close`, or uses the socket `listener`.
+    """API server of one robot on a Unix socket, which `close` removes; `listener` is an existing socket, if any.
 
     `observer` receives each request that was not refused at once, except requests that only read.
     """
@@ -395,7 +392,6 @@ class ApiServer(RobotObserver):
         robot.observers.append(self)
 
     def _answer(self) -> None:
-        """Register the handlers of the methods that this class implements."""
         robot, answers = self._robot, self._server.answers
         answers(messages.GetStatus, lambda call: call.reply(status_message(robot)))
         answers(messages.Subscribe, self._subscribe)
@@ -415,7 +411,6 @@ class ApiServer(RobotObserver):
         answers(messages.PublishEvent, self._report)
 
     def close(self) -> None:
-        """Send the waiting events, close all connections and remove the socket."""
         self._flush_events()
         self._server.close()
 
@@ -430,11 +425,11 @@ class ApiServer(RobotObserver):
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
     def _keeps(self, connection: Connection) -> bool:
-        """Whether a connection may stay idle: it has a subscription, or a command that ends with the connection."""
+        """Whether a connection may stay idle: a client subscribes, or holds a command that ends with the connection."""
         return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
-        """Raise ControlError if too many connections are permanent, since `stop` and the like need the others."""
+        """Raise ControlError if too many connections are permanent, so that a `stop` always finds a free connection."""
         if (
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
@@ -444,7 +439,6 @@ class ApiServer(RobotObserver):
     # ------------------------------------------------------------------------------------------- what is pushed
 
     def after_cycle(self, now: int) -> None:
-        """Schedule due messages to subscribers, to be sent between this cycle and the next."""
         del now
         robot, watched = self._robot, self._subscriptions
         if robot.events.waiting or (
@@ -487,7 +481,7 @@ class ApiServer(RobotObserver):
             self._server.push(event_message(event, self._robot.wall_offset_ns), watchers)
 
     def sends_events_to(self, pid: int | None) -> bool:
-        """Return whether a client of this process has subscribed to events."""
+        """Whether a client in the process `pid` has subscribed to events."""
         return any(
             subscription.events and connection.pid == pid for connection, subscription in self._subscriptions.items()
         )
@@ -521,7 +515,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _require_interface(self, request: messages.CommandController) -> None:
-        """Raise ControlError if a request names another command interface than the controller uses now."""
+        """Raise ControlError if a request names a command interface that the controller does not use at present."""
         name, manager = request.controller, self._robot.manager
         takes = manager.get(name).interface if name in manager.states else None
         if takes is not None and request.interface not in (None, takes):
@@ -548,7 +542,7 @@ class ApiServer(RobotObserver):
         return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
-        """Return the connection whose loss must end the command; None if the request does not set `dead_man`."""
+        """Return the connection whose loss ends the command, None for a request without `dead_man`."""
         if not call.request.dead_man:
             return None
         self._keep(call.connection)

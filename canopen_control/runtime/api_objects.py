@@ -55,7 +55,7 @@ _MOST: Final = 64  # remembered pairs of a client and a node
 
 
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
-    """Return a text with a written value and its object; the number of bytes if the EDS does not describe the value."""
+    """Return a text such as `5 to 0x6060:00 Modes of operation`, with a byte count if the EDS lacks the object."""
     address, entry = f"0x{index:04X}:{subindex:02X}", od.get(index, subindex)
     padded = None if entry is None else fitted(data, entry.data_type)
     if entry is None or padded is None:
@@ -68,7 +68,7 @@ def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) 
 
 
 class WriteLog:
-    """Counter of consecutive SDO writes of each client to each node, for short event texts about many writes."""
+    """Event texts about SDO writes, shortened for many consecutive writes of a client to a node."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], tuple[int, int]] = {}  # number of writes, time of the last write
@@ -104,7 +104,7 @@ class _Watched:
         self.count, self.values = 0, tuple[Any, ...]()
 
     def changed(self) -> list[MappedValue]:
-        """Return the mapped objects whose values have changed since the last call; at first all of them."""
+        """Return the mapped objects whose values have changed since the last call; the first call returns all."""
         pdo, before = self.pdo, self.values
         if pdo.count == self.count:
             return []
@@ -118,7 +118,7 @@ class _Watched:
 
 
 class ProcessDataFeed:
-    """Values of the objects in received TPDOs, by the name of the node, for subscribers."""
+    """Newest values of the objects in received TPDOs, by node name."""
 
     def __init__(self, nodes: Iterable[RemoteNode]) -> None:
         self._watched = [
@@ -128,7 +128,7 @@ class ProcessDataFeed:
         ]
 
     def everything(self) -> dict[str, list[MappedValue]]:
-        """Return the newest value of every object received in a TPDO since the node's boot, by the name of the node."""
+        """Return all values received in TPDOs since the boot of each node, by node name."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if watched.pdo.stamp >= 0:
@@ -139,7 +139,7 @@ class ProcessDataFeed:
         return values
 
     def changes(self) -> dict[str, list[MappedValue]]:
-        """Return the objects whose values have changed since the last call, by the name of the node."""
+        """Return the values that have changed since the last call, by node name."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if changed := watched.changed():
@@ -170,7 +170,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, title: str) -> int:
-    """Return the value to pack into the RPDO; ControlError if out of range, so that the cycle cannot fail."""
+    """Return the value to pack into the RPDO; ControlError if out of range, because the cycle must not fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -203,7 +203,6 @@ class ObjectMethods:
         server.answers(PdoWrite, self._write_pdo)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the partial SDO data of a closed connection."""
         self._pieces.pop(connection, None)
 
     def _nmt(self, call: Call[NmtRequest]) -> None:

@@ -59,7 +59,7 @@ R = TypeVar("R")
 
 
 class TrajectoryMethods(RobotObserver):
-    """API methods for trajectories; `keep` raises ControlError if no further permanent connection is allowed."""
+    """API methods for trajectories; `keep` raises ControlError if too many connections are permanent."""
 
     def __init__(
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
@@ -80,7 +80,6 @@ class TrajectoryMethods(RobotObserver):
         robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the points, the goal and the heartbeat of a closed connection."""
         self._coming.pop(connection, None)
         self._sent.pop(connection, None)
         self._promised.pop(connection, None)
@@ -92,7 +91,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
-        """Add points to those sent before on a connection and return all; ControlError if there are too many."""
+        """Buffer the points of a message; return all points of the connection. ControlError if there are too many."""
         buffer = self._coming.setdefault(connection, PointBuffer())
         if len(buffer) + len(points) > MAX_POINTS:
             del self._coming[connection]
@@ -101,7 +100,7 @@ class TrajectoryMethods(RobotObserver):
         return buffer
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
-        """Return the trajectory of a request, including the points sent before on its connection."""
+        """Return the trajectory of a request, with all points that the connection has sent before."""
         request = call.request
         points = self._collect(call.connection, request.points)
         del self._coming[call.connection]
@@ -139,7 +138,6 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def after_cycle(self, now: int) -> None:
-        """End the goals of connections whose heartbeat is overdue."""
         if not self._promised:
             return
         for connection in [client for client, promise in self._promised.items() if promise.is_broken(now)]:
@@ -155,7 +153,7 @@ class TrajectoryMethods(RobotObserver):
         self._give(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
-        """Answer whether a goal is accepted; a refusal is a normal answer here and not an error."""
+        """Reply whether the goal is accepted; a refusal is a normal reply here, not an error."""
         try:
             goal = self._give(call).goal
         except ControlError as error:
@@ -167,7 +165,7 @@ class TrajectoryMethods(RobotObserver):
             )
 
     def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
-        """Start the goal of a request, which replaces the connection's earlier goal; ControlError if refused."""
+        """Start the requested goal, which replaces the connection's earlier goal; ControlError if refused."""
         request, robot = call.request, self._robot
         trajectory = self._trajectory(call)
         tolerances = GoalTolerances(
@@ -214,7 +212,7 @@ class TrajectoryMethods(RobotObserver):
 
 
 class _Promise:
-    """Heartbeat that a connection must send at least every `within_ns`, received last at `last_heartbeat` in ns.
+    """Heartbeat that a connection must send at least every `within_ns`; `last_heartbeat` is in ns.
 
     It applies while `life`, the command timeout of the controller, belongs to the connection.
     """
@@ -225,19 +223,17 @@ class _Promise:
         self.life, self.within_ns, self.last_heartbeat = life, within_ns, last_heartbeat
 
     def is_broken(self, now: int) -> bool:
-        """Whether the heartbeat is overdue at `now`, in ns."""
         return now - self.last_heartbeat > self.within_ns
 
 
 class SentGoal(Generic[R]):
-    """Goal of a connection, with the requests that wait for the goal's end; `result` returns None until then."""
+    """Goal of a connection, and the requests to be answered when the goal ends; `result` returns None before."""
 
     def __init__(self, result: Callable[[], R | None]) -> None:
         self._result = result
         self._waiting: list[Call[Request[R]]] = []
 
     def answer_at_end(self, call: Call[Request[R]]) -> None:
-        """Answer a request when the goal has ended."""
         self._waiting.append(call)
         self.settle()
 
@@ -274,9 +270,9 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
 
 
 class GripperMethods:
-    """API methods for grippers; `keep` raises ControlError if too many clients already subscribe or hold a command.
+    """API methods for grippers; `keep` raises ControlError if too many connections are permanent.
 
-    `promise` receives the heartbeat period that a connection announces, or None.
+    `promise` is `TrajectoryMethods.promise`.
     """
 
     def __init__(
@@ -294,11 +290,10 @@ class GripperMethods:
         server.answers(CancelGripper, self._cancel)
 
     def forget(self, connection: Connection) -> None:
-        """Discard the goal of a closed connection."""
         self._sent.pop(connection, None)
 
     def _send(self, call: Call[SendGripper]) -> None:
-        """Answer whether a goal is accepted; a refusal is a normal answer here and not an error."""
+        """Reply whether the goal is accepted; a refusal is a normal reply here, not an error."""
         try:
             goal, _ = self._give(call)
         except ControlError as error:
@@ -307,7 +302,7 @@ class GripperMethods:
             call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
 
     def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
-        """Start the goal of a request, which replaces the connection's earlier goal; ControlError if refused."""
+        """Start the requested goal, which replaces the connection's earlier goal; ControlError if refused."""
         request, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
             request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
@@ -337,7 +332,6 @@ class GripperMethods:
 
 
 def _gripper_result(goal: GripperGoal) -> GripperResult | None:
-    """Return the result of a gripper goal, None before the goal's end."""
     if not goal.ended:
         return None
     return GripperResult(

@@ -82,7 +82,7 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
 
 
 def _mapping(node: Node, key: str) -> list[tuple[str, Node]]:
-    """Return the entries of a mapping node; report an error that asks for `key` if the node is not a mapping."""
+    """Return the entries of a mapping node; for any other node, report an error that suggests `key`."""
     if node.kind != "mapping":
         node.error(f"write {key}")
     return node.items()
@@ -95,7 +95,7 @@ def _parameters(root: Node) -> list[Node]:
 
 
 def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
-    """Report a joint that is missing in the description or has no such command interface."""
+    """Report a joint that is missing in the description or lacks the command interface."""
     if joint not in commands:
         place.error(f"no joint {joint!r} in the description's <ros2_control>{nearest(joint, commands)}")
     elif interface not in commands[joint]:
@@ -157,7 +157,7 @@ def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, st
 
 
 def _world(path: Path) -> WorldDescription:
-    """Read a world file for a single robot; RobotConfigError if the file has robots of its own."""
+    """Read a world file for a single robot; RobotConfigError if the file defines robots."""
     from canopen_control.physics.scene_file import read_world_description
 
     world = read_world_description(path)
@@ -208,7 +208,7 @@ class Assembly:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
     def _report_later(self, kind: str, text: str) -> None:
-        """Report an event in the next turn of the reactor, when observers are registered."""
+        """Report an event in the next turn of the reactor, after the observers are registered."""
         self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
@@ -235,7 +235,7 @@ class Assembly:
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
-        """Return whether the kernel can send SYNC on a bus; report the reason if not."""
+        """Whether the kernel can send SYNC on a bus; if not, report the reason."""
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"

@@ -40,7 +40,7 @@ _PROBE = {
 
 
 def _is_disabled(joint: JointDrive) -> bool:
-    """Return whether a drive has no power; False while a ready node has sent no statusword."""
+    """Whether a drive has no power; False while a ready node has sent no statusword."""
     return joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
 
 
@@ -67,7 +67,7 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
 
 
 def reached(joint: JointDrive, action: Action) -> bool:
-    """Return whether a joint has reached the result of an action."""
+    """Whether a joint is in the state that an action leads to."""
     return _REACHED[action](joint)
 
 
@@ -83,7 +83,7 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
 def axes_of(
     nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
 ) -> tuple[JointDrive, ...]:
-    """Return the axes of a node or of "all" nodes, or only the axis of joint `only`; ControlError if there is none."""
+    """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if there is no axis."""
     axes = tuple(joints)
     if name == "all" and nodes and not axes:
         raise ControlError("no node drives a joint: there is no axis")
@@ -100,7 +100,7 @@ def axes_of(
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
-    """Add the joints with the same base or controlword; return all joints, and a sentence about added joints or ""."""
+    """Add the joints that share a base or a controlword; also return a sentence about the added joints or ""."""
     complete = with_partners(joints)
     notes = [
         f"{' and '.join(each.joint for each in (joint, *joint.partners))} are motors behind one controlword: "
@@ -119,7 +119,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
 
 
 class PendingAxisRequest:
-    """Pending `action` on `joints`; `done` is called once, with None or with a text about the joints that failed."""
+    """Pending `action` on `joints`; `done` is called once, with None on success, else with an error text."""
 
     def __init__(
         self, joints: Sequence[JointDrive], action: Action, deadline: int, done: Callable[[str | None], None]
@@ -128,7 +128,7 @@ class PendingAxisRequest:
         self._cycles = 0
 
     def settle(self, now: int) -> bool:
-        """Return whether the request has ended; called once per cycle, and never True in the first cycle."""
+        """Complete the request if possible and return whether it has ended; call once per cycle."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
@@ -142,11 +142,10 @@ class PendingAxisRequest:
         return False
 
     def fail(self, reason: str) -> None:
-        """End the request with the error text `reason`."""
         self._done(reason)
 
     def _explaining(self, now: int) -> bool:
-        """Whether a drive's fault reason is still being read by SDO."""
+        """Whether the fault reason of a drive is still being read by SDO."""
         return now <= self._deadline and any(joint.faults.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:
@@ -212,7 +211,7 @@ def begin_action(
     method: int | None = None,
     mode: str | None = None,
 ) -> int:
-    """Start a user's action on these axes; return the time in ns by which to extend the request timeout.
+    """Start a user's action on axes; return the extension of the request timeout in ns, usually 0.
 
     ControlError or DriveError if the action is impossible, before any drive is changed.
     """
@@ -237,7 +236,7 @@ def begin_action(
 
 
 def _home_axes(joints: Sequence[JointDrive], method: int | None) -> None:
-    """Start homing of all these axes; ControlError or DriveError, before any axis starts, if one cannot be homed."""
+    """Start homing of all joints; ControlError or DriveError, before any axis starts, if one cannot be homed."""
     for joint in joints:
         _require_present(joint)
         require_own_start(joint.axis, OperationMode.HM)

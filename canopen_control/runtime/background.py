@@ -26,7 +26,7 @@ _SETTLED = ("running", "stop_latched")  # after a latched stop only a release co
 
 
 class _SettledObserver(RobotObserver):
-    """Observer that sets `settled` when the robot runs or STOP is latched."""
+    """Observer that sets the event `settled` when the robot runs or STOP is latched."""
 
     def __init__(self, settled: threading.Event) -> None:
         self._settled = settled

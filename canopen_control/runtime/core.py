@@ -77,7 +77,7 @@ CAUGHT_UP: Final = 2  # maximum number of skipped edges whose time counts
 
 
 class RobotCycle:
-    """Control cycle of a robot, run at the edges of `pacer`; `sent_at` is when the last frames were sent, in ns.
+    """Control cycle of a robot, run at the edges of `pacer`; `sent_at` is the time of the last sent frames in ns.
 
     Each cycle also advances the start or the stop of `robot`. `clock` is the time of the controllers.
     """
@@ -110,7 +110,7 @@ class RobotCycle:
             self._exchange(now)
 
     def _exchange(self, now: int) -> None:
-        """Execute one cycle of a robot whose time is not simulated."""
+        """Execute one cycle of a robot that is not simulated."""
         pacer = self._pacer
         for bus in self._buses:
             if not bus.watched:
@@ -173,7 +173,7 @@ class RobotCycle:
         self.step(now)
 
     def _supervise(self, now: int) -> None:
-        """Process heartbeats, timeouts and periodic checks after the frames of a cycle are sent."""
+        """Check heartbeats, timeouts and periodic tasks after the frames of a cycle are sent."""
         for bus in self._buses:
             bus.tick(now)
         if now >= self._look_at and self._pacer.running:
@@ -211,10 +211,10 @@ class RobotState(enum.Enum):
 
 
 class RobotCore:
-    """Running robot between its bus ports and the API; `failure` is the error text of a failed run, else None.
+    """Running robot between its bus ports and the API; `failure` is the error text of a failed run, None before.
 
-    `observers` are called in order. `in_virtual_time` is set if the robot's clock is the clock of a simulation, which
-    clients are told.
+    `observers` are called in order. `in_virtual_time` is set, and reported to clients, if the robot's clock is
+    the clock of a simulation.
     """
 
     def __init__(self, setup: RobotSetup, reactor: Reactor) -> None:
@@ -272,15 +272,12 @@ class RobotCore:
 
     @property
     def hint(self) -> str | None:
-        """One sentence on why the robot does not start or follow commands, with advice.
-
-        None if there is no reason to report, and while the robot stops.
-        """
+        """Sentence with advice if the robot does not start or does not follow commands, else None."""
         return self._hint(self._waiting())
 
     @property
     def state_and_hint(self) -> tuple[RobotState, str | None]:
-        """State and hint, from one evaluation of the drives."""
+        """State and hint together, which evaluates the drives only once."""
         waiting = self._waiting()
         return self._state(waiting), self._hint(waiting)
 
@@ -321,11 +318,11 @@ class RobotCore:
         return f"no TPDO has brought the statusword of {names}; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
-        """Open the bus channels before `start`, to receive boot-up messages of the nodes; BusError if that fails."""
+        """Open the bus channels before `start`, to note boot-up messages of the nodes; BusError if that fails."""
         self._with_buses(RobotBus.join)
 
     def has_heard(self, names: Iterable[str]) -> bool:
-        """Return whether the boot-up messages of all these nodes have been received since `join`."""
+        """Whether all these nodes have sent boot-up messages since `join`."""
         nodes = [self.nodes[name] for name in names]
         return all(node.node_id in self.bus_of(node).booted_up for node in nodes)
 
@@ -445,7 +442,7 @@ class RobotCore:
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client; `why`, such as "is gone", completes the event text."""
+        """End the commands of a disconnected client; `why` completes an event text about the client."""
         self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
@@ -540,7 +537,7 @@ class RobotCore:
             self._advance_stop(now)
 
     def _advance_start(self, now: int) -> None:
-        """Activate the controllers once all required nodes are ready; report when the robot runs, fail on a timeout."""
+        """Activate the controllers when all required nodes are ready, then report that the robot runs."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
         if not missing and not self._activated and not self.latch.held:
@@ -597,7 +594,7 @@ class RobotCore:
         self.shutdown("the run failed")
 
     def controllers_switched(self) -> None:
-        """Update the stop groups of the active base controllers; stop a base of which only a part is enabled."""
+        """Update the stop groups of the active base controllers; stop a base that is only partly enabled."""
         regroup(self.joints.values(), self.manager.bases, self.reactor.now())
         for system in self.systems:
             system.regroup()

@@ -9,8 +9,8 @@ are one stop group, as in any robot. A drive whose PDOs contain no controlword o
 whose RPDOs contain no target is supervised, and refuses commands that need a target. Both are reported once, as
 warnings, so that the same bus.yml serves for observation.
 
-A robot may combine both: a drive that no joint of the description names, and whose `driver` is a drive's, is handled as
-on a bus without a robot, in the same stop group as the other drives; without such a driver the node is a proxy.
+A robot may combine both: a drive without a joint in the description, but with a CiA 402 `driver` in bus.yml, is handled
+as on a bus without a robot, in the same stop group as the other drives; without such a `driver` the node is a proxy.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
 def with_free_drives(
     description: UrdfDescription, control: ControllersFile, buses: Mapping[str, BusConfig]
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Add joints and controllers for drives that have none; return both files, and the names of the new joints."""
+    """Add joints and controllers for drives without a joint; return both files, and the names of the new joints."""
     free = tuple(
         (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
     )
@@ -82,7 +82,7 @@ def with_free_drives(
 
 
 def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
-    """Yield warnings if `driver` and EDS contradict each other, or if an object that controls an axis is in no PDO."""
+    """Yield warnings about contradictions of `driver` and EDS, and about axis objects missing in the PDOs."""
     for bus in buses.values():
         for node in bus.nodes.values():
             place, driver, source = f"{bus.path}:{node.line}", node.ros.driver, bus.eds_paths[node.name].name
@@ -101,7 +101,7 @@ def default_warnings(buses: Mapping[str, BusConfig]) -> Iterator[str]:
 def unmoved_drives(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile | None
 ) -> Iterator[str]:
-    """Yield a note for each CiA 402 drive that no joint of the description names."""
+    """Yield a note for each CiA 402 drive without a joint in the description."""
     free = dict[str, str]()
     for joint, node, _, problem in _free(buses, description, control or ControllersFile()):
         free[node.name] = problem or (
@@ -121,7 +121,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield joint name, node and axis of each drive axis that no joint names, and the problem with it or ""."""
+    """Yield joint name, node, axis and problem (or "") of each drive axis without a joint in the description."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}
@@ -163,7 +163,7 @@ def _target_controllers(names: Iterable[str], path: str) -> dict[str, Controller
 
 
 def _drives(driver: str) -> bool:
-    """Whether a `driver` is a ros2_canopen driver for drives, of any ros2_canopen version."""
+    """Whether `driver` is a ros2_canopen driver for CiA 402 drives, of any ros2_canopen version."""
     return any(name in driver for name in DRIVE_DRIVERS)
 
 

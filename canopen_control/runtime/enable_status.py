@@ -39,17 +39,17 @@ _RESET: Final = "canopen-control axis fault-reset all"
 
 
 def is_off(joint: JointDrive) -> bool:
-    """Return whether a drive does not follow commands: disabled, halted, being enabled or being stopped."""
+    """Whether a drive does not follow commands: disabled, halted, being enabled or being stopped."""
     return not joint.machine.enabled or not joint.enable_requested or joint.machine.halted
 
 
 def is_rising(joint: JointDrive) -> bool:
-    """Return whether a joint follows commands or soon will, because an enable is requested and the node is ready."""
+    """Whether a drive follows commands or soon will: enable is requested and the node is ready."""
     return joint.enable_requested and joint.node.ready and not joint.machine.halted
 
 
 def claimed_off(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the drives that active controllers claim and that do not follow commands."""
+    """Return the drives that an active controller claims but that do not follow commands."""
     return [joint for joint in _claimed(joints) if is_off(joint)]
 
 
@@ -63,7 +63,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return a text about drives that do not follow commands, with the necessary action; None for no drives."""
+    """Return why drives do not follow commands, and the command that enables them; None for no drives."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -74,13 +74,12 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
 
 
 class DriveEnableStatus(EnableStatus):
-    """Enable status of the drives in `joints`, which has the names of the joints as keys."""
+    """Enable status of drives, for controllers; `joints` maps joint names to drives."""
 
     def __init__(self, joints: Mapping[str, JointDrive]) -> None:
         self._joints = joints
 
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
-        """Return the error for a command to interfaces whose drives do not follow commands."""
         joints = self._joints
         drives = [joints[name] for name in dict.fromkeys(interface.joint for interface in waiting) if name in joints]
         text = enable_hint(drives) or ", ".join(interface.name for interface in waiting)
@@ -88,7 +87,6 @@ class DriveEnableStatus(EnableStatus):
         return kind(f"{text}; a command that comes before is refused and not kept")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return a text that names the joints that do not follow commands, their most serious cause, and the remedy."""
         drives = {
             interface.joint: self._joints[interface.joint] for interface in waiting if interface.joint in self._joints
         }
@@ -107,7 +105,6 @@ class DriveEnableStatus(EnableStatus):
         return super().reason(waiting)
 
     def stop_groups(self, ends: Ends) -> list[Ends]:
-        """Group command interfaces by the stop group of their drives; joints without a drive form their own groups."""
         groups: dict[int | str, list[CommandInterface]] = {}
         for end in ends:
             joint = self._joints.get(end.joint)
@@ -116,7 +113,7 @@ class DriveEnableStatus(EnableStatus):
 
 
 def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Return whether a required node is not ready or has an overdue TPDO, or a drive is in fault."""
+    """Whether a required node is not ready or has an overdue TPDO, or a drive is in fault."""
     for node in nodes:  # no generator expressions, for speed: called for each state sample
         if (not node.ready or node.stale) and node.config.required:
             return True
@@ -127,7 +124,7 @@ def in_fault(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
 
 
 def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) -> bool:
-    """Return whether all claimed drives are enabled, or a fault or an absent node prevents that."""
+    """Whether all claimed drives are enabled, or a fault or an absent node prevents that."""
     drives = tuple(joints)
     claimed = _claimed(drives)
     # an absent optional node keeps its whole stop group disabled
@@ -136,7 +133,7 @@ def startup_complete(nodes: Iterable[RemoteNode], joints: Iterable[JointDrive]) 
 
 
 def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBus, RemoteNode]]) -> str:
-    """Return the reason why the robot could not start: no bus received a frame, or the `missing` nodes with errors."""
+    """Return why the robot could not start: no bus received a frame, or the errors of the `missing` nodes."""
     silent = [bus for bus in buses if bus.port is not None and bus.port.stats.rx == 0]
     if silent and len(silent) == len(buses):
         return "; ".join(_why_silent(bus) for bus in silent)
@@ -160,7 +157,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
 
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:
-    """Return a text about the drives at the end of a run: disabled, still with power, or unknown; "" without drives."""
+    """Return the power states of the drives at the end of a run as text, "" without drives."""
     states = [(joint.node.name, joint.state) for joint in joints]
     parts = [
         f"{name} has power still ({state.name.replace('_', ' ')}): cut its supply if it moves"
@@ -195,7 +192,7 @@ def _remedy(joints: Sequence[JointDrive]) -> str:
 
 
 def return_hint(absent: Iterable[RemoteNode]) -> str:
-    """Return the advice for absent nodes: start the nodes that a user has taken out, else wait."""
+    """Return the advice for absent nodes: start nodes that a user has stopped, otherwise wait."""
     nodes = list(dict.fromkeys(absent))
     names = [node.name for node in nodes if node.is_taken_out]
     if names:
@@ -204,7 +201,7 @@ def return_hint(absent: Iterable[RemoteNode]) -> str:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Return a text with the numbers of set-points that axes in motion missed since they were enabled; "" for none."""
+    """Return how many set-points moving axes have missed since they were enabled, as text; "" for none."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""
 
@@ -221,7 +218,7 @@ _RISING: Final = (Action.ENABLE, Action.HOME)
 
 
 class MandatoryNodes(RobotObserver):
-    """Monitor of mandatory nodes without a joint, together with the STOP `latch`.
+    """Monitor that stops all axes when a mandatory node without a joint is lost; also applies the STOP `latch`.
 
     `forget(now, why)` clears the commands of all controllers. The monitor adds itself to the robot's `observers` if
     there are such nodes.
@@ -244,7 +241,7 @@ class MandatoryNodes(RobotObserver):
 
     @property
     def hint(self) -> str | None:
-        """Sentence on why no axis may move (STOP latch, else missing mandatory nodes); None if motion is allowed."""
+        """Sentence on why no axis may move (STOP latch or missing mandatory nodes); None if motion is allowed."""
         missing = self._missing()
         if missing and self._latch.hint is None:
             return f"nothing moves while bus.yml requires {missing}: {return_hint(self._absent)}"
@@ -257,7 +254,7 @@ class MandatoryNodes(RobotObserver):
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
-        """Raise ControlError for controllers with commands while a mandatory node is missing or STOP is latched."""
+        """Raise ControlError for controllers that command axes while a mandatory node is missing or STOP is latched."""
         names = list(controllers)
         self._latch.check_controllers(names)
         for name in names:
@@ -265,7 +262,6 @@ class MandatoryNodes(RobotObserver):
                 self._require(f"activating {name.name}")
 
     def after_cycle(self, now: int) -> None:
-        """Stop all axes when a mandatory node has been lost."""
         for node in self._nodes:
             if node.ready is not self._ready[node]:
                 self._ready[node] = node.ready
@@ -337,7 +333,7 @@ class StopLatch:
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
     def _write_file(self, now: int) -> None:
-        """Save the state of the latch to the file, if any; a failure is reported and does not change the latch."""
+        """Save the latch state to the file, if any; a failure is reported, and the latch keeps its state."""
         if self._path is None:
             return
         try:
@@ -357,12 +353,11 @@ class StopLatch:
 
     @property
     def held(self) -> bool:
-        """Whether STOP is latched."""
         return self.by is not None
 
     @property
     def hint(self) -> str | None:
-        """Sentence that STOP is latched and how to release it, None while not latched."""
+        """Sentence about the latched STOP with the command that releases it; None if not latched."""
         return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
 
     def hold(self, by: str, now: int) -> None:
@@ -382,7 +377,7 @@ class StopLatch:
             self._write_file(now)
 
     def refuse(self, *request: str) -> None:
-        """Raise ControlError while STOP is latched; the words of `request` begin the message."""
+        """Raise ControlError while STOP is latched; `request` are the first words of the message."""
         if self.by is not None:
             doing = " ".join(request)
             raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")
@@ -405,5 +400,5 @@ class StopLatch:
 
 
 def is_controlword(index: int) -> bool:
-    """Return whether `index` is the controlword of any axis of a device (0x6040 plus a multiple of 0x800)."""
+    """Whether `index` is the controlword of any axis of a device (0x6040 plus a multiple of 0x800)."""
     return axis_of(index)[0] == CONTROLWORD

@@ -41,11 +41,11 @@ class TruePoseTracker:
         self._odom: Planar | None = None
 
     def align(self) -> None:
-        """Align the world and odometry frames again at the next true pose; called after the odometry was set."""
+        """Request that the next true pose aligns the world and odometry frames, after the odometry was set."""
         self._odom = None
 
     def take(self, base: BasePose, odometry: tuple[str, Planar] | None, wall_offset_ns: int) -> None:
-        """Process a true pose, with the odometry of that time as (controller name, pose), or None without odometry."""
+        """Update `reading` with a true pose; `odometry` is (controller name, pose) at the same time, if known."""
         name, pose = (None, None) if odometry is None else odometry
         if name is not None and (self._odom is None or name != self._controller):
             self._controller, self._odom = name, _frame_of(base, pose or (0.0, 0.0, 0.0))
@@ -66,7 +66,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
-    """Return name and pose of the active base controller, extrapolated by `ahead_ns` (-0.2 s to 0), else None."""
+    """Return name and pose of the active base controller `ahead_ns` from now (-0.2 s to 0), else None."""
     ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)
@@ -75,7 +75,7 @@ def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar]
 
 
 class TruePoseQuery:
-    """Client that looks for a virtual drive with the pose of a base, and queries that drive every `period_ns`.
+    """Client that finds the virtual drive with the pose of the base, and polls that drive every `period_ns`.
 
     `take` receives the true poses. `sense` receives the measured values of the sensors in the drive's world; with
     `sense`, a world that has sensors and no base is accepted too.
@@ -97,7 +97,7 @@ class TruePoseQuery:
         self._closed = False
 
     def start(self) -> None:
-        """Start querying; if no drive knows the pose of a base, every drive is queried only once."""
+        """Start polling; if no virtual drive has the pose of a base, each drive is asked only once."""
         if not self._closed:
             self._drives = iter(self._names)
             self._try_next()
@@ -142,6 +142,5 @@ class TruePoseQuery:
             client.close()
 
     def close(self) -> None:
-        """Stop querying, and disconnect."""
         self._closed, self._drives = True, iter(())
         self._leave()

@@ -50,7 +50,7 @@ _PAIR: Final = re.compile(r"([A-Za-z_]\w*):=(.*)", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class LaunchFile:
-    """Contents of one launch file, with the `values` given to its arguments.
+    """Contents of one launch file; `values` are the values passed to the arguments.
 
     `arguments` maps names to defaults (None: required), `texts` are file names and commands. `computed` has the lines
     with unknown values and what these are; `nodes` are the started nodes, `includes` the included launch files.
@@ -66,7 +66,7 @@ class LaunchFile:
     replaced: Mapping[str, str] = field(default_factory=dict)  # in parameter files, by nav2's ReplaceString
 
     def resolved(self, text: str) -> str | None:
-        """Substitute the arguments and package paths in a text; return None if one is unknown."""
+        """Substitute arguments and package paths in a text; return None if an argument or package is unknown."""
         for _ in range(5):  # a default may contain another argument
             text = _VARIABLE.sub(self._value, text)
         while (match := _PACKAGE.search(text)) is not None:
@@ -124,7 +124,7 @@ def read_launch(path: Path) -> LaunchFile:
 
 
 def launch_elements(source: str, path: Path) -> Element:
-    """Return the root element of a launch file, in YAML if `path` ends in .yaml or .yml, else XML; RobotConfigError."""
+    """Parse a launch file as YAML or XML, by the suffix of `path`, and return the root element; RobotConfigError."""
     if path.suffix in (".yaml", ".yml"):
         return read_yaml_launch(source, str(path))
     return read_document(source, str(path)).root
@@ -132,11 +132,11 @@ def launch_elements(source: str, path: Path) -> Element:
 
 @dataclass(slots=True)
 class Launched:
-    """Robot described by a launch file: xacro `arguments`, and `files` by the keys bus, controllers and description.
+    """Robot described by a launch file: files (keys bus, controllers, description) and xacro `arguments`.
 
     `spawned` are the controllers that the spawners activate, in order; `variables` are the values of all launch
     arguments. `uncertainties` are the reasons why something may be missing. `known` are the arguments that the launch
-    file declares, `idle` those NAME:=VALUE of the user that no evaluated text uses.
+    file declares, `idle` the user's NAME:=VALUE that no evaluated text uses.
     """
 
     arguments: dict[str, str] = field(default_factory=dict)
@@ -149,10 +149,10 @@ class Launched:
 
 
 def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
-    """Return the robot described by a launch file and the launch files included from there.
+    """Return the robot described by a launch file and its included launch files.
 
-    `words` are the user's NAME:=VALUE: for the launch file if it declares the argument, else for xacro. The names in
-    `obeyed` have another use, and need not be known to the launch file or to xacro.
+    `words` are the user's NAME:=VALUE, for the launch file if the name is declared there, else for xacro. The names in
+    `obeyed` select hardware, and may be unknown to both.
     """
     own_arguments = read_launch(path).arguments
     own = {name: value for name, value in words.items() if name in own_arguments}
@@ -179,7 +179,7 @@ class _Reading:
     uncertainties: list[str] = field(default_factory=list)
 
     def take(self, path: Path, passed: Mapping[str, str], depth: int) -> set[str]:
-        """Read the launch file `path` with the arguments `passed`; return the names of the arguments that are used."""
+        """Read the launch file `path` with the arguments `passed`; return the names of all used arguments."""
         launch = replace(read_launch(path), values=dict(passed))
         used = self._take_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *passed)}
@@ -196,7 +196,7 @@ class _Reading:
         return used
 
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
-        """Read an included launch file; return which arguments of the including file are used there."""
+        """Read an included launch file; return the used arguments of the including file."""
         name = None if include.file is None else launch.resolved(include.file)
         place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name
@@ -220,7 +220,7 @@ class _Reading:
         return (inner & launch.arguments.keys()) | passed
 
     def _take_nodes(self, launch: LaunchFile) -> set[str]:
-        """Collect parameter files and controllers of controller manager and spawner nodes; return used arguments."""
+        """Collect parameter files and controllers of the controller manager and spawners; return used arguments."""
         used = set[str]()
         for node in launch.nodes:
             if node.package != "controller_manager" or not launch.happens(node.condition):
@@ -244,7 +244,7 @@ class _Reading:
         return used
 
     def _take_parameters(self, path: Path, place: str) -> None:
-        """Store the first parameter file; any other file is reported and ignored."""
+        """Store the first parameter file; report any other file, which is ignored."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.uncertainties.append(
@@ -252,7 +252,7 @@ class _Reading:
             )
 
     def _report_unread(self, launch: LaunchFile) -> None:
-        """Report computed values and packages that cannot be found, if they concern the robot's files."""
+        """Report computed values and missing packages that concern the robot's files."""
         named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [(line, expression) for line, expression in launch.computed if _concerns_robot(expression)]
@@ -292,7 +292,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
-    """Raise RobotConfigError for a user's argument that is unknown and resembles an argument of the launch file."""
+    """Raise RobotConfigError for an unknown argument of the user that resembles an argument of the launch file."""
     strange = [name for name in words if name in launched.arguments]  # without those of the launch file itself
     source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
     for name in strange:
@@ -320,7 +320,7 @@ def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[
 
 
 def _unquoted(value: str) -> str:
-    """Return a value without its quotes: launch splits the whole substituted command like a shell."""
+    """Remove the quotes of a value, as launch does when splitting a substituted command like a shell."""
     try:
         return " ".join(shlex.split(value))
     except ValueError:

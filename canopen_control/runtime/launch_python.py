@@ -34,7 +34,7 @@ _LONGEST: Final = 20_000  # characters of a text
 
 @dataclass(frozen=True, slots=True)
 class LaunchText:
-    """Text in a launch file with its line number; a `text` that is computed at run time is None."""
+    """Text in a launch file with the line number; `text` is None if computed at run time."""
 
     text: str | None
     line: int
@@ -50,7 +50,7 @@ class LaunchCondition:
 
 @dataclass(frozen=True, slots=True)
 class LaunchInclude:
-    """Included launch file with its arguments; a `file` name that is computed at run time is None."""
+    """Included launch file with arguments; `file` is None if the name is computed at run time."""
 
     file: str | None
     arguments: dict[str, str]
@@ -78,7 +78,7 @@ class LaunchNode:
 
 @dataclass(slots=True)
 class PythonLaunch:
-    """Contents of a Python launch file; `generates` tells whether generate_launch_description is defined."""
+    """Contents of a Python launch file; `generates` is True if generate_launch_description is defined."""
 
     arguments: dict[str, str | None] = field(default_factory=dict)
     argument_lines: dict[str, int] = field(default_factory=dict)
@@ -202,7 +202,7 @@ class _Reader:
         return LaunchCondition(self.text(node.args[0]), negated=name == "UnlessCondition")
 
     def _spawner(self, call: ast.Call) -> None:
-        """Read a call of a controller_manager.launch_utils function as the spawner node that the function creates."""
+        """Read a call of controller_manager.launch_utils as the spawner node that the function creates."""
         names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
         files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
         more = self._list(_keyword(call, "extra_spawner_args"))
@@ -242,7 +242,7 @@ class _Reader:
                 yield item.elts[0], item.elts[1]
 
     def _list(self, node: ast.expr | None) -> list[ast.expr]:
-        """Return the elements of a list or tuple, a variable, or a sum; any other expression is a single element."""
+        """Return the elements of a list, tuple, variable or sum of lists; any other expression is a single element."""
         if isinstance(node, ast.Name) and node.id in self._names:
             return self._list(self._names[node.id])
         if isinstance(node, ast.List | ast.Tuple):
@@ -276,7 +276,7 @@ class _Reader:
             self._files(child)
 
     def _ending(self, node: ast.expr) -> str:
-        """Return the last part of a composed file name, if that part is known and has a relevant suffix, else ""."""
+        """Return the last part of a composed file name if known and with a relevant suffix, else ""."""
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Div):
             last: ast.expr | None = node.right
         elif isinstance(node, ast.JoinedStr):
@@ -348,7 +348,7 @@ class _Reader:
     # --- texts ---
 
     def text(self, node: ast.expr) -> str | None:
-        """Return the text of an expression, None if only known at run time."""
+        """Return the text of an expression, None if computed at run time."""
         if self._depth > _DEEPEST:
             return None
         self._depth += 1
@@ -366,7 +366,7 @@ class _Reader:
         return between.join(resolved)
 
     def name(self, node: ast.expr) -> str | None:
-        """Return the text of a variable that is assigned once, else None."""
+        """Return the text of a variable that is assigned exactly once, None for other expressions."""
         if not isinstance(node, ast.Name) or node.id not in self._names:
             return None
         if node.id not in self._texts:  # evaluated once: repeated references would take exponential time

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def read_yaml_launch(source: str, path: str) -> Element:
-    """Return the root element `launch` of a YAML launch file; RobotConfigError, with all errors, if invalid."""
+    """Parse a YAML launch file and return the root element `launch`; RobotConfigError lists all errors."""
     document = read(source, path, error=RobotConfigError, strict=False)
     document.problems.raise_if_any(RobotConfigError)
     launch = document.get("launch")

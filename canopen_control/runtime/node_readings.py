@@ -24,7 +24,7 @@ _LEVELS: Final = {level: level.name.lower() for level in Level}
 
 
 class EventReadings:
-    """Newest events of an event log as messages for clients, converted again only after changes of the log."""
+    """Newest events of an event log as client messages, which are cached until the log changes."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
@@ -79,7 +79,7 @@ class NodeReadings:
 
 
 class _ReadNode:
-    """State of one node as a message; parts that depend on unchanged inputs are reused."""
+    """State of one node as a client message, whose parts are cached until their inputs change."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
@@ -115,7 +115,7 @@ class _ReadNode:
         )
 
     def _inputs(self) -> tuple[object, ...]:
-        """Return the values on which the reused parts depend."""
+        """Return the inputs of the cached parts."""
         node = self._node
         values: list[object] = [node.nmt_state, node.error, node.sdo_reads, node.sdo_writes, node.sdo_failed]
         for joint in self._joints:

@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RobotObserver:
-    """Base class of a robot's `observers`; the methods are called on the robot's thread and do nothing by default."""
+    """Base class of a robot's observers; methods are called on the robot's thread and do nothing by default."""
 
     def event(self, event: Event) -> None:
-        """Process a reported event."""
+        """Handle an event that the robot reports."""
 
     def running(self) -> None:
-        """React to the completed start of the robot; called once."""
+        """Handle the completed start of the robot; called once."""
 
     def stopped(self) -> None:
-        """React to the stop of the robot; called once."""
+        """Handle the end of the robot's run; called once."""
 
     def after_cycle(self, now: int) -> None:
-        """React to the end of a cycle whose frames have been sent; `now` is in ns."""
+        """Handle the end of a control cycle, after the frames are sent; `now` is in ns."""

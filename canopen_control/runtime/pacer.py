@@ -60,7 +60,7 @@ class SyncPhase:
         self._first = self._second = _NONE
 
     def receive_sync(self, tick: int, edge: int) -> int:
-        """Process a SYNC received at `tick`; return the shift for the next edge, which is due at `edge`."""
+        """Evaluate a SYNC received at `tick`; return the shift of the next edge, which is due at `edge`."""
         period = self.period_ns
         if not self.locked:
             self.locked = True
@@ -85,7 +85,7 @@ class SyncPhase:
         return 0
 
     def step(self) -> int:
-        """Return the correction of the period after the present edge, negative for a shorter period."""
+        """Return the correction of the present period in ns, negative for a shorter period."""
         phase_left, longer = self._phase_left, self._longer
         if not phase_left:
             return longer
@@ -97,7 +97,7 @@ class SyncPhase:
         return longer + step
 
     def _correct_rate(self, off: int) -> None:
-        """Set the phase error `off` of a window of SYNCs, and correct the estimated difference of the periods."""
+        """Set the phase error `off` of a window of SYNCs, and correct the estimate of the period difference."""
         before, put_right = self._off, not self._phase_left
         self._off = self._phase_left = off
         again = min(abs(before), abs(off)) if before * off > 0 and put_right else 0
@@ -140,7 +140,7 @@ class Pacer:
         return self._timer is not None
 
     def newly_missed(self, now: int) -> int:
-        """Return the number of missed edges that are not reported yet, or 0 within a second of the last report."""
+        """Return the number of missed edges since the last report, or 0 within a second of that report."""
         missed = self.missed - self.reported
         if not missed or now < self._tell_at:
             return 0
@@ -148,7 +148,7 @@ class Pacer:
         return missed
 
     def start(self) -> None:
-        """Start the pacer; the first edge is one period from now. Does nothing if already started."""
+        """Start the pacer if stopped; the first edge is one period from now."""
         if self._timer is None:
             self._arm(self._reactor.now() + self.period_ns)
 
@@ -159,7 +159,7 @@ class Pacer:
             self._timer = None
 
     def lead(self, tick: int) -> None:
-        """Process a SYNC of another clock at time `tick`, to keep the edges in phase with that clock."""
+        """Shift the edges to stay in phase with another clock, whose SYNC was received at `tick`."""
         if self._timer is None:
             return
         if shift := self.phase.receive_sync(tick, self._edge):

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint]:
-    """Return the sensors of a tag that physics simulates: those without a device in bus.yml; [] without physics."""
+    """Return the sensors of a tag that physics simulates (no device in bus.yml); [] without physics."""
     if not setup.physics:
         return []
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
@@ -61,14 +61,14 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
 
 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
-    """Return a hardware component with the simulated sensors of a tag, None if there are none; PhysicsError."""
+    """Return a hardware component with the simulated sensors of a tag, None without sensors; PhysicsError."""
     sensors = _sensors(setup, [tag])
     parts = [part for part in tag.sensors if part.name in sensors]
     return WorldSensors(f"{tag.name}_world", parts) if parts else None
 
 
 class SensedValues:
-    """Distributor of simulated sensor values to the hardware components with these sensors."""
+    """Simulated sensor values, distributed to the hardware components with these sensors."""
 
     def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
@@ -76,7 +76,6 @@ class SensedValues:
 
     @property
     def needed(self) -> bool:
-        """Whether any hardware component has simulated sensors."""
         return bool(self._components)
 
     def take(self, measured: Mapping[str, tuple[float, ...]]) -> None:
@@ -160,7 +159,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
 
 
 def _copied_from(description: UrdfDescription) -> Iterator[str]:
-    """Yield the path of the description if the file is the written URDF itself, and not a xacro file."""
+    """Yield the path of the description if the written URDF is a copy of that file, and not xacro output."""
     path = Path(description.path)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == description.urdf_xml:
@@ -194,7 +193,7 @@ def _encoders(setup: RobotSetup) -> Iterator[str]:
 
 
 def buses_of(setup: RobotSetup, plant: Path) -> list[str]:
-    """Return the lines about a robot in the buses file, which `virtual.bus_group` describes."""
+    """Return the lines about one robot for the buses file (format in `virtual.bus_group`)."""
     lines = [f"  {json.dumps(setup.name)}:", f"    plant: {json.dumps(str(plant))}", "    buses:"]
     for name, channel in setup.channels.items():
         eds = {
@@ -205,7 +204,7 @@ def buses_of(setup: RobotSetup, plant: Path) -> list[str]:
 
 
 def write_buses(folder: Path, robots: Iterable[tuple[RobotSetup, Path]], world: Path | None = None) -> Path:
-    """Write the buses file of one or more robots with their plant files; return the path."""
+    """Write the buses file for robots with their plant files; return the path."""
     lines = ["engine: mujoco", *([] if world is None else [f"world: {json.dumps(str(world))}"]), "robots:"]
     lines += [line for setup, plant in robots for line in buses_of(setup, plant)]
     folder.mkdir(parents=True, exist_ok=True)

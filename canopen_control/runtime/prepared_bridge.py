@@ -30,7 +30,7 @@ def bridge_command(name: str, arguments: Sequence[str]) -> list[str]:
 
 @contextlib.contextmanager
 def prepared_bridge(name: str, arguments: Sequence[str]) -> Iterator[Child]:
-    """Start the ROS bridge process for a robot that does not run yet; the process is ended on exit. CanopenError."""
+    """Start the ROS bridge process before the robot; the process ends with the context. CanopenError."""
     command = bridge_command(name, arguments)
     child = spawn(
         [*MODULE, *command],

@@ -67,19 +67,18 @@ class RealTime:
             self.text = f"real-time: {', '.join(words)}" if priority is not None else f"runs {words[0]}"
 
     def pin(self) -> None:
-        """Bind the calling thread to the requested processor, if any."""
+        """Bind the calling thread to the processor `cpu`, if given."""
         if self._cpu is not None:
             os.sched_setaffinity(0, {self._cpu})
             self._undo.callback(os.sched_setaffinity, 0, self._processors)
 
     def release(self, pid: int) -> None:
-        """Let a child process run on all processors that this process could use at the start."""
+        """Remove the processor binding of a child process."""
         if self._cpu is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.sched_setaffinity(pid, self._processors)
 
     def close(self) -> None:
-        """Undo all settings; a second call does nothing."""
         self._undo.close()
 
     def _try_pin(self, cpu: int) -> None:
@@ -123,7 +122,7 @@ class RealTime:
 
 
 def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver], *, by_hand: bool) -> None:
-    """Exclude existing objects from garbage collection; with `by_hand` collect only between cycles."""
+    """Exclude existing objects from garbage collection; with `by_hand` collect only after cycles."""
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)
@@ -146,14 +145,14 @@ class _Collector(RobotObserver):
 
 
 def _may_lock_all() -> bool:
-    """Return whether this process may lock unlimited memory, by the capability CAP_IPC_LOCK."""
+    """Whether this process may lock unlimited memory (CAP_IPC_LOCK)."""
     with open("/proc/self/status", encoding="ascii") as status:
         capabilities = next(line for line in status if line.startswith("CapEff:")).split()[1]
     return bool(int(capabilities, 16) >> _CAP_IPC_LOCK & 1)
 
 
 def _refused(request: str, error: OSError, priority: int) -> ConfigError:
-    """Return the error about a refused setting, with the commands that would allow the setting."""
+    """Return the error about a refused setting, with the commands that allow the setting."""
     import pwd
 
     if os.geteuid() == 0:
@@ -169,7 +168,7 @@ def _refused(request: str, error: OSError, priority: int) -> ConfigError:
 
 
 def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:
-    """Keep all processors out of idle states (PM QoS) until `undo` is closed; return "", or the reason for a failure.
+    """Keep all processors out of idle states (PM QoS) until `undo` is closed; return the reason of a failure or "".
 
     An idle processor enters a sleep state, and leaving that state takes 1 to 200 us on real processors, 20 to 40 us on
     virtual processors, at every timer and every frame. While the file `/dev/cpu_dma_latency` is open and contains 0,

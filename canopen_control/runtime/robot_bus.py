@@ -44,7 +44,7 @@ _LATENCY_US = 100  # a larger excess is no latency, but pauses of the machine
 
 
 class SyncTask(Protocol):
-    """Producer of SYNC on a bus, other than the cycle of this process."""
+    """SYNC producer on a bus that is independent of the control cycle: the kernel or a node."""
 
     @property
     def sender(self) -> str:
@@ -55,10 +55,10 @@ class SyncTask(Protocol):
         """Text about the consequence of a missing SYNC and the remedy."""
 
     def start(self, period_us: int) -> None:
-        """Start to send SYNC every `period_us`, also if already running; BusError if that fails."""
+        """Start sending SYNC every `period_us`, or restart; BusError on failure."""
 
     def adjust(self, period_us: int) -> None:
-        """Change the period of a running task without an additional SYNC; BusError if that fails."""
+        """Change the period of the running task without an extra SYNC; BusError on failure."""
 
     def close(self) -> None:
         """Stop sending SYNC."""
@@ -84,7 +84,7 @@ class _Excess:
         self._longer: list[int] = []
 
     def receive_sync(self, now: int) -> int | None:
-        """Process a SYNC received at `now`; return the excess of the period in ns after enough SYNCs, else None."""
+        """Evaluate a SYNC received at `now`; return the excess of the period in ns when known, else None."""
         if not self._count:
             self._next_check = self._least = now
         self._count += 1
@@ -103,7 +103,7 @@ class _Excess:
 
 
 class NodeSync:
-    """SYNC task for a SYNC that a node produces, which can only be received."""
+    """SYNC task for a SYNC that a node of the bus produces and this process only receives."""
 
     sender = "a node of the bus (sync_producer: other)"
     correction = (
@@ -111,17 +111,17 @@ class NodeSync:
     )
 
     def start(self, period_us: int) -> None:
-        """Do nothing: the node sends SYNC."""
+        """Do nothing, since the node starts SYNC by its configuration."""
 
     def adjust(self, period_us: int) -> None:
-        """Do nothing: the node has its own clock."""
+        """Do nothing, since the period is set in the node."""
 
     def close(self) -> None:
-        """Do nothing: the node continues to send SYNC."""
+        """Do nothing, since the node continues to send SYNC."""
 
 
 class ExternalSync:
-    """SYNC that another producer sends on a bus; `lead(now)`, unless None, is called for each received SYNC.
+    """Supervision of a SYNC that the kernel or a node sends; `lead(now)`, unless None, is called for each SYNC.
 
     `count` is the number of received SYNCs; `first_wait_ns` is additional time until the first SYNC, for the boot of a
     node that produces SYNC.
@@ -143,12 +143,12 @@ class ExternalSync:
         self._excess, self._trimmed_us = _Excess(period_us * 1000), 0
 
     def start(self, now: int) -> None:
-        """Start the SYNC task and the supervision of SYNC; BusError if that fails."""
+        """Start the SYNC task and the supervision of SYNC; BusError on failure."""
         self._begin()
         self._deadline = now + self._first_wait + self._timeout
 
     def receive_sync(self, now: int) -> None:
-        """Process a SYNC received at `now`, in ns."""
+        """Handle a SYNC received at `now` in ns."""
         self.count += 1
         self._deadline = now + self._timeout
         self._silent = False
@@ -163,7 +163,7 @@ class ExternalSync:
         self._task.start(self._period_us)
 
     def _trim(self, longer_us: int) -> None:
-        """Correct the period passed to the SYNC task by a measured excess in us."""
+        """Shorten the period of the SYNC task by a measured excess in us."""
         most = min(self._period_us // _MOST_TRIMMED, _LATENCY_US)
         trimmed = max(0, min(most, self._trimmed_us + longer_us))
         if trimmed != self._trimmed_us:
@@ -172,7 +172,7 @@ class ExternalSync:
                 self._task.adjust(self._period_us - trimmed)
 
     def tick(self, now: int) -> None:
-        """Restart the SYNC task after a timeout, every half second until a SYNC is received; report the loss once."""
+        """Restart the SYNC task after a timeout, every half second until SYNC is received; report the loss once."""
         if now < self._deadline:
             return
         self._deadline = now + _RETRY_NS
@@ -204,18 +204,18 @@ _LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
 
 
 def is_simulated(channel: str) -> bool:
-    """Return whether a channel connects only processes on this computer (vcan, vxcan or `local:`)."""
+    """Whether a channel connects only processes on this computer (vcan, vxcan or `local:`)."""
     parsed = parse_channel(channel)
     virtual = parsed.kind is ChannelKind.SOCKETCAN and parsed.name.startswith(("vcan", "vxcan"))
     return virtual or parsed.kind is ChannelKind.LOCAL
 
 
 class RobotBus:
-    """CAN bus of a robot, which passes frame records between port and network; a port error closes the bus.
+    """CAN bus of a robot, which passes frames between port and network; a port error closes the bus.
 
-    If `watched`, the reactor reads a frame as soon as it is received, else at the next edge of the cycle: while all
-    nodes are ready and no answer is awaited, no frame has an effect before the edge, and a wake-up of the process costs
-    more than the cycle. A missing heartbeat or PDO is detected at an edge in both cases, and at the same edge if the
+    If `watched`, the reactor reads each frame when it is received, else at the next edge of the cycle: while all nodes
+    are ready and no answer is awaited, no frame has an effect before the edge, and a wake-up of the process costs more
+    than the cycle. A missing heartbeat or PDO is detected at an edge in both cases, and at the same edge if the
     timeout is a multiple of the period.
     """
 
@@ -270,7 +270,7 @@ class RobotBus:
         return self._followed is not None
 
     def unserved_syncs(self) -> int:
-        """Return how many SYNCs of another producer since the last call had no cycle of their own."""
+        """Return the number of SYNCs since the last call for which no cycle was executed."""
         if self._followed is None:
             return 0
         syncs, self._syncs = self._followed.count - self._syncs, self._followed.count
@@ -282,18 +282,18 @@ class RobotBus:
         return self.config.master.sync_words(by_kernel=self._by_kernel)
 
     def why_no_kernel_sync(self) -> str | None:
-        """Return the reason why the kernel cannot send SYNC on this SocketCAN interface, None if that is possible."""
+        """Return the reason why the kernel cannot send SYNC on this SocketCAN interface, None if possible."""
         return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
-        """Let the kernel send SYNC and call `lead(now)` for each SYNC; only before `open`, and only on SocketCAN."""
+        """Let the kernel send SYNC, and call `lead(now)` for each SYNC; before `open`, on SocketCAN only."""
         sync = self.network.sync
         task = KernelSync(parse_channel(self.channel).name, [sync.frame() for _ in range(max(1, sync.overflow))])
         self._by_kernel = True
         self._follow(ExternalSync(task, self.config.master.sync_period, lead, self._report))
 
     def follow_sync(self, lead: Callable[[int], None] | None) -> None:
-        """Follow the SYNC that a node sends and call `lead(now)` for each SYNC; only before `open`."""
+        """Follow the SYNC of a node, and call `lead(now)` for each SYNC; before `open` only."""
         master = self.config.master
         first_wait_ns = (master.boot_time or DEFAULT_BOOT_MS) * 1_000_000
         self._follow(ExternalSync(NodeSync(), master.sync_period, lead, self._report, first_wait_ns))
@@ -303,13 +303,13 @@ class RobotBus:
         self.network.hear_sync(sync.receive_sync)
 
     def join(self) -> None:
-        """Open the channel, but evaluate only boot-up messages before `open`; BusError if opening fails."""
+        """Open the channel; until `open`, only boot-up messages are evaluated. BusError on failure."""
         if self.port is None:
             self.port = open_port(self.channel, label="master")
             self._reactor.add_reader(self.port.fileno(), self._pass_over)
 
     def open(self) -> None:
-        """Start to process received frames, after opening the channel if necessary; BusError if that fails."""
+        """Start processing received frames, after opening the channel if necessary; BusError on failure."""
         self.join()
         if self.port is None:
             return
@@ -327,7 +327,7 @@ class RobotBus:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def rest_or_watch(self) -> None:
-        """Decide whether frames are read at the edges of the cycle or, if an answer is awaited, as soon as received."""
+        """Read frames only at cycle edges if all nodes are ready and no answer is awaited, else on reception."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return
@@ -338,13 +338,13 @@ class RobotBus:
             self._reactor.remove_reader(self.port.fileno())
 
     def _take(self) -> bytes:
-        """Return the waiting records to send; if answers are expected, watch the port for these."""
+        """Return the waiting records to send; if these request answers, watch the port."""
         if not self.watched and self.network.waits:
             self.watch()
         return self.network.take()
 
     def _pass_over(self) -> None:
-        """Discard waiting frames, except that boot-up messages are noted; a port error closes the bus."""
+        """Discard received frames, but note boot-up messages; a port error closes the bus."""
         try:
             records = b"" if self.port is None else self.port.receive()
         except BusError as error:
@@ -360,7 +360,7 @@ class RobotBus:
             set_filter(self.port, self.network.identifiers)
 
     def receive(self, edge: int | None = None) -> None:
-        """Process all waiting frames, and send the resulting frames; `edge` is their nominal time, None for now."""
+        """Process all received frames and send replies; `edge` is the nominal time of reception, None for now."""
         port, network = self.port, self.network
         if port is None:
             return
@@ -381,7 +381,7 @@ class RobotBus:
             self._on_bus_event(event)
 
     def tick(self, now: int) -> None:
-        """Process timeouts of the network's services, and send the resulting frames; measure load and lost frames."""
+        """Process timeouts of the network's services and send the resulting frames; measure bus load and frame loss."""
         network = self.network
         if now - self._looked_at > self._away_ns:
             self.catch_up()
@@ -434,7 +434,7 @@ class RobotBus:
         self._send(self._take())
 
     def release_nodes(self) -> None:
-        """Reset the communication of the nodes, if allowed, so that they no longer consume the master's heartbeat."""
+        """Reset the communication of the nodes, if allowed, so that they stop expecting the master's heartbeat."""
         for node in self.network.nodes.values():
             if node.config.boot.reset_communication:  # no reset with `reset_communication: false`
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
@@ -483,7 +483,7 @@ class RobotBus:
         self._on_lost(error)
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Report a bus event; pass a bus failure (bus-off, interface down) or the end of the failure to the network."""
+        """Report a bus event; pass a failure (bus-off, interface down) or recovery to the network."""
         now = self._reactor.now()
         kind = event.kind.value.replace("-", "_")
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
@@ -496,7 +496,7 @@ class RobotBus:
             self.network.bus_back(now)
 
     def _report_lost(self, lost: int, now: int) -> None:
-        """Report lost frames with the reason, at most once a second, and not before a failed bus has recovered."""
+        """Report lost frames with the reason, at most once a second, and after the recovery of a failed bus."""
         if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return
         kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT

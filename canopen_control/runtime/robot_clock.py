@@ -42,18 +42,18 @@ class WallClock:
         )
 
     def fix(self, offset_ns: int) -> None:
-        """Set a constant offset, and no longer follow the system clock."""
+        """Set a constant offset, and stop following the system clock."""
         self.offset_ns, self._follows = offset_ns, False
 
     def look(self, now: int) -> int:
-        """Follow the system clock if due, ten times a second; return a detected step in ns as `follow` does, else 0."""
+        """Call `follow` if due, ten times a second; return a clock step in ns, 0 without a step."""
         if now < self.look_at:
             return 0
         self.look_at = now + _LOOK_NS
         return self.follow()
 
     def follow(self) -> int:
-        """Correct the offset by the system clock; return a step of that clock in ns, negative if set back, else 0."""
+        """Adjust the offset to the system clock; return a step of that clock in ns (negative: set back), else 0."""
         if not self._follows:
             return 0
         before = self._now()
@@ -69,7 +69,7 @@ class WallClock:
         return moved if abs(moved) >= _STEP_NS else 0
 
     def made_at(self, unix_ns: int) -> int:
-        """Convert a Unix stamp to monotonic time; a future stamp may be from before the system clock was set back."""
+        """Convert a Unix stamp to monotonic time, also a stamp from before the system clock was set back."""
         now = self._now()
         created_ns = unix_ns - self.offset_ns
         if created_ns > now and self._before is not None:
@@ -90,15 +90,15 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """Interface of a request for simulation steps, which is notified when the steps are complete."""
+    """Request for simulation steps, which is notified when the steps are complete."""
 
     def settle(self, error: str | None) -> None:
-        """Process the completion of the steps, or the reason `error` why they were not completed."""
+        """Handle the completion of the steps, or the reason `error` for incomplete steps."""
         ...
 
 
 class RobotClock:
-    """Clock of a robot's controllers; if `simulated`, the clock advances with the cycles and can be paused.
+    """Clock of a robot's controllers; a `simulated` clock advances with the cycles and can be paused.
 
     `edge` is the time of the newest cycle, `stood_ns` is the total delay by pauses.
     """
@@ -113,7 +113,7 @@ class RobotClock:
         self._request: StepRequest | None = None
 
     def now(self) -> int:
-        """Return the present time for commands and controllers, in ns."""
+        """Return the present time of controllers and commands."""
         return self.edge if self.paused or self._resumed else self._reactor.now() - self.stood_ns
 
     def of(self, now: int) -> int:
@@ -122,7 +122,7 @@ class RobotClock:
 
     @property
     def hint(self) -> str | None:
-        """Sentence that the simulation is paused and how to resume; None while not paused."""
+        """Sentence that the simulation is paused, with the command to resume; None if running."""
         return "the simulation is paused; let it go on with: canopen-control world play" if self.paused else None
 
     # -- requests of users
@@ -138,12 +138,12 @@ class RobotClock:
             self.paused, self._resumed, self._steps = False, True, 0
 
     def step(self, count: int, request: StepRequest) -> None:
-        """Request `count` cycles while paused; `request` is notified after the last cycle, or if replaced."""
+        """Execute `count` cycles while paused; `request` is notified after the last cycle, or if replaced."""
         self._end("other steps were asked for")
         self._steps, self._request = count, request
 
     def end(self) -> None:
-        """Let a pending step request fail, because the robot has stopped."""
+        """Fail a pending step request, because the robot has stopped."""
         self._end("the robot has stopped")
 
     def _end(self, error: str | None) -> None:
@@ -154,7 +154,7 @@ class RobotClock:
     # -- the cycle
 
     def take(self, edge: int) -> bool:
-        """Process an edge of the pacer; return whether the robot executes a cycle now."""
+        """Advance the clock at an edge of the pacer; return whether a cycle must be executed."""
         if self.paused:
             return self.take_step(edge)
         if self._resumed:
@@ -164,7 +164,7 @@ class RobotClock:
         return True
 
     def take_step(self, edge: int) -> bool:
-        """Advance the clock by one period if a requested step is pending; return False if there is none."""
+        """Advance the clock by one period if a requested step is pending; return False otherwise."""
         if not self._steps:
             return False
         self._steps -= 1
@@ -173,6 +173,6 @@ class RobotClock:
         return True
 
     def report_steps(self) -> None:
-        """Notify the requester of steps if the last step is done."""
+        """Notify the pending step request if the last step is done."""
         if not self._steps:
             self._end(None)

@@ -44,10 +44,9 @@ _YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no"
 class AskedHardware:
     """Hardware options among the user's NAME:=VALUE, by the conventions of ros2_canopen's launch files.
 
-    `channel` is the value of an argument such as can_interface_name:=can0, "" without such an argument. `real` is the
-    value of an argument such as use_real_hardware:=true, None without one. `world` is the file in an argument such as
-    world:=hall.sdf, "" without one. `channel_word`, `real_word` and `world_word` are these arguments in full, `names`
-    the names of all such arguments.
+    `channel` is the value of an argument such as can_interface_name:=can0, `real` of use_real_hardware:=true, `world`
+    is the file in world:=hall.sdf; "" or None without such an argument. `channel_word`, `real_word` and `world_word`
+    are the complete arguments, `names` the names of all such arguments.
     """
 
     channel: str = ""
@@ -108,14 +107,14 @@ def _sdf_file(value: str) -> str:
 
 
 def _names_channel(name: str, value: str) -> bool:
-    """Whether an argument gives the channel of a bus, by the name (can_interface_name) or the value (can0)."""
+    """Whether an argument selects the channel of a bus, by the name (can_interface_name) or the value (can0)."""
     parts = set(name.lower().split("_"))
     named = bool(parts & _CAN_WORDS) and parts <= _CAN_WORDS | _CHANNEL_WORDS
     return bool(_CHANNEL_VALUE.fullmatch(value)) or (named and value.lower() not in _YES | _NO)
 
 
 def _requests_real(name: str, value: str) -> bool | None:
-    """Return whether real drives are requested (use_real_hardware:=true, hardware:=real); None for other arguments."""
+    """Return whether an argument such as use_real_hardware:=true requests real drives; None for other arguments."""
     parts, word = set(name.lower().split("_")), value.strip().lower()
     if word == "real":
         return True
@@ -130,7 +129,7 @@ def _requests_real(name: str, value: str) -> bool | None:
 
 @dataclass(frozen=True, slots=True)
 class RobotFiles:
-    """Files and name of a robot; `bus` is None for a robot without bus.yml, `more_buses` are bus_NAME.yml by NAME.
+    """Name and files of a robot; `bus` is None without bus.yml, `more_buses` are bus_NAME.yml by NAME.
 
     `arguments` are the xacro arguments, `hardware` the hardware options in the user's arguments, `idle` the arguments
     without an effect on this robot. `spawned` are the controllers that the launch file starts, `variables` the values
@@ -151,7 +150,7 @@ class RobotFiles:
     world: Path | None = None
 
     def refuse_hardware(self, why: str) -> None:
-        """Raise RobotConfigError, with the reason `why`, if an argument requests a channel or real drives."""
+        """Raise RobotConfigError if an argument requests a channel or real drives; `why` is the reason."""
         word = self.hardware.channel_word or (self.hardware.real_word if self.hardware.real else "")
         if word:
             raise RobotConfigError(f"{word}: {why}; omit the argument")
@@ -162,12 +161,12 @@ class RobotFiles:
         return (*self.buses.values(), self.controllers, self.description)
 
     def mappings(self, *, mock: bool = False) -> dict[str, str]:
-        """Return the xacro mappings; with `mock`, also use_mock_hardware for a description that declares it."""
+        """Return the xacro mappings; `mock` adds use_mock_hardware for descriptions that declare this argument."""
         return {"use_mock_hardware?": "true"} | self.arguments if mock else self.arguments
 
     @property
     def bus_alone(self) -> bool:
-        """Whether the robot is only a bus, without controllers and description."""
+        """Whether the robot consists of a bus without controllers and description."""
         return self.controllers == self.description == self.bus
 
     @property
@@ -185,7 +184,7 @@ def find_robot(
     arguments: Iterable[str] = (),
     launch: str | None = None,
 ) -> RobotFiles:
-    """Find the files of a robot; single options override the folder. RobotConfigError lists all missing files.
+    """Find the files of a robot; options take precedence over the folder. RobotConfigError lists all missing files.
 
     `arguments` are NAME:=VALUE for xacro. A ROS launch file adds some, and files that no option and no folder provides.
     """
@@ -229,7 +228,7 @@ def find_robot(
 
 
 def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
-    """Return the bus.yml named by a hardware plugin in the description (`bus_config` of ros2_canopen), else Path().
+    """Return the bus.yml named by a hardware plugin (`bus_config` of ros2_canopen), Path() without such a file.
 
     Errors in the description are ignored here, and reported when the robot is read.
     """
@@ -248,7 +247,7 @@ def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
 
 
 def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> Path | None:
-    """Find the world file of an argument: relative to the working directory, else in the launch file's package."""
+    """Find the world file in an argument: relative to the working directory, else in the launch file's package."""
     if not hardware.world:
         return None
     path = Path(hardware.world).expanduser()
@@ -263,7 +262,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
 def _heeded(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
-    """Return the xacro arguments: the user's, or those of the launch file; RobotConfigError for a mistyped name."""
+    """Return the xacro arguments of the user or the launch file; RobotConfigError for a mistyped name."""
     if launched is None:  # the description may have an argument of that name, and need not
         return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
@@ -275,7 +274,7 @@ def _heeded(
 def _refuse_missing(
     launch: str | None, launched: Launched | None, no_bus: Sequence[str], missing: Sequence[str], *, needed: bool
 ) -> NoReturn:
-    """Raise RobotConfigError that lists the missing files; a `launch` file without a folder changes the wording.
+    """Raise RobotConfigError that lists the missing files; the wording depends on `launch`.
 
     If a bus is not `needed`, because other files of the robot were found, a missing bus.yml is not listed.
     """
@@ -288,7 +287,7 @@ def _refuse_missing(
 def _not_launched(
     launch: str, files: Mapping[str, Path], no_bus: Sequence[str], missing: Sequence[str]
 ) -> Iterator[str]:
-    """Yield texts about the files that a launch file without a folder does not name, and about other missing files."""
+    """Yield texts about robot files that a launch file does not name, and about other missing files."""
     for option, kind in (("--bus", "bus"), ("--controllers", "controllers"), ("--description", "description")):
         if any(text.endswith(f" or {option}") for text in (*no_bus, *missing)):
             problem = f"names {files[kind]}, which is not a file" if kind in files else f"names no {kind} file"
@@ -298,7 +297,7 @@ def _not_launched(
 
 
 def _refuse_unheeded(idle: Iterable[str]) -> None:
-    """Raise RobotConfigError for an argument without effect whose name seems to select real or virtual drives."""
+    """Raise RobotConfigError for an ineffective argument whose name seems to select real or virtual drives."""
     for word in idle:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
             raise RobotConfigError(
@@ -319,7 +318,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
 
 
 def find_buses(config: str | None) -> dict[str, Path]:
-    """Return the bus files of a robot's folder, by bus name; other files are not required. RobotConfigError."""
+    """Return the bus files in a robot's folder, by bus name; RobotConfigError if there is no bus.yml."""
     if not config:
         raise _not_given()
     missing: list[str] = []
@@ -338,7 +337,7 @@ def _not_given(or_else: str = "") -> RobotConfigError:
 
 
 def _folder(config: str) -> Path:
-    """Find the folder that a user names: a path, a bundled robot, a ROS package, or a folder in a ROS package."""
+    """Find a robot's folder: a path, a bundled robot, a ROS package, or a folder in a ROS package."""
     path = Path(config).expanduser()
     if path.is_dir():
         return path
@@ -360,7 +359,7 @@ def _folder(config: str) -> Path:
 
 
 def find_launch(text: str) -> Path:
-    """Return the launch file that a user names: an existing path, PACKAGE/FILE in a ROS package, else the path."""
+    """Return the launch file for an existing path or PACKAGE/FILE in a ROS package; any other path is unchanged."""
     path = Path(text).expanduser()
     package, _, rest = text.partition("/")
     inside = () if path.is_file() else (package_folder / rest for package_folder in installed_packages(package))
@@ -368,7 +367,7 @@ def find_launch(text: str) -> Path:
 
 
 def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str]) -> Launched | None:
-    """Read a launch file with the user's arguments; None without a launch file. Names in `obeyed` need no other use."""
+    """Read a launch file with the user's arguments; None without a launch file."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
@@ -384,7 +383,7 @@ def _one(
     missing: list[str],
     launched: Path | None = None,
 ) -> Path:
-    """Return one file: as given, else from the folder, else from the launch file; else add a text to `missing`."""
+    """Return one file: from the option, the folder or the launch file; otherwise add a text to `missing`."""
     count = len(missing)
     file = _own(path, folder, names, option, missing)
     if file == Path() and launched is not None and launched.is_file():
@@ -426,7 +425,7 @@ def _is_default(controllers: str | None, description: str | None, launched: Laun
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether neither controllers nor a description are found for a folder, so that a bus.yml there is alone.
+    """Whether a folder has neither controllers nor a description, so that its bus.yml is the whole robot.
 
     For a folder below `config` of a package, a description directly in the package's `urdf` does not count.
     """
@@ -441,7 +440,7 @@ def _is_alone(folder: Path | None) -> bool:
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:
-    """Return the folders to search for a file or description, in order: the given folder, then those of its package."""
+    """Return the folders to search for a file or description, in order: `folder`, then folders of its package."""
     if not described:
         return [folder, folder / "config"]
     places = [folder, folder / "urdf"]
@@ -455,7 +454,7 @@ def _places(folder: Path, *, described: bool) -> list[Path]:
 
 
 def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
-    """Return a hint about suitable files elsewhere in the package, from which the user must choose; "" for none."""
+    """Return a hint about suitable files elsewhere in the package, "" for none."""
     if names is _DESCRIPTIONS:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
         folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
@@ -467,7 +466,7 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
 
 
 def _is_bus(path: Path) -> bool:
-    """Whether a file looks like a bus.yml, whatever its name, because a line contains `node_id:`."""
+    """Whether a file looks like a bus.yml, because a line contains `node_id:`."""
     try:
         return path.is_file() and bool(re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_LOOKED_AT]))
     except (OSError, UnicodeDecodeError):
@@ -479,12 +478,12 @@ def _listed(paths: Sequence[Path]) -> str:
 
 
 def _name(folder: Path) -> str:
-    """Return the name of a robot: the name of its folder, or of the parent folder if that name is `config`."""
+    """Return the name of a robot: the folder name, or the parent's name for a folder `config`."""
     return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield an error text for every path that is no regular file, because opening a pipe or a device could block."""
+    """Yield an error text for every path that is not a regular file; opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
             yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, no file"
@@ -503,6 +502,6 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
 
 
 def _safe(name: str) -> str:
-    """Replace the characters of a name that are not allowed in the name of a socket; at most 32 remain."""
+    """Replace characters that are not allowed in socket names, and limit the name to 32 characters."""
     cleaned = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name if letter.isascii())
     return cleaned[:32] or "robot"

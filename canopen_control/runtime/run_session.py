@@ -61,7 +61,7 @@ _SWING_STEPS = 80  # eight seconds per cycle: 0.2 rad/s at most
 
 
 class DemoMotion:
-    """Demo motion that repeatedly commands velocities, twists or positions to a controller, in both directions."""
+    """Demo motion: velocities, twists or positions that a controller executes alternately in both directions."""
 
     def __init__(self, robot: RobotCore, controller: str) -> None:
         self._robot, self._controller = robot, controller
@@ -120,7 +120,7 @@ _MOST_PLACES = 20
 
 
 class ProgramErrors:
-    """Handler for a reactor's `on_error`, which reports unexpected exceptions as events to `report`."""
+    """Handler for unexpected exceptions in the reactor, which reports each exception as an event."""
 
     def __init__(self, now: Callable[[], int], report: Callable[[Event], None]) -> None:
         self._now, self._report = now, report
@@ -155,7 +155,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """Options of a run of a robot; `duration` is in s, None without a limit.
+    """Options of a robot's run; `duration` is in s, None for no limit.
 
     `drives` starts virtual drives where the channel allows that; `like` is their personality. With `physics` they move
     the robot in a physics simulation, in the world file `world` if given; else `plant` is their plant file, if any.
@@ -230,7 +230,7 @@ class RunSession(RobotObserver):
         self.robot.observers.append(self)
 
     def start(self) -> None:
-        """Start the child processes, and the robot as soon as they are ready; CanopenError if that fails."""
+        """Start the child processes, then the robot when these are ready; CanopenError on failure."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
         self.robot.latch.report(self.reactor.now())
@@ -250,7 +250,6 @@ class RunSession(RobotObserver):
         self.supervisor.when_ready(self)
 
     def child_failed(self, text: str) -> None:
-        """End the run, because a child process failed with the error `text`."""
         self.robot.fail(text)
 
     def children_ready(self, tries: int = _HEARING_TRIES) -> None:
@@ -296,16 +295,14 @@ class RunSession(RobotObserver):
         self._cleanup.close()
 
     def _take_true_pose(self, base: BasePose) -> None:
-        """Pass a true pose, with the odometry at the same time, to the comparison of both."""
         odometry = odometry_at(self.robot.manager, base.time_ns - self.reactor.now())
         self.robot.truth.take(base, odometry, self.robot.wall_offset_ns)
 
     def stopped(self) -> None:
-        """Stop the reactor, so that `run` returns."""
         self.reactor.stop()
 
     def running(self) -> None:
-        """Start the true pose query, the demo motion and the timer for the duration."""
+        """Start the true pose query, the demo motion and the timer for the duration of the run."""
         self._true_pose.start()
         gc.freeze()  # the objects created by booting stay as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
@@ -323,7 +320,7 @@ class RunSession(RobotObserver):
 
 
 def _claim(channel: str) -> int:
-    """Lock a channel on this host for one NMT master; RobotConfigError if another process has the lock."""
+    """Lock a channel on this host for this NMT master; RobotConfigError if another process holds the lock."""
     safe = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in channel)
     path = runtime_dir() / f"master-{safe[:48]}.lock"
     try:

@@ -47,7 +47,7 @@ BUS_NAME = MAIN_BUS
 
 
 def unit_quirks(bus: BusConfig, name: str) -> list[str]:
-    """Return the quirks for a node's virtual drive whose velocity unit is not one position unit per s.
+    """Return virtual-drive quirks for a node whose velocity unit is not one position unit per s.
 
     The unit follows from the scales in bus.yml. No quirk is needed if the EDS gives the velocity unit (0x60A9).
     """
@@ -88,11 +88,11 @@ class RobotSetup:
 
     @property
     def reaches_real_drives(self) -> bool:
-        """Whether real drives may move: `--real` is given or a used bus is not virtual."""
+        """Whether real drives may move: `--real` is given, or a used bus is not virtual."""
         return bool(self.joined) and (self.real or not all(map(may_host_virtual_drives, self.channels.values())))
 
     def require_places(self, option: str) -> None:
-        """Raise RobotConfigError if a used bus has no given channel; `option` is the option that needs the channel."""
+        """Raise RobotConfigError if `option` is used and a bus has no configured channel."""
         if self.unplaced and self.joined:
             which = " ".join(f"--can {name}=can{at}" for at, name in enumerate(self.unplaced))
             example = "--can can0" if self.unplaced == (BUS_NAME,) else which
@@ -108,7 +108,7 @@ class RobotSetup:
 
     @property
     def notices(self) -> Iterator[tuple[str, Level, str]]:
-        """Notes and warnings about the files, as kind, level and text of events at the start."""
+        """Notes and warnings about the files, as kind, level and text of the events at the start."""
         yield from (("note", Level.INFO, text) for text in self.notes)
         yield from (("doubt", Level.WARNING, text) for text in self.uncertainties)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
@@ -116,7 +116,7 @@ class RobotSetup:
 
     @property
     def on_drives(self) -> bool:
-        """Whether an option requires real or virtual drives, regardless of the hardware plugins in the description."""
+        """Whether an option replaces the hardware plugins of the description by real or virtual drives."""
         return self.real or self.physics or self.drives
 
     @property
@@ -127,23 +127,23 @@ class RobotSetup:
 
     @property
     def joined(self) -> Mapping[str, BusConfig]:
-        """Buses that a run uses: none if plugins simulate or mock the whole robot."""
+        """Buses that a run uses; none if plugins simulate or mock the complete robot."""
         return self.buses if self.files.bus_alone or PluginKind.CANOPEN in self.kinds else {}
 
     @property
     def bus(self) -> BusConfig:
-        """Bus in bus.yml; all other buses have the same SYNC period."""
+        """The bus of bus.yml; all other buses have the same SYNC period."""
         return self.buses[BUS_NAME]
 
     @property
     def runs(self) -> str:
-        """Names of the started controllers, or of the nodes of a bus without controllers, as text."""
+        """Names of the started controllers, or of the nodes of a bus without controllers, as a text."""
         nodes = [name for bus in self.buses.values() for name in bus.nodes]
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
     def sync_notes(self) -> Iterator[str]:
-        """Notes about SYNC by the kernel, or about a late SYNC of this process that disturbs real drives."""
+        """Notes about SYNC sent by the kernel, or about jerks by a late SYNC of this process."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:
                 yield choice.words
@@ -198,8 +198,8 @@ def read_robot(
     ros2_controllers.yaml are errors. `peer_merge` lets `defaults` in bus.yml override the nodes. `allow_unsupervised`
     accepts drives that do not stop when the NMT master is lost. `kernel_sync` lets the kernel send SYNC. `physics` lets
     virtual drives move the robot in a physics simulation; `drives` replaces simulation plugins by drives; `simulate`
-    lets the simulation plugins move the robot, in the `world` if given. A `reader` has started to read the description
-    already. The hardware options in the user's arguments (`files.hardware`) have the effect of `can` and `real`.
+    lets the simulation plugins move the robot, in the `world` if given. `reader` has already started to read the
+    description. The hardware options in the user's arguments (`files.hardware`) have the effect of `can` and `real`.
     """
     name = name or files.name
     real = files.hardware.is_real(option=real)
@@ -232,7 +232,7 @@ def _contents(
     strict: bool,
     real: bool,
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Read all files, and add controllers for drives without a joint; also return the controllers to activate."""
+    """Read all files, add controllers for drives without a joint, and select the controllers to activate."""
     buses, written, options = _read(files, name, read, reader, mock=mock, strict=strict)
     description, control, free = _add_free_drives(files, buses, written, options, mock=mock)
     _require_bus(files, buses, description, mock=mock, real=real)
@@ -263,7 +263,7 @@ def _add_free_drives(
     *,
     mock: bool,
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Add joints and controllers for drives without a joint; also return the names of the added controllers."""
+    """Add joints and controllers for drives without a joint; return the names of the added controllers last."""
     if files.bus_alone:
         return description, control, tuple(control.controllers)
     return (description, control, ()) if mock else with_free_drives(description, control, buses)
@@ -272,7 +272,7 @@ def _add_free_drives(
 def _read_bus_alone(
     files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Read the buses of a robot without controllers, and make a default description and controllers."""
+    """Read the buses of a robot without controllers, and create a default description and controllers."""
     _refuse_for_a_bus(files, mock=mock)
     buses = read()
     description = description_of(name, str(files.bus), buses)
@@ -330,7 +330,7 @@ def plans_of(buses: Mapping[str, BusConfig]) -> list[NodePlan]:
 
 
 def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str]:
-    """Return a warning if `use_sim_time` is set although nothing is simulated."""
+    """Return a warning if `use_sim_time` is set but no part of the robot is simulated."""
     settings = [controller.params.flat.get("use_sim_time") for controller in control.controllers.values()]
     configured = control.manager.use_sim_time or any(
         setting is not None and setting.value is True for setting in settings
@@ -366,7 +366,7 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
 def _require_bus(
     files: RobotFiles, buses: Mapping[str, BusConfig], description: UrdfDescription, *, mock: bool, real: bool
 ) -> None:
-    """Raise RobotConfigError if the description needs CANopen drives and there is no bus.yml."""
+    """Raise RobotConfigError if the description has CANopen drives but there is no bus.yml."""
     for tag in () if buses else description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             raise RobotConfigError(

@@ -52,7 +52,6 @@ class SharedRobot:
 
     @property
     def name(self) -> str:
-        """Name of the robot."""
         return self.setup.name
 
 
@@ -81,7 +80,7 @@ def read_shared(world: Path) -> list[SharedRobot]:
 
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
-    """Read one robot of a world file: a folder next to that file, else a robot that `find_robot` finds."""
+    """Read one robot of a world file, from a folder next to that file or as found by `find_robot`."""
     beside = world.parent / start.robot
     config = str(beside) if beside.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]
@@ -100,9 +99,9 @@ def _read(start: RobotStart, world: Path) -> SharedRobot:
 
 
 class SharedRun:
-    """Run of several robots in a shared world until all have ended; `options` are passed to every robot process.
+    """Run of several robots in one physics world; `options` are passed to every robot process.
 
-    `of_each` returns further options for the robot with a name, such as its ROS namespace.
+    `of_each` returns further options for a robot by name, such as the ROS namespace. `report` receives messages.
     """
 
     def __init__(
@@ -123,7 +122,7 @@ class SharedRun:
         self._refused = self._ending = False
 
     def run(self) -> None:
-        """Run until the end; ConfigError if the drives refuse their files, CanopenError for another failure."""
+        """Run until all robots have ended; ConfigError if the drives refuse their files, else CanopenError."""
         try:
             self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))
             self._start_drives()
@@ -134,7 +133,6 @@ class SharedRun:
             raise (ConfigError if self._refused else CanopenError)(self._failed)
 
     def _start_drives(self) -> None:
-        """Start the process of all virtual drives."""
         plants = [(robot.setup, _written(robot.setup)) for robot in self._robots]
         file = write_buses(state_dir(f"world-{self._robots[0].name}"), plants, self._world.resolve())
         argv = [*MODULE, "canopen_control", "drive", "--buses", str(file)]
@@ -164,7 +162,6 @@ class SharedRun:
         self._end()
 
     def _on_drives_ended(self, returncode: int, lines: list[str]) -> None:
-        """End all robots after the end of the drives' process."""
         reasons = [line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE)]
         self._drives, self._refused = None, returncode == _USAGE
         self._fail(
@@ -187,7 +184,6 @@ class SharedRun:
         self._reactor.stop()
 
     def _close(self) -> None:
-        """End the robot processes, then the process of the drives."""
         end_children(list(self._running.values()), self._reactor, _GRACE_S)
         end_children([] if self._drives is None else [self._drives], self._reactor, _GRACE_S)
         self._reactor.close()

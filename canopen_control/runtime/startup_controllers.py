@@ -26,7 +26,7 @@ UNLOADED = "unloaded"  # state of a controller that is only in the file
 
 
 def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *, configure: bool = True) -> None:
-    """Load and, by default, configure a controller of the file; ControlError or ConfigError."""
+    """Load and, by default, configure a controller of ros2_controllers.yaml; ControlError or ConfigError."""
     config = setup.controllers.controllers.get(name)
     if config is None:
         by_name = setup.controllers.controllers
@@ -54,7 +54,7 @@ def switch_controllers(
     strict: bool,
     check: Callable[[Iterable[Controller]], None],
 ) -> None:
-    """Switch controllers, loading and configuring new ones first; `check` may refuse the ones to activate.
+    """Switch controllers, after loading and configuring new controllers; `check` may refuse the activation.
 
     Without `strict`, unknown names are reported and left out. ControlError or ConfigError if the switch fails; then
     newly loaded controllers are unloaded again.
@@ -78,7 +78,7 @@ def switch_controllers(
 
 
 def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Raise ControlError, with the command that activates the controller, if a controller of the file is not active."""
+    """Raise ControlError with the activating command if a controller of the file is not active."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _conflicting(setup, manager, name)) else []
@@ -87,7 +87,7 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
 
 
 def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:
-    """Return the active controllers that own command interfaces of a controller, whether that is loaded or not."""
+    """Return the active controllers that own command interfaces of the controller `name`, loaded or not."""
     config = setup.controllers.controllers[name]
     try:
         controller = make_controller(name, config.type)
@@ -103,7 +103,7 @@ def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> li
 
 
 def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry: InterfaceRegistry) -> None:
-    """Load and configure the controllers to activate at the start; ConfigError that names the file."""
+    """Load and configure the controllers to activate at the start; the ConfigError names the file."""
     owners: dict[str, str] = {}
     for name in setup.to_activate:
         try:

@@ -48,7 +48,7 @@ def readings_of(robot: RobotCore) -> Readings:
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return the status of a robot, as `status --json` shows it; `readings` is the present snapshot, if taken."""
+    """Return the status of a robot, as in `status --json`; `readings` is the present snapshot, if available."""
     read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
@@ -78,7 +78,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
 
 
 def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
-    """Return a sample of the state stream; `readings` is the present snapshot, if already taken."""
+    """Return a sample of the state stream; `readings` is the present snapshot, if available."""
     read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
@@ -178,7 +178,7 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:
-    """Return states, command and tracking errors of all joints; a value that is not finite is None."""
+    """Return states, command and tracking errors of all joints; None replaces values that are not finite."""
     joints: dict[str, dict[str, float | None]] = {}
     for state in robot.registry.state_interfaces:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)

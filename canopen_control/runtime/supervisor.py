@@ -64,19 +64,19 @@ _VERBS_MAIN: Final = "canopen_control.cli.main"
 
 
 class SupervisedRun(Protocol):
-    """Run of a robot that is notified when its child processes are ready or have failed."""
+    """Run of a robot, notified when all child processes are ready or a child has failed."""
 
     def children_ready(self) -> None:
-        """Start the robot, because all child processes are ready."""
+        """Start the robot, since all child processes are ready."""
         ...
 
     def child_failed(self, text: str) -> None:
-        """End the run because a child process failed; `text` is the reason."""
+        """End the run, since a child process failed; `text` is the reason."""
         ...
 
 
 class _Restartable(NamedTuple):
-    """Child process that is restarted after its end: name, restart policy, and function that starts it."""
+    """Child process to be restarted after its end: name, restart policy, and start function."""
 
     name: str
     restarts: Restarts
@@ -84,7 +84,7 @@ class _Restartable(NamedTuple):
 
 
 class Supervisor:
-    """Supervisor that starts and ends the child processes of a robot; an unexpected end is reported to `report`.
+    """Supervisor of a robot's child processes; unexpected ends are reported to `report`.
 
     With `realtime`, the CPU binding of this process is undone for the children.
     """
@@ -111,7 +111,7 @@ class Supervisor:
         """Names of child processes that have ended unexpectedly, with the consequence, until restarted."""
 
     def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
-        """Start virtual drives for all nodes in bus.yml, in separate processes, or in this one for an in-process bus.
+        """Start virtual drives for all nodes in bus.yml, in child processes or, for an in-process bus, in this one.
 
         With a `plant` file, all drives run in one process, since they move the same simulated robot. `like` is the
         personality of the drives.
@@ -137,7 +137,7 @@ class Supervisor:
         restarts: Restarts | None = None,
         prepared: Child | None = None,
     ) -> None:
-        """Start the client `python -m ARGUMENTS`; with `restarts`, the client is restarted after its end.
+        """Start a client as `python -m ARGUMENTS`; with `restarts`, the client is restarted after its end.
 
         If `answers`, the client must send liveness reports repeatedly, and is killed if they stop. `prepared` is the
         process of this client if it was started before, and waits at its gate.
@@ -224,7 +224,7 @@ class Supervisor:
         self._check_ready()
 
     def _continue_without_ready(self, child: Child) -> None:
-        """Stop waiting for a child; if the process of all drives fails without a message, wait for its end."""
+        """Stop waiting for a child; for the process of all drives, wait for its error message first."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
             self._arrived(child)
 
@@ -248,7 +248,7 @@ class Supervisor:
             self._run.children_ready()
 
     def _late(self, child: Child, run: SupervisedRun) -> None:
-        """Let the run fail, because a drive process is not ready in time."""
+        """Fail the run, since a drive process is not ready in time."""
         self._wait_no_more()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
@@ -370,7 +370,7 @@ class Supervisor:
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
-        """Start the child process `python -m ARGUMENTS`."""
+        """Start `python -m ARGUMENTS` as a child process."""
         module, *rest = arguments
         main = (_VERBS_MAIN, rest) if module == _VERBS else None
         return self._start([*MODULE, *arguments], name, main, ros=ros, inherit_stdout=inherit_stdout, reports=reports)
@@ -385,7 +385,7 @@ class Supervisor:
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
-        """Start a child process with `argv`, or by a fork that runs `main` if no bus is joined yet."""
+        """Start a child process with `argv`, or before any bus is joined by a fork that runs `main`."""
         log_dir = None if inherit_stdout else state_dir(self._name)
         child = spawn(
             argv,
@@ -399,14 +399,14 @@ class Supervisor:
         return self._watched(child)
 
     def _watched(self, child: Child) -> Child:
-        """Handle the end of a started child process, and release it from the CPU binding of this process."""
+        """Supervise the end of a child process, and remove the processor binding that it inherited."""
         if self._realtime is not None:
             self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
         return child
 
     def _on_exit(self, child: Child, returncode: int, lines: list[str]) -> None:
-        """Report the unexpected end of a child process, and restart it if the policy allows that."""
+        """Report the unexpected end of a child process, and restart the child if the policy allows that."""
         if self._ending or child not in (*self._drives, *self._clients):
             return
         child.unwatch_ready(self._reactor)
@@ -438,19 +438,19 @@ class Supervisor:
 
 
 def hosts_virtual_drives(setup: RobotSetup) -> bool:
-    """Whether virtual drives may be started on all buses of a robot, since their channels have no real drives."""
+    """Whether virtual drives may be started on all buses of a robot, because no channel has real drives."""
     return all(may_host_virtual_drives(channel) for channel in setup.channels.values())
 
 
 class Silence:
-    """Duration of a child's silence, counted only while this process was on time; all times are in monotonic ns."""
+    """Duration of a child's silence, counted only while this process is on time; times are in monotonic ns."""
 
     def __init__(self, now: int) -> None:
         self._looked, self._heard_at = now, -1
         self._silent = 0
 
     def look(self, now: int, heard_at: int | None) -> int:
-        """Return the silence until `now`, where `heard_at` is the last report. To be called every `_ANSWER_LOOK_NS`."""
+        """Return the silence until `now`; `heard_at` is the last report. Call this every `_ANSWER_LOOK_NS`."""
         since, self._looked = now - self._looked, now
         if heard_at is not None and heard_at != self._heard_at:
             self._heard_at, self._silent = heard_at, 0
@@ -467,7 +467,7 @@ class Restarts:
         self._times: deque[int] = deque(maxlen=MOST)
 
     def died(self, now: int) -> str:
-        """Count an unexpected end, decide about the restart, and return the decision as text."""
+        """Count an unexpected end; return the decision about a restart as text, and set `given_up` if negative."""
         if len(self._times) == MOST and now - self._times[0] < WINDOW_NS:
             self.given_up = True
             return f"given up: it has been started again {MOST} times within a minute"

@@ -43,7 +43,7 @@ _NAMED: Final = 3  # maximum number of joints named in a sentence
 
 @dataclass(frozen=True, slots=True)
 class CyclicAxis:
-    """Joint that is commanded in a cyclic synchronous mode; `target` is the index of the set-point object."""
+    """Joint in a cyclic synchronous mode; `target` is the index of the set-point object."""
 
     joint: str
     node: NodeConfig
@@ -69,7 +69,7 @@ def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tu
 
 
 def joint_words(axes: Sequence[CyclicAxis]) -> str:
-    """Return the names of the joints as text, shortened to the first three and the number of further joints."""
+    """Return the first three names of joints, and the number of further joints, as a text."""
     joints = list(dict.fromkeys(axis.joint for axis in axes))
     return ", ".join(joints[:_NAMED]) + (f" and {len(joints) - _NAMED} more" if len(joints) > _NAMED else "")
 
@@ -95,7 +95,7 @@ def axis_number(joint: ControlJoint) -> int:
 
 
 def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
-    """Return the node that moves a joint, by `device_name` or `node_id`; None if not on this bus."""
+    """Return the node that moves a joint, by `device_name` or `node_id`; None if the node is on another bus."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     if name is not None:
         return config.nodes.get(name)
@@ -113,7 +113,7 @@ class SyncSender(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class SyncChoice:
-    """SYNC producer of a bus; `why` is the reason, `joints` names the joints that are timed by SYNC."""
+    """SYNC producer of a bus; `why` is the reason for the choice, `joints` names joints that are timed by SYNC."""
 
     sender: SyncSender
     why: str = ""
@@ -133,7 +133,7 @@ class SyncChoice:
 
     @property
     def hint(self) -> str:
-        """Sentence on how a late SYNC of this process affects the motion, with the remedy; "" if there is no effect."""
+        """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not affected."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
         return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
@@ -149,7 +149,7 @@ _REMEDY = (
 def choose_sync(
     config: BusConfig, channel: str, description: UrdfDescription, *, by_option: bool = False
 ) -> SyncChoice:
-    """Choose the SYNC producer of a bus; `by_option` is set if the command line requests the kernel."""
+    """Choose the SYNC producer of a bus; `by_option` is True if the command line selects the kernel."""
     master = config.master
     if not master.sync_period:
         return SyncChoice(SyncSender.NOBODY)
@@ -175,7 +175,7 @@ def _no_interface(channel: str) -> str | None:
 
 
 def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
-    """Return the reason why `auto` does not let the kernel send SYNC, None if there is no reason."""
+    """Return why `auto` does not let the kernel send SYNC, None without a reason."""
     if not axes:
         return "no joint is commanded in CSP or CSV"
     if config.master.sync_order == "last":
