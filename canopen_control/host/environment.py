@@ -29,9 +29,10 @@ _WHEEL_FOLDER: Final = re.compile(r"(?P<prefix>.+)/lib\d*/python[^/]+/site-packa
 
 
 def lean_python(module: str) -> list[str]:
-    """Return the command that runs `main` of a module of the package with only the package and msgspec on the path.
+    """Return the command line that runs `main` of `module` in an interpreter with a minimal path and a fast start.
 
-    In isolated mode and without the module site, Python starts in half the time.
+    Only the package and msgspec can be imported. In isolated mode and without the module site, Python starts in half of
+    the time.
     """
     from importlib.util import find_spec
 
@@ -43,10 +44,10 @@ def lean_python(module: str) -> list[str]:
 
 
 def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None, forked: bool = False) -> dict[str, str]:
-    """Return the environment of a child, derived from `base` (default: os.environ); `ros` if it imports rclpy.
+    """Return the environment of a child process, derived from `base` (default: os.environ).
 
-    A library path set by the user or by a sourced ROS is kept. With `ros`, a fork keeps all library paths, because it
-    cannot be restarted with others.
+    `ros` means that the child imports rclpy, `forked` that the child is a fork. A library path set by the user or by a
+    sourced ROS is kept. With `ros`, a fork keeps all library paths, because it cannot be restarted with others.
     """
     environment = dict(os.environ if base is None else base)
     for private in (LIFELINE, READY, GATE):
@@ -65,7 +66,7 @@ def clean_environment(*, ros: bool, base: Mapping[str, str] | None = None, forke
 
 
 def has_ros_libraries() -> bool:
-    """Whether a fork of this process finds the libraries of rclpy, by the library path of the wheels or a user's."""
+    """Whether a fork of this process can load the libraries of rclpy with the current library path."""
     folders = os.environ.get(_LIBRARIES, "").split(":")
     prefixes = {match["prefix"] for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))}
     return _GUARD not in os.environ or bool(prefixes & {sys.prefix, os.path.realpath(sys.prefix)})
@@ -76,8 +77,8 @@ def _without_wheels(libraries: str) -> str:
     wheels = [match for folder in folders if (match := _WHEEL_FOLDER.fullmatch(folder.rstrip("/")))]
     if not wheels:
         return libraries
-    # The wheels' folders are followed by the lib folder of their environment; it is named as it was called, the wheels'
-    # folders without symbolic links.
+    # The wheels' folders are followed by the lib folder of their environment, spelled as in sys.prefix; in the wheels'
+    # folders symbolic links are resolved.
     prefixes = {match["prefix"] for match in wheels}
     if prefixes & {sys.prefix, os.path.realpath(sys.prefix)}:
         prefixes.add(sys.prefix)

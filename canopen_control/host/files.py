@@ -1,9 +1,9 @@
 """Files on a disk that may be full: complete writes, and rotated logs of child processes.
 
-Errors name the file and what remains of it. A child keeps its log open, so that the log can only be rotated in place:
-the content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and continues at the
-start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is lost; a line in
-the file reports it.
+Errors name the file and describe its remaining content. A child keeps its log open, so that the log can only be rotated
+in place: the content is copied to `<name>.log.1` and the file is truncated; the child writes in append mode and
+continues at the start. The kernel copies, on a thread without the interpreter lock. Output during this millisecond is
+lost; a line in the file reports the loss.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ def write_whole(path: str | Path, data: bytes) -> None:
     """Write a file completely or leave it unchanged; raise ConfigError, or DiskFull if the disk is full."""
     path = Path(path)
     if path.exists() and not path.is_file():  # a device or a pipe cannot be replaced
-        with telling(path, "it got a part of it"):
+        with telling(path, "a part of the data was written"):
             path.write_bytes(data)
         return
     target = path.resolve()  # a symbolic link is kept
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        with telling(path, "it is as it was before" if path.exists() else "nothing was written"):
+        with telling(path, "the file is unchanged" if path.exists() else "nothing was written"):
             part.write_bytes(data)
             with contextlib.suppress(OSError):
                 part.chmod(target.stat().st_mode)
@@ -77,7 +77,7 @@ def failed(path: str | Path, error: OSError, remains: str) -> CanopenError:
 
 LIMIT: Final = 10_000_000
 _TAIL: Final = 8192
-_ROTATED: Final = b"--- rotated: what came before is in the file that ends in .1; a line may be missing here\n"
+_ROTATED: Final = b"--- rotated: earlier output is in the file with the suffix .1; a line may be missing here\n"
 
 
 def state_dir(name: str = "") -> Path:
@@ -98,20 +98,20 @@ class LogFile:
 
     @contextlib.contextmanager
     def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
-        """Open the log for a child, and add a line about the start; ConfigError if the log cannot be written."""
+        """Open the log for a child and write a start line; raise ConfigError if the log cannot be written."""
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if self.path.exists() and self.path.stat().st_size > self._limit:
                 self.path.replace(self._old)
             make_private(self.path)
-            file = open(self.path, "ab", buffering=0)  # noqa: SIM115 - closed below, errors of opening apart
+            file = open(self.path, "ab", buffering=0)  # noqa: SIM115 - closed below; errors of opening are handled separately
             os.fchmod(file.fileno(), 0o600)  # created by an older version
             command = " ".join(shlex.join(argv).split())
             file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {command}\n".encode(errors="replace"))
             self._start = file.tell()
         except OSError as error:
             raise ConfigError(
-                f"cannot write the log {self.path}: {error.strerror}; set XDG_STATE_HOME to a folder of yours"
+                f"cannot write the log {self.path}: {error.strerror}; set XDG_STATE_HOME to a folder that you own"
             ) from error
         with file:
             yield file

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _allowed = False
 _THRESHOLDS: Final = gc.get_threshold()
 _ARG_START, _ENV_END = 48, 51  # fields of proc_pid_stat(5)
-_parents_objects: list[object] = []  # of the parent: freeing one would close descriptors that are the child's now
+_parents_objects: list[object] = []  # freeing a stream of the parent would close a descriptor of the child
 
 
 #: module, and the arguments of its `main`
@@ -58,18 +58,17 @@ def can_fork() -> bool:
 
 
 class ForkedProcess:
-    """Child created by `fork`, with those methods of `subprocess.Popen` that the module `spawn` needs."""
+    """Child process created by `fork`, with the part of the `subprocess.Popen` interface that `spawn` uses."""
 
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self.returncode: int | None = None
 
     def poll(self) -> int | None:
-        """Return the exit status, negative for a signal; None while the child runs."""
         return self._wait(os.WNOHANG)
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for the end of the child, at most `timeout` s, and return its status like `poll`."""
+        """Wait for the end of the child, at most `timeout` s; return the exit status, None while the child runs."""
         if timeout is not None and self.poll() is None:
             descriptor = os.pidfd_open(self.pid)
             try:
@@ -88,7 +87,6 @@ class ForkedProcess:
         return self.returncode
 
     def terminate(self) -> None:
-        """Send SIGTERM to the child; no-op once the child has ended."""
         if self.poll() is None:
             os.kill(self.pid, signal.SIGTERM)
 
@@ -139,7 +137,7 @@ def _run_child(
         gc.freeze()  # objects from before the fork are never collected, and their pages stay shared
         gc.enable()
         gc.set_threshold(*_THRESHOLDS)
-        atexit._clear()  # noqa: SLF001 - those of the parent; no public way
+        atexit._clear()  # noqa: SLF001 - exit functions of the parent; no public way
         _reset_descriptors(output, keep)
         _reset_environment(environment)
         _show(argv, environment)

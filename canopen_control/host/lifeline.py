@@ -1,4 +1,4 @@
-"""Child's side of `spawn` and `spawn_detached`: it detects the end of the parent and reports readiness.
+"""Child's side of `spawn` and `spawn_detached`: detection of the parent's end, and reports of readiness.
 
 The module is separate so that children need not import the code that starts processes.
 """
@@ -71,7 +71,7 @@ def _report(line: bytes) -> None:
 class LivenessReport:
     """Repeated report of a child to `spawn`: first that it is ready, then that it is still running.
 
-    It does nothing in a process whose starter has not requested reports.
+    The methods have no effect in a process whose starter has not requested reports.
     """
 
     def __init__(self) -> None:
@@ -82,11 +82,10 @@ class LivenessReport:
 
     @property
     def is_asked_for(self) -> bool:
-        """Whether the starter has requested reports."""
         return self._fd is not None
 
     def beat(self) -> None:
-        """Send a report, from any thread; the first report means that the child is ready."""
+        """Send a report, from any thread; the first report tells the starter that the child is ready."""
         if self._fd is not None:
             with contextlib.suppress(OSError):
                 os.write(self._fd, READY_WORD + b"\n")

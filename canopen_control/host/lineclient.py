@@ -47,7 +47,6 @@ class LineBuffer:
         self.overflow = False
 
     def feed(self, data: bytes) -> None:
-        """Append the next bytes of the stream."""
         if not self.overflow:
             self._data += data
 
@@ -108,7 +107,7 @@ class LineClient:
     def send(self, line: bytes, timeout: float = 5.0) -> None:
         """Send a line that ends with a newline; raise LocalProtocolError if the line is too long."""
         if len(line) > MAX_REQUEST:
-            raise LocalProtocolError(f"this cannot be sent to {self.label}: {len(line)} bytes, more than {MAX_REQUEST}")
+            raise LocalProtocolError(f"request to {self.label} too long: {len(line)} bytes, more than {MAX_REQUEST}")
         deadline = time.monotonic() + timeout
         remaining = memoryview(line)
         while remaining:
@@ -116,7 +115,7 @@ class LineClient:
             remaining = remaining[sent:]
             if not sent and not self._poll(select.POLLOUT, deadline):
                 self.hang_up()  # part of the line may have been sent, so that the stream is unusable
-                raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; does it hang?")
+                raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; check whether it hangs")
 
     def receive(self, timeout: float | None = 5.0) -> bytes | None:
         """Return the next line without its newline, None if no line arrived within `timeout` s.
@@ -140,7 +139,6 @@ class LineClient:
             self._socket.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Close the connection; no-op if it is closed already."""
         self._socket.close()
 
     def _write(self, data: memoryview) -> int:
@@ -152,7 +150,6 @@ class LineClient:
             raise self._closed_error() from error
 
     def _read(self) -> bytes | None:
-        """Return the received bytes, None if no bytes are waiting."""
         try:
             data = self._socket.recv(_CHUNK)
         except BlockingIOError:

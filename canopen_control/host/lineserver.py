@@ -7,8 +7,9 @@ request each, the first requests of new connections first; the other requests wa
 thus delays every other peer by one request, and the owner's other work by one millisecond and one request.
 
 When the maximum number of connections is reached, an idle client is disconnected with a message: first a client that
-never sent a request, then the client that has been silent for the longest time. `keeps(connection)` exempts silent
-connections that receive data or on which something depends; the owner accepts at most `MAX_KEPT` of these.
+never sent a request, then the client that has been silent for the longest time, last a client with a recent or pending
+request. `keeps(connection)` exempts silent connections that receive data or on which something depends; the owner
+accepts at most `MAX_KEPT` of these.
 
 The server never blocks, and its memory is bounded: bytes that the kernel does not accept wait in a buffer of at most 1
 MiB per connection, and a peer that reads too slowly is disconnected with `reason` "slow". `on_close` is never called
@@ -40,12 +41,12 @@ _CHUNK: Final = 1 << 14  # bytes per connection and turn
 _SHARE_NS: Final = 1_000_000  # time per turn for the requests of all connections
 _LINES_PER_TURN: Final = 64
 _ACCEPTS_PER_TURN: Final = 16
-_GRACE_NS: Final = 500_000_000  # a new connection, or one with a recent request, is not disconnected
+_GRACE_NS: Final = 500_000_000  # new connections are not disconnected, those with a recent request last
 _LINGER_NS: Final = 1_000_000_000  # maximum time for sending a last answer
 _NO_DESCRIPTOR: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))  # accept(2)
 _ACCEPT_PAUSE_NS: Final = 100_000_000  # without descriptors: try again later instead of spinning
-_ANOTHER_USERS: Final = "this is another user's"
-_MADE_WAY: Final = "all places are taken and this connection was idle; connect again when there is something to ask"
+_ANOTHER_USERS: Final = "this program belongs to another user"
+_EVICTED: Final = "too many connections are open and this one was idle; connect again for the next request"
 
 
 class Connection:
@@ -75,7 +76,6 @@ class Connection:
 
     @property
     def pending(self) -> int:
-        """Number of bytes in the send buffer."""
         return len(self._output)
 
     def fileno(self) -> int:
@@ -83,7 +83,7 @@ class Connection:
         return self._socket.fileno()
 
     def expect_answer(self) -> None:
-        """Count a request as pending until `answer`, because a client that waits is not disconnected to make room."""
+        """Count a request as pending until `answer`; a client with a pending request is the last to be disconnected."""
         self._unanswered += 1
 
     def answer(self, line: bytes) -> None:
@@ -121,12 +121,10 @@ class Connection:
         self._linger = self._server.reactor.call_later(_LINGER_NS, self._release)
 
     def refuse(self, kind: str, message: str) -> None:
-        """Send an error to the peer and close the connection."""
         self.send(self._server.complaint(kind, message))
         self.close(message)
 
     def start(self) -> None:
-        """Begin to receive; called by the server."""
         self._server.reactor.add_reader(self._socket, self._on_readable)
 
     def abandon(self, reason: str) -> None:
@@ -152,7 +150,7 @@ class Connection:
             self._release()
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
-        """Return the rank for disconnection (lowest first) as class and time, None if not now; called by the server."""
+        """Return the eviction rank as (class, time), lowest first; None if the connection is not to be evicted now."""
         if now - self._connected_at < _GRACE_NS or self.reason:
             return None
         if not self._requests:
@@ -192,7 +190,7 @@ class Connection:
         try:
             self._server.on_line(self, line)
         finally:
-            # even if the owner raised: the following lines are still served
+            # the following lines are served even if the owner raised
             self._queue_turn()
 
     def _end(self, reason: str) -> None:
@@ -294,10 +292,10 @@ class LineServer:
         until = self.reactor.now() + _SHARE_NS
         try:
             for _ in range(_LINES_PER_TURN):
-                lined_up = self._newcomers or self._waiting
-                if not lined_up:
+                queue = self._newcomers or self._waiting
+                if not queue:
                     break
-                lined_up.popleft().serve()
+                queue.popleft().serve()
                 if self.reactor.now() >= until:
                     break
         finally:
@@ -334,7 +332,7 @@ class LineServer:
             self.reactor.add_reader(self._socket, self._on_readable)
 
     def _make_room(self) -> bool:
-        """Disconnect an idle client with a message, so that another can connect; return False if no client is idle."""
+        """Disconnect a client with a message, so that another can connect; False if all are new or exempt."""
         now = self.reactor.now()
         candidates = [
             connection
@@ -343,9 +341,9 @@ class LineServer:
         ]
         if not candidates:
             return False
-        leaving = min(candidates, key=lambda connection: connection.eviction_order(now) or (0, 0))
-        leaving.send(self.complaint("BusError", _MADE_WAY))
-        leaving.abandon(_MADE_WAY)
+        evicted = min(candidates, key=lambda connection: connection.eviction_order(now) or (0, 0))
+        evicted.send(self.complaint("BusError", _EVICTED))
+        evicted.abandon(_EVICTED)
         return True
 
     def _turn_away(self, sock: socket.socket) -> None:

@@ -22,8 +22,7 @@ class Poller(Protocol):
     def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
         """Return ready descriptors with their event masks, as epoll does."""
 
-    def close(self) -> None:
-        """Close the poller's descriptor."""
+    def close(self) -> None: ...
 
 
 def open_poller(selector: selectors.BaseSelector) -> Poller | None:
@@ -41,8 +40,8 @@ def open_poller(selector: selectors.BaseSelector) -> Poller | None:
 class MarkedSelector(selectors.BaseSelector):
     """In-process selector that returns the numbers that were set ready, in that order, and never waits.
 
-    Numbers come from `allocate` and stand for descriptors. Real descriptors may be registered too, and are never ready.
-    `marked` contains the ready numbers, whether they are registered or not.
+    `allocate` returns the numbers, which take the place of descriptors. Real descriptors may be registered too, and are
+    never ready. `marked` contains the ready numbers, whether they are registered or not.
     """
 
     def __init__(self) -> None:
@@ -51,7 +50,7 @@ class MarkedSelector(selectors.BaseSelector):
         self._next = _FIRST
 
     def allocate(self) -> int:
-        """Return an unused number, which stands for a descriptor."""
+        """Return an unused number, to be used in place of a descriptor."""
         self._next += 1
         return self._next
 
@@ -65,12 +64,10 @@ class MarkedSelector(selectors.BaseSelector):
         self.marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
-        """Register a number with the events of interest."""
         key = self._keys[fileobj] = selectors.SelectorKey(fileobj, fileobj, events, data)
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:  # noqa: ANN401 - as above
-        """Remove the registration of a number."""
         return self._keys.pop(fileobj)
 
     def select(self, _timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
@@ -93,10 +90,8 @@ class MarkedSelector(selectors.BaseSelector):
         return [(number, _READABLE) for number in marked if number in keys]
 
     def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        """Return the registrations by number."""
         return self._keys
 
     def close(self) -> None:
-        """Remove all registrations and readiness."""
         self._keys.clear()
         self.marked.clear()

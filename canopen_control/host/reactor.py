@@ -43,9 +43,7 @@ _PRINTED_ERRORS: Final = 20  # limits the log if a callback fails in every cycle
 class HasFileno(Protocol):
     """Object with a descriptor, such as a socket or a port."""
 
-    def fileno(self) -> int:
-        """Return the descriptor."""
-        ...
+    def fileno(self) -> int: ...
 
 
 FileLike: TypeAlias = int | HasFileno
@@ -90,7 +88,7 @@ class Reactor:
     def __init__(self, clock: TimeSource | None = None, selector: selectors.BaseSelector | None = None) -> None:
         self.clock: TimeSource = MonotonicClock() if clock is None else clock
         self.now: Callable[[], int] = self.clock.now
-        """Return the clock's time in nanoseconds."""
+        """Function that returns the clock's time in ns."""
         self.errors = 0
         self.on_error: Callable[[BaseException], None] = self._print_first_errors
         self._selector: selectors.BaseSelector = selector or selectors.DefaultSelector()
@@ -211,7 +209,7 @@ class Reactor:
     # -- signals
 
     def handle_signals(self, handlers: Mapping[int, Callable[[], object]]) -> None:
-        """Call a handler on the loop when its signal arrives; only on the main thread, and undone by `close`."""
+        """Register signal handlers, called on the loop; main thread only. `close` restores the previous handlers."""
         if not self._signals:
             previous_fd = signal.set_wakeup_fd(self._wake_out.fileno(), warn_on_full_buffer=False)
             self._restored.callback(signal.set_wakeup_fd, previous_fd)
@@ -297,7 +295,7 @@ class Reactor:
     @contextlib.contextmanager
     def _claimed(self) -> Iterator[None]:
         if self._closed or self._running:
-            raise LocalProtocolError(f"the reactor {'was closed' if self._closed else 'runs already'}")
+            raise LocalProtocolError(f"the reactor {'is closed' if self._closed else 'is already running'}")
         self._running = True
         try:
             yield
@@ -338,7 +336,7 @@ class Reactor:
         return False
 
     def _longest_wait(self) -> float | None:
-        """Return the longest wait of the selector in s or None; set the alarm if the earliest deadline has changed."""
+        """Return the selector timeout in s (None: no limit); set the alarm if the earliest deadline has changed."""
         if self._soon:
             return 0
         deadline = self._timers.next_deadline()
@@ -358,12 +356,12 @@ class Reactor:
     def _turn(self, timeout: float | None) -> int:
         """Wait, then process descriptors, queued calls and timers; return the number of callbacks called."""
         self._turns = turn = self._turns + 1
-        watches, served, rang = self._watches, 0, timeout is not None
+        watches, served, alarm_fired = self._watches, 0, timeout is not None
         for fd, events in self._poll(timeout, len(watches) + 1):
             watch = watches.get(fd)
             if watch is None:
                 # the alarm, or a descriptor removed in this turn, which costs one extra check of the timers
-                rang = True
+                alarm_fired = True
                 continue
             if watch.since == turn:
                 continue  # the number now belongs to another file
@@ -377,7 +375,7 @@ class Reactor:
         for _ in range(len(soon)) if soon else ():
             self._call(soon.popleft())
             served += 1
-        for timer in self._timers.pop_due(self.now()) if rang else ():
+        for timer in self._timers.pop_due(self.now()) if alarm_fired else ():
             callback = timer.take()
             if callback is not None:  # otherwise an earlier callback of this turn has cancelled it
                 self._call(callback)

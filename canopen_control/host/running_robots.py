@@ -12,7 +12,7 @@ def find_robots() -> list[str]:
 
 
 def select_robot(name: str | None = None) -> str:
-    """Return the name of the running robot `name`, or of the only running robot; raise ConfigError otherwise."""
+    """Return `name` if that robot is running, else raise ConfigError; without `name`, return the only running robot."""
     running = find_robots()
     if name is not None:
         if check_name(name) in running:

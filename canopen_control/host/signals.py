@@ -17,12 +17,12 @@ INTERRUPTED = 130  #: exit code of a program that SIGINT or SIGTERM has ended: 1
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _IMPORT = "<frozen importlib._bootstrap>"  # the file of the frames of an import
 _AGAIN_S = 0.01
-_LONGEST_IMPORT_S = 10.0  # a busy computer takes some; a second signal does not wait
+_LONGEST_IMPORT_S = 10.0  # imports take seconds on a busy computer; a second signal does not wait
 
 
 @contextlib.contextmanager
 def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) -> Iterator[None]:
-    """Call `call` on the main thread at any of these signals during the block, then restore the handlers."""
+    """Context in which each of these signals calls `call` on the main thread; the handlers are restored afterwards."""
     before = {number: signal.signal(number, lambda *_: call()) for number in numbers}
     try:
         yield

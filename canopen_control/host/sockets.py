@@ -47,6 +47,7 @@ _PROBE_S: Final = 0.5  # the kernel accepts at once for a listening process, eve
 _LOCK_POLL_S: Final = 0.005
 _LINUX: Final = sys.platform.startswith("linux")
 _UCRED: Final = struct.Struct("3i")  # pid, uid, gid
+_OWN_FOLDER: Final = "set XDG_RUNTIME_DIR to a folder that you own"
 _umask = threading.Lock()  # the umask belongs to the process, not to the thread
 
 
@@ -79,10 +80,10 @@ def private_folder(path: Path) -> Path:
             path.mkdir(mode=0o700)
         status = os.lstat(path)
     except OSError as error:
-        raise ConfigError(f"cannot make {path}: {error.strerror}; set XDG_RUNTIME_DIR to a folder of yours") from error
+        raise ConfigError(f"cannot create {path}: {error.strerror}; {_OWN_FOLDER}") from error
     problem = _distrust(status)
     if problem:
-        raise ConfigError(f"{path} cannot hold sockets: {problem}")
+        raise ConfigError(f"{path} cannot be used for sockets: {problem}")
     return path
 
 
@@ -94,7 +95,7 @@ def _distrust(status: os.stat_result) -> str:
     if status.st_uid != os.getuid():
         return f"it belongs to user id {status.st_uid}, not to yours ({os.getuid()}); remove it or set XDG_RUNTIME_DIR"
     if stat.S_IMODE(status.st_mode) & 0o077:
-        return f"others have access to it (mode {stat.S_IMODE(status.st_mode):04o}); chmod 700 it"
+        return f"other users have access to it (mode {stat.S_IMODE(status.st_mode):04o}); run chmod 700 on it"
     return ""
 
 
@@ -103,14 +104,13 @@ def _refuse_open_parent(parent: Path) -> None:
     try:
         status = parent.stat()
     except OSError as error:
-        raise ConfigError(f"no folder {parent} for the sockets: {error.strerror}; set XDG_RUNTIME_DIR") from error
+        raise ConfigError(f"cannot use {parent} for sockets: {error.strerror}; {_OWN_FOLDER}") from error
     if status.st_uid not in (0, os.getuid()):
         raise ConfigError(
-            f"{parent} belongs to user id {status.st_uid}, not to yours ({os.getuid()}); "
-            "set XDG_RUNTIME_DIR to a folder of yours, or unset it"
+            f"{parent} belongs to user id {status.st_uid}, not to yours ({os.getuid()}); {_OWN_FOLDER}, or unset it"
         )
     if status.st_mode & stat.S_IWOTH and not status.st_mode & stat.S_ISVTX:
-        raise ConfigError(f"everybody may write to {parent}, and it is not sticky; set XDG_RUNTIME_DIR to another")
+        raise ConfigError(f"{parent} is writable for all users and has no sticky bit; {_OWN_FOLDER}")
 
 
 def drive_name(channel: str, node_id: int) -> str:
@@ -128,7 +128,7 @@ def drive_name(channel: str, node_id: int) -> str:
 def check_name(name: str, longest: int = 32) -> str:
     """Return `name` if it is a valid name of a bus or robot; raise ConfigError otherwise."""
     if len(name) > longest or not _NAME.fullmatch(name):
-        raise ConfigError(f"{name!r} is not a name: use 1 to {longest} of A-Z a-z 0-9 _ -")
+        raise ConfigError(f"{name!r} is not a valid name: use 1 to {longest} of A-Z a-z 0-9 _ -")
     return name
 
 
@@ -191,8 +191,8 @@ def peer_pid(sock: socket.socket) -> int:
 def lock(path: Path, timeout: float = 10.0) -> Iterator[None]:
     """Context in which the lock of `path` (the file `<path>.lock`) is held across processes and threads.
 
-    It waits up to `timeout` s for the current holder, then raises CanopenError. The kernel releases the lock when the
-    holder ends.
+    Entering waits up to `timeout` s for the current holder, then raises CanopenError. The kernel releases the lock when
+    the holder ends.
     """
     fd = open_lock(Path(f"{path}.lock"))
     try:
@@ -211,7 +211,7 @@ def open_lock(path: Path) -> int:
         fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o600)
     except OSError as error:
         reason = "it is a symbolic link" if error.errno == errno.ELOOP else error.strerror or str(error)
-        advice = "make room there" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
+        advice = "free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else "remove it"
         raise ConfigError(f"{path} cannot be a lock: {reason}; {advice}, and try again") from error
     if not stat.S_ISREG(os.fstat(fd).st_mode):
         os.close(fd)
@@ -220,7 +220,7 @@ def open_lock(path: Path) -> int:
 
 
 def claim(path: Path, timeout: float = 0.0) -> int:
-    """Lock a file, which contains this process id from then on, until the end of the process.
+    """Lock a file until this process ends, write the process id into the file, and return its descriptor.
 
     If another process holds the lock and does not end within `timeout` s, SocketInUse with its process id is raised.
     Closing the returned descriptor releases the lock.
@@ -243,14 +243,14 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
             return fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             if time.monotonic() >= deadline:
-                raise CanopenError(f"another process has held {path}.lock for too long; is one stuck?") from None
+                raise CanopenError(f"another process holds {path}.lock for too long; check whether it hangs") from None
         time.sleep(_LOCK_POLL_S)
 
 
 def listen(path: Path, backlog: int = 64) -> socket.socket:
-    """Return a non-blocking socket that listens at `path`, replacing a stale file; SocketInUse if another listens.
+    """Return a non-blocking socket that listens at `path`; replace a stale file, raise SocketInUse for one in use.
 
-    End it with `close_listener`, which removes the file too.
+    `close_listener` closes the socket and removes the file.
     """
     # not the lock of `path` itself, which a starter may hold until the server listens
     with lock(path.with_name(path.name + ".listen")):
@@ -335,14 +335,14 @@ def connect(path: Path, timeout: float | None = 5.0) -> socket.socket:
     sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         if timeout:
-            # A socket with a timeout of Python's would not wait while the backlog is full: a STOP was refused at once
+            # With a Python timeout `connect` would not wait while the backlog is full: a STOP was refused at once
             # while other clients connected and disconnected.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(timeout))
         sock.connect(str(path))
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _timeval(0.0))
         sock.settimeout(timeout)
         if not same_user(sock):
-            raise CanopenError(f"{path} is served by another user; not talking to it")
+            raise CanopenError(f"{path} is served by a process of another user; the connection was closed")
     except BaseException:
         sock.close()
         raise

@@ -97,7 +97,6 @@ class Child:
         return self.poll()
 
     def terminate(self) -> None:
-        """Request the child to end (SIGTERM); no-op once the child has ended."""
         self._process.terminate()
 
     def kill(self) -> None:
@@ -132,7 +131,7 @@ class Child:
             os.close(readiness)
 
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
-        """Call `on_ready()` on the loop, once, when the child has reported, or can no longer report, that it is ready.
+        """Call `on_ready()` once on the loop when the child has reported readiness or has closed its end of the pipe.
 
         `heard_at` is the time of the last report: a child with a `LivenessReport` repeats its report.
         """
@@ -168,7 +167,7 @@ class Child:
         return False
 
     def last_lines(self, count: int = _LAST_LINES) -> list[str]:
-        """Return the last lines of the child's output, an empty list without a log."""
+        """Return the last `count` lines of the child's output; empty without a log."""
         return [] if self._log is None else self._log.last_lines(count)
 
     def watch(self, reactor: Reactor, on_exit: Callable[[int, list[str]], object]) -> None:
@@ -218,9 +217,9 @@ class Child:
 
 
 def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> None:
-    """Request all children to end (SIGTERM), and kill those that have not ended after `grace` s; the function blocks.
+    """Send SIGTERM to all children, and SIGKILL to those still running after `grace` s; the function blocks.
 
-    The children are no longer watched, so that none is restarted.
+    The children are unwatched first, so that none is restarted.
     """
     for child in children:
         child.unwatch()
@@ -317,7 +316,7 @@ def spawn_detached(
     log_dir: Path | None = None,
     main: Main | None = None,
 ) -> None:
-    """Start a process that is not a child of this process, and return when it has called `report_ready`.
+    """Start a process that is not a child of this process, and return after its call of `report_ready`.
 
     `main` is used as in `spawn`. CanopenError is raised with the sentence given to `report_failure`, with the last
     lines of the log (`<log_dir>/<name>.log`, default folder: `state_dir()`) if the process has ended, or if `ready` s

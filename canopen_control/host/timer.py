@@ -34,9 +34,7 @@ class TimeSource(Protocol):
         """Whether time advances only by explicit calls."""
         ...
 
-    def now(self) -> int:
-        """Return the time in ns."""
-        ...
+    def now(self) -> int: ...
 
 
 class MonotonicClock:
@@ -57,7 +55,6 @@ class ManualClock:
         self.now_ns = start
 
     def now(self) -> int:
-        """Return `now_ns`."""
         return self.now_ns
 
 
@@ -156,7 +153,7 @@ class Rhythm:
     def __init__(self) -> None:
         self.interval_ns = self._last_ns = self._step_ns = 0  # 0: single shot
 
-    def goes_on(self, deadline_ns: int) -> bool:
+    def continues(self, deadline_ns: int) -> bool:
         """Return whether the next deadline (0 for none) continues the period of the kernel's timer.
 
         If not, the timer must be set, with the period `interval_ns`.
@@ -169,7 +166,7 @@ class Rhythm:
         return False
 
 
-def _rings_on(fd: int) -> bool:
+def _fired_once(fd: int) -> bool:
     """Read a periodic timer that has fired; return False if it did not fire exactly once and must be set again."""
     try:
         return os.read(fd, 8) == _ONCE
@@ -180,17 +177,13 @@ def _rings_on(fd: int) -> bool:
 class Alarm(Protocol):
     """Descriptor that becomes readable at one absolute time, for use in a selector."""
 
-    def fileno(self) -> int:
-        """Return the descriptor."""
-        ...
+    def fileno(self) -> int: ...
 
     def set(self, deadline_ns: int | None) -> None:
         """Fire at `deadline_ns`, or never if None; an earlier firing is cleared, so that it need not be read."""
         ...
 
-    def close(self) -> None:
-        """Close the descriptor."""
-        ...
+    def close(self) -> None: ...
 
 
 class _OsAlarm:
@@ -208,7 +201,7 @@ class _OsAlarm:
     def set(self, deadline_ns: int | None) -> None:
         # zero would disarm the timer: a time in the past becomes 1 ns
         initial = 0 if deadline_ns is None else max(deadline_ns, 1)
-        if not (self._rhythm.goes_on(initial) and _rings_on(self._fd)):
+        if not (self._rhythm.continues(initial) and _fired_once(self._fd)):
             self._settime(self._fd, flags=_TFD_TIMER_ABSTIME, initial=initial, interval=self._rhythm.interval_ns)
 
     def close(self) -> None:
@@ -238,7 +231,7 @@ class _CtypesAlarm:
 
     def set(self, deadline_ns: int | None) -> None:
         initial = 0 if deadline_ns is None else max(deadline_ns, 1)
-        if self._rhythm.goes_on(initial) and _rings_on(self._fd):
+        if self._rhythm.continues(initial) and _fired_once(self._fd):
             return
         spec = self._spec
         spec[0], spec[1] = divmod(self._rhythm.interval_ns, _SECOND_NS)

@@ -177,7 +177,7 @@ def test_a_dead_hub_is_a_can_error(port, bus):
 
 
 def test_a_wrong_name_is_a_can_error(runtime):
-    with pytest.raises(can.CanInitializationError, match="is not a name"):
+    with pytest.raises(can.CanInitializationError, match="is not a valid name"):
         LocalBus("a/b")
 
 

@@ -25,7 +25,7 @@ def test_a_file_is_replaced_as_a_whole_and_keeps_its_mode(tmp_path):
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a", "link"]
 
 
-@pytest.mark.parametrize(("before", "kept"), [(None, "nothing was written"), (b"old", "it is as it was before")])
+@pytest.mark.parametrize(("before", "kept"), [(None, "nothing was written"), (b"old", "the file is unchanged")])
 def test_where_there_is_no_room_the_old_file_stays(tmp_path, monkeypatch, before, kept):
     path = tmp_path / "a"
     if before is not None:
@@ -45,7 +45,7 @@ def test_where_there_is_no_room_the_old_file_stays(tmp_path, monkeypatch, before
 def test_a_device_is_written_to_and_stays_one():
     write_whole("/dev/null", b"x")
     assert not Path("/dev/null").is_file()
-    with pytest.raises(DiskFull, match="/dev/full: No space left on device; it got a part of it"):
+    with pytest.raises(DiskFull, match="/dev/full: No space left on device; a part of the data was written"):
         write_whole("/dev/full", b"x")
 
 

@@ -300,8 +300,8 @@ def test_where_all_places_are_taken_whoever_never_asked_makes_way_first_then_the
     assert place_of(reactor, owner) == [11]
     assert place_of(reactor, owner) == [11, 21]
     assert place_of(reactor, owner) == [11, 21, 2]
-    assert "all places are taken" in peers[1].messages()[-1]["error"]["message"]
-    assert {reason for _, reason in owner.closed} == {lineserver._MADE_WAY}
+    assert "too many connections are open" in peers[1].messages()[-1]["error"]["message"]
+    assert {reason for _, reason in owner.closed} == {lineserver._EVICTED}
     assert len(owner.server.connections) == ALL
     for peer in peers:
         peer.socket.close()

@@ -19,7 +19,7 @@ def test_several_robots_are_named_and_one_must_be_chosen():
     assert select_robot("b") == "b"
     with pytest.raises(ConfigError, match="no robot 'c' is running; running: a, b"):
         select_robot("c")
-    with pytest.raises(ConfigError, match="is not a name"):
+    with pytest.raises(ConfigError, match="is not a valid name"):
         select_robot("../c")
     for listener in listeners:
         close_listener(listener)

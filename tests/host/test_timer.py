@@ -115,7 +115,9 @@ def test_setting_an_alarm_anew_silences_it_without_a_read(alarm):
 
 def test_a_rhythm_is_one_after_two_equal_steps_and_ends_with_another():
     rhythm = Rhythm()
-    told = [(rhythm.goes_on(deadline), rhythm.interval_ns) for deadline in (50, 60, 70, 80, 90, 95, 100, 105, 0, 0, 7)]
+    told = [
+        (rhythm.continues(deadline), rhythm.interval_ns) for deadline in (50, 60, 70, 80, 90, 95, 100, 105, 0, 0, 7)
+    ]
     assert told == [
         (False, 0),
         (False, 0),
@@ -137,7 +139,7 @@ def test_a_timer_with_its_rhythm_rings_at_every_deadline(steps):
     deadline, initial, interval = 100, 0, 0
     for step in steps:
         deadline += step
-        if not rhythm.goes_on(deadline):
+        if not rhythm.continues(deadline):
             initial, interval = deadline, rhythm.interval_ns
         assert deadline == initial or (interval and (deadline - initial) % interval == 0)
 

@@ -73,7 +73,7 @@ def test_a_crowd_of_idle_clients_makes_way_for_stop_and_status(stage):
         assert stage.call("stop", "--name", "crowd").wait() == 0
         assert watching.ask(GetStatus()).state == "disabled"
         told = b"".join(sock.recv(4096) for sock in crowd[:40])
-        assert told.count(b"all places are taken") == 40
+        assert told.count(b"too many connections are open") == 40
 
 
 def test_eight_hostile_clients_do_not_make_the_cycle_late(stage):

@@ -33,7 +33,7 @@ USAGE = {
     "a channel of no kind": (["run", "robby", "--can", "robby"], "channel 'robby'.*local:robby"),
     "a bus the robot has not": (["run", "robby", "--can", "left=can0"], "no bus 'left'"),
     "a bad bus name": (["run", "robby", "--can", "local:a b"], "local:a b"),
-    "a bad name": (["run", "robby", "--as", "../x"], r"'\.\./x' is not a name"),
+    "a bad name": (["run", "robby", "--as", "../x"], r"'\.\./x' is not a valid name"),
     "no time": (["run", "robby", "--for", "soon"], "'soon' is not a time"),
     "an endless time": (["run", "robby", "--for", "inf"], "'inf' is not a time"),
     "contradicting options": (["run", "robby", "--real", "--mock"], "--real"),

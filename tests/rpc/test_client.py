@@ -206,4 +206,6 @@ def test_a_greeting_is_read_or_says_why_not():
     with pytest.raises(RemoteError, match="it speaks protocol 1, this client 2"):
         read_hello(STORE, read_line(b'{"hello":{"store":"a","protocol":1}}'), "it")
     with pytest.raises(RemoteError, match="another user"):
-        read_hello(STORE, read_line(b'{"error":{"kind":"BusError","message":"this is another user\'s"}}'), "it")
+        read_hello(
+            STORE, read_line(b'{"error":{"kind":"BusError","message":"this program belongs to another user"}}'), "it"
+        )

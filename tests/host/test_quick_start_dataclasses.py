@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from canopen_control.host.quick_dataclasses import _Method, quick_dataclasses
+from canopen_control.host.quick_start import _Method, quick_dataclasses
 
 SOURCE = """
 from __future__ import annotations

@@ -5,7 +5,7 @@ from types import ModuleType
 
 import pytest
 
-from canopen_control.host.lazy_patterns import _LazyPattern, lazy_patterns
+from canopen_control.host.quick_start import _LazyPattern, lazy_patterns
 
 SOURCE = """
 import re
