@@ -159,7 +159,7 @@ SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
 
 
 class DriveRequest:
-    """Request to one drive, and the present step; `disabled_state` is the final state of a disabled drive."""
+    """Request to one drive and its present step; `disabled_state` is the final state of a disabled drive."""
 
     def __init__(self, step: StepTimer, disabled_state: State) -> None:
         self.step = step
@@ -172,11 +172,11 @@ class DriveRequest:
 
     @property
     def waits(self) -> bool:
-        """Whether the end of a quick stop is awaited, which may be detected without a new statusword."""
+        """Whether the end of a quick stop is awaited; `standstill` may end the wait without a new statusword."""
         return self._stop_exit.stage is StopStage.WAIT
 
     def fire(self, trigger: EnableTrigger) -> bool:
-        """Apply the row of a trigger; return whether the goal has changed."""
+        """Apply the row of `ENABLE_TABLE` for a trigger; return whether the goal has changed."""
         state = ENABLE_TABLE[self.state].get(trigger)
         if state is None:
             return False
@@ -190,18 +190,18 @@ class DriveRequest:
         return True
 
     def entered(self, drive: State | None) -> None:
-        """Start a new step, because the drive has entered the state `drive`."""
+        """Restart the step timer and the quick-stop exit, because the drive has entered the state `drive`."""
         self.step.enter()
         self._stop_exit.enter()
         if drive is not State.OPERATION_ENABLED:
             self.fire(EnableTrigger.LEFT)
 
     def stopping(self, statusword: int) -> None:
-        """Evaluate the statusword of a drive in QUICK_STOP_ACTIVE."""
+        """Record whether the drive is still decelerating in QUICK_STOP_ACTIVE."""
         self._stop_exit.evaluate(statusword)
 
     def lost_enable(self, previous: State, drive: State) -> bool:
-        """Process a change of the drive's state; return whether an enable has ended without a command."""
+        """Whether the drive fell from `previous` to `drive` without a command while it should be enabled."""
         # CiA 402-2, table 22, transitions 8 to 12: a drive may leave the states of the ladder without a command
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False
@@ -214,7 +214,7 @@ class DriveRequest:
         return False
 
     def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
-        """End a step after its timeout; return the event, or None if nothing has to be reported."""
+        """End a step after its timeout; return the event to report, None if the timeout needs no report."""
         self.step.deadline = NEVER
         if self.state is EnableRequest.OVERTAKING:
             self.fire(EnableTrigger.ARRIVED)  # the overtaken command had no effect
@@ -249,7 +249,7 @@ class DriveRequest:
         return next_command(drive, state_of_goal(self.goal, self.disabled_state))
 
     def begin(self, command: Command | None, drive: State | None, now: int) -> None:
-        """Start the timer of a step, if `command` starts a new step."""
+        """Start the timer if `command` begins a new step."""
         if self.step.must_arm(command):
             self.step.arm(command, self._step_number(command, drive), now)
 
@@ -257,7 +257,7 @@ class DriveRequest:
         return drive is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
 
     def _step_number(self, command: Command | None, drive: State | None) -> int | None:
-        """Return the number of the transition that a step requests or awaits; None for a drive that stays."""
+        """Return the number of the requested or awaited transition; None if the drive shall keep its state."""
         if drive in AUTOMATIC:
             return AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
         if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
@@ -340,7 +340,7 @@ class DriveMachine:
     # Requests; a repeated request has no effect.
 
     def enable(self) -> None:
-        """Request OPERATION_ENABLED, from any state but a fault.
+        """Request OPERATION_ENABLED.
 
         DriveError in a fault, and after a mode that was not confirmed, until `set_mode` requests a mode.
         """
@@ -351,7 +351,7 @@ class DriveMachine:
         self._fire(EnableTrigger.OVERTAKE if overtaken else EnableTrigger.ENABLE)
 
     def require_enable(self) -> None:
-        """Raise the DriveError that `enable` would raise; change nothing."""
+        """Raise the DriveError that `enable` would raise, without requesting anything."""
         if self.goal is DriveGoal.ENABLED:
             return
         # CiA 402-2, table 22: FAULT has only transition 15, the fault reset
@@ -381,19 +381,19 @@ class DriveMachine:
         self._fire(EnableTrigger.QUICK_STOP_ENABLED if enabled else EnableTrigger.QUICK_STOP)
 
     def halt(self, on: bool = True) -> None:
-        """Set or clear the halt bit (8, option 0x605D) of an enabled drive; it remains until it is cleared."""
+        """Set or clear the halt bit (bit 8, option code 0x605D), which is sent while the drive is enabled."""
         if on is not self.halted:
             self.halted = on
             self.next_update = _AT_ONCE
 
     def hold_in_switched_on(self, on: bool = True) -> None:
-        """Hold the drive in SWITCHED_ON, or release it, so that several axes are enabled in one cycle."""
+        """Keep the drive in SWITCHED_ON until a call with False, to enable several axes in one cycle."""
         if on is not self.held_in_switched_on:
             self.held_in_switched_on = on
             self.next_update = _AT_ONCE
 
     def fault_reset(self) -> None:
-        """Reset a fault by one edge of bit 7; nothing is sent without a fault. A reset never enables the drive."""
+        """Request one rising edge of bit 7; without a fault nothing is sent. The drive stays disabled."""
         if self.state is None or self.fault:
             self._reset.start()
             self.next_update = _AT_ONCE
@@ -437,7 +437,6 @@ class DriveMachine:
 
     @property
     def disabled_state(self) -> State:
-        """Final state of a disabled drive."""
         return self._intent.disabled_state
 
     @disabled_state.setter
@@ -446,17 +445,15 @@ class DriveMachine:
 
     @property
     def goal(self) -> DriveGoal:
-        """Present goal: ENABLED, or one of the three kinds of stop."""
         return self._intent.goal
 
     @property
     def mode(self) -> int | None:
-        """Requested mode of operation; None if no mode was requested."""
         return self.mode_request.mode
 
     @property
     def waiting(self) -> bool:
-        """Whether only `hold_in_switched_on` keeps the next controlword from enabling the drive."""
+        """Whether the drive is ready and only `hold_in_switched_on` delays the enabling controlword."""
         ready = self.state is State.SWITCHED_ON or self.state is State.QUICK_STOP_ACTIVE
         return ready and self.goal is DriveGoal.ENABLED and self.mode_request.may_enable
 
@@ -486,7 +483,6 @@ class DriveMachine:
 
     @property
     def resetting(self) -> bool:
-        """Whether a fault reset is in progress."""
         return self._reset.active
 
     @property
@@ -540,7 +536,6 @@ class DriveMachine:
         return self.controlword
 
     def _fire(self, trigger: EnableTrigger) -> None:
-        """Apply the row of a trigger; a new goal takes effect in the next update."""
         if self._intent.fire(trigger):
             self.next_update = _AT_ONCE
 
@@ -635,7 +630,7 @@ class DriveMachine:
             self._lose(now, self.state)
 
     def _detour(self) -> None:
-        """Lead an enabled drive through the state in which it can change its mode."""
+        """Make an enabled drive pass through `switching_state`, in which it can change its mode."""
         detour = self._switching_state if self._switches else None
         if detour is not self._intent.detour:
             self._intent.detour = detour
@@ -655,7 +650,7 @@ class DriveMachine:
         return command
 
     def _word(self, command: Command | None, now: int) -> int:
-        """Return the controlword: the command, and for an enabled drive its mode-specific bits and halt."""
+        """Return the controlword for a command, with the mode-specific bits and halt if the drive is enabled."""
         if self._reset.active and self.state is not None and self.statusword is not None:
             event = self._reset.update(self.state, self.statusword, now)
             if event is not None:

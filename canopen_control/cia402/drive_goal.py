@@ -51,7 +51,7 @@ LADDER: Mapping[State, int] = MappingProxyType(
 
 
 class DriveGoal(Enum):
-    """Goal of the master for an axis; the value describes the goal."""
+    """Goal of the master for an axis; each value is a description in words."""
 
     DISABLED = "disabled, by the drive's own ramp"
     ENABLED = "operation enabled"
@@ -69,7 +69,7 @@ def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
 
 
 def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> bool:
-    """Whether a drive in `state` (None: unknown) has reached `goal`, which is one of the three kinds of stop."""
+    """Whether a drive in `state` (None: unknown) has reached `goal`, a goal other than ENABLED."""
     if state is State.FAULT:
         return True
     if goal is DriveGoal.QUICK_STOPPED:
@@ -106,7 +106,7 @@ def transition_number(state: State | None, command: Command | None) -> int | Non
 
 
 class StepTimer:
-    """Timer of the present step; `command` is being sent, `deadline` is `NEVER` without a timeout."""
+    """Timeout of the present step: `command` is being sent until `deadline` (`NEVER`: without a timeout)."""
 
     def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
         self.command: Command | None = None
@@ -116,20 +116,19 @@ class StepTimer:
         self._armed = False
 
     def rearm(self) -> None:
-        """Let the next command start a new step, even if it is the same command, because the goal has changed."""
+        """Make the next command start a new step even if the command is unchanged, because the goal has changed."""
         self._armed = False
 
     def enter(self) -> None:
-        """Let the next command start a new step, because the drive has changed its state."""
+        """Clear the timeout and make the next command start a new step, because the drive has changed its state."""
         self._armed = False
         self.deadline = NEVER
 
     def must_arm(self, command: Command | None) -> bool:
-        """Return whether `command` starts a new step."""
         return not self._armed or command is not self.command
 
     def arm(self, command: Command | None, number: int | None, now: int) -> None:
-        """Start the step of `command`; `number` is the number of its transition, None for no timeout."""
+        """Start the timeout of transition `number` (None: no timeout) and remember its command."""
         self._armed, self.command = True, command
         self.deadline = NEVER if number is None else now + self._timeouts.get(number, self._timeout)
 
@@ -146,7 +145,7 @@ class StepTimer:
 
 
 class StopStage(Enum):
-    """Stage of leaving a quick stop; the next stage follows if the present one has no effect."""
+    """Stage of leaving a quick stop; a stage without effect is followed by the next stage."""
 
     ENABLE = "transition 16"
     WAIT = "for the end of the stop"
@@ -154,18 +153,18 @@ class StopStage(Enum):
 
 
 class QuickStopExit:
-    """Stage of leaving a quick stop, since the drive entered the quick stop or the goal changed."""
+    """Sequence by which a drive leaves QUICK_STOP_ACTIVE, stage by stage."""
 
     def __init__(self) -> None:
         self.stage = StopStage.ENABLE
         self._moved = False
 
     def restart(self) -> None:
-        """Restart the stages, because the goal has changed."""
+        """Return to the first stage, because the goal has changed."""
         self.stage = StopStage.ENABLE
 
     def enter(self) -> None:
-        """Restart the stages, because the drive has changed its state."""
+        """Return to the first stage and clear the motion seen, because the drive has changed its state."""
         self.stage = StopStage.ENABLE
         self._moved = False
 
@@ -174,7 +173,7 @@ class QuickStopExit:
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
     def evaluate(self, statusword: int) -> None:
-        """Evaluate the statusword of a drive in QUICK_STOP_ACTIVE."""
+        """Record in QUICK_STOP_ACTIVE whether bit 10 of the statusword was 0, as it is while the drive stops."""
         # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
             self._moved = True
@@ -196,7 +195,7 @@ class QuickStopExit:
 
 
 class ResetPhase(Enum):
-    """Phase of a fault reset; the value describes the phase."""
+    """Phase of a fault reset; each value is a description in words."""
 
     IDLE = "none was requested"
     REQUESTED = "bit 7 is to be sent 0 first"
@@ -214,12 +213,10 @@ class FaultReset:
 
     @property
     def active(self) -> bool:
-        """Whether a reset was requested and has not ended."""
         return self.phase is not ResetPhase.IDLE
 
     @property
     def bit(self) -> int:
-        """Bit 7 of the controlword for this cycle, 0 or 0x80."""
         # CiA 402-2, table 22, transition 15: the rising edge of bit 7 resets a fault
         return FAULT_RESET_BIT if self.phase is ResetPhase.HIGH else 0
 
@@ -229,16 +226,16 @@ class FaultReset:
         return self.phase is ResetPhase.LOW
 
     def start(self) -> None:
-        """Request a reset; does nothing during a reset."""
+        """Request a reset, unless a reset is in progress."""
         if self.phase is ResetPhase.IDLE:
             self.phase, self.deadline = ResetPhase.REQUESTED, NEVER
 
     def cancel(self) -> None:
-        """End the reset, so that bit 7 becomes 0, because the fault is gone, the drive was lost or time is up."""
+        """End the reset; bit 7 becomes 0."""
         self.phase, self.deadline = ResetPhase.IDLE, NEVER
 
     def update(self, state: State, statusword: int, now: int) -> DriveEvent | None:
-        """Process one cycle of a drive in a fault state; return an event if the reset has failed."""
+        """Advance the reset of a drive in a fault state by one cycle; return an event if the reset has failed."""
         if self.deadline == NEVER:
             self.deadline = now + self._timeout
         if now >= self.deadline:
@@ -263,7 +260,7 @@ class FaultReset:
 
 
 class ModeState(Enum):
-    """State of a mode request; the value describes the state."""
+    """State of a mode request; each value is a description in words."""
 
     NONE = "no mode was requested: the drive's own is right"
     REQUESTED = "a mode is asked for, and 0x6061 does not show it"
@@ -275,7 +272,7 @@ class ModeState(Enum):
 
 
 class ModeTrigger(Enum):
-    """Trigger of a row in `MODE_TABLE`; the value describes the trigger."""
+    """Trigger of a row in `MODE_TABLE`; each value is a description in words."""
 
     ASK = "another mode is requested"
     ASK_AGAIN = "the same mode is requested again already"
@@ -360,12 +357,11 @@ class ModeRequest:
 
     @property
     def may_enable(self) -> bool:
-        """Whether the drive may be enabled: in the mode, or if it shows no mode until it is enabled."""
+        """Whether the drive may be enabled: the mode is confirmed, or the drive shows modes only when enabled."""
         return self.state in CONFIRMED or self.state is ModeState.UNSHOWN
 
     @property
     def failed(self) -> bool:
-        """Whether the last requested mode was not confirmed in time."""
         return self.state in FAILED
 
     def ask(self, mode: int) -> bool:
@@ -378,13 +374,13 @@ class ModeRequest:
         return True
 
     def forget_display(self) -> None:
-        """Clear the displayed mode of a drive that was lost; the request remains."""
+        """Clear the displayed mode of a drive that was lost, but keep the request."""
         self.display = None
         self.deadline = NEVER
         self._fire(ModeTrigger.DRIVE_LOST)
 
     def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
-        """Process the newest 0x6061 (None: not received); return a confirmation or timeout event, else None.
+        """Evaluate the newest 0x6061 (None: not received); return a confirmation or timeout event, else None.
 
         `enabled` tells that the drive is in OPERATION_ENABLED.
         """
@@ -415,7 +411,6 @@ class ModeRequest:
         return None
 
     def _fire(self, trigger: ModeTrigger) -> bool:
-        """Apply the row of a trigger; return whether there is a row."""
         state = MODE_TABLE[self.state].get(trigger)
         if state is not None:
             self.state = state

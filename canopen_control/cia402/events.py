@@ -38,13 +38,12 @@ class StateChanged:
 
     @property
     def text(self) -> str:
-        """Previous state, new state and statusword, as text for users."""
         return f"{_name(self.previous)} -> {_name(self.state)} ({_word(self.statusword)})"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultEntered:
-    """Fault of the drive; the goal becomes DISABLED. `was_enabled` tells that the drive was in OPERATION_ENABLED."""
+    """Fault of the drive, after which the goal is DISABLED; `was_enabled`: the drive was in OPERATION_ENABLED."""
 
     time: int
     state: State
@@ -53,7 +52,6 @@ class FaultEntered:
 
     @property
     def text(self) -> str:
-        """Statusword of the fault, as a sentence for users."""
         return f"fault ({_word(self.statusword)}){' while enabled' if self.was_enabled else ''}"
 
 
@@ -66,13 +64,12 @@ class FaultCleared:
 
     @property
     def text(self) -> str:
-        """End of the fault, as a sentence for users."""
         return f"fault cleared ({_word(self.statusword)}); enable to go on"
 
 
 @dataclass(frozen=True, slots=True)
 class FaultResetFailed:
-    """Fault reset without effect; if not `sent`, the drive has stayed in its fault reaction."""
+    """Fault reset without effect; not `sent` if the drive never left FAULT_REACTION_ACTIVE."""
 
     time: int
     statusword: int
@@ -80,7 +77,6 @@ class FaultResetFailed:
 
     @property
     def text(self) -> str:
-        """Reason of the failed reset and remedies, as a sentence for users."""
         if not self.sent:
             return (
                 f"still in FAULT REACTION ACTIVE ({_word(self.statusword)}), where no fault reset counts, so none was "
@@ -111,7 +107,6 @@ class TransitionTimedOut:
 
     @property
     def text(self) -> str:
-        """States, command and remedies, as a sentence for users."""
         cause = "" if self.command is None else f", asked by {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
         if self.gave_up and self.transition is not None:
@@ -132,13 +127,12 @@ class ModeConfirmed:
 
     @property
     def text(self) -> str:
-        """Name of the confirmed mode, as a sentence for users."""
         return f"{mode_words(self.mode)} confirmed"
 
 
 @dataclass(frozen=True, slots=True)
 class ModeTimedOut:
-    """Timeout of a mode: 0x6061 shows `display`, not `mode`; `restored` is the mode requested now, None for none.
+    """Requested `mode` that 0x6061 did not show in time; `restored` is the mode requested now, None for none.
 
     `enabled` tells that the drive is in OPERATION_ENABLED. An EnableLost follows if the drive was to be enabled, unless
     it continues in the restored mode.
@@ -152,7 +146,6 @@ class ModeTimedOut:
 
     @property
     def text(self) -> str:
-        """Requested, shown and restored mode, and remedies, as a sentence for users."""
         shown = "nothing" if self.display is None else mode_name(self.display)
         back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
         keys = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
@@ -163,7 +156,7 @@ class ModeTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class EnableLost:
-    """Loss of an enable, or failure to enable, without a command; the goal is DISABLED.
+    """End of an enable, or failure to enable, without a command by the master; the goal is DISABLED.
 
     `state` is the present state: below OPERATION_ENABLED; None without a valid statusword; or still OPERATION_ENABLED
     if the mode was not confirmed and the drive is being disabled.
@@ -180,7 +173,6 @@ class EnableLost:
 
     @property
     def text(self) -> str:
-        """Present state of the drive and its cause, as a sentence for users."""
         if self.state is State.OPERATION_ENABLED:
             return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable to go on"
         cause = ", power stage off" if self.power_stage_off else ""
@@ -196,12 +188,10 @@ class ControlChanged:
 
     @property
     def remote(self) -> bool:
-        """Whether the drive is controlled over the bus."""
         return bool(self.statusword & REMOTE)
 
     @property
     def text(self) -> str:
-        """Kind of control, and a remedy under local control, as a sentence for users."""
         if self.remote:
             return f"under remote control again ({_word(self.statusword)})"
         return (
@@ -212,7 +202,7 @@ class ControlChanged:
 
 @dataclass(frozen=True, slots=True)
 class StatuswordUndefined:
-    """Undefined statusword in `updates` consecutive updates; an enabled drive is disabled."""
+    """Statusword without a CiA 402 state in `updates` consecutive updates; an enabled drive is disabled."""
 
     time: int
     statusword: int
@@ -220,7 +210,6 @@ class StatuswordUndefined:
 
     @property
     def text(self) -> str:
-        """Statusword and number of updates, as a sentence for users."""
         return f"{_word(self.statusword)} shows no state, for {self.updates} updates"
 
 

@@ -61,7 +61,7 @@ METHODS_WITHOUT_MOTION = frozenset({35, 37})
 
 
 def require_method(method: int, supported: Collection[int] | None = None) -> None:
-    """Raise DriveError unless a method is in `supported` (0x60E3), or without that, in the profile or negative."""
+    """Raise DriveError for a homing method that is not in `supported` (0x60E3; None: every method of CiA 402-2)."""
     # CiA 402-2, 0x6098: negative methods are the manufacturer's; 0x60E3 lists the supported ones
     if method in supported if supported is not None else method in METHODS or method < 0:
         return
@@ -70,7 +70,7 @@ def require_method(method: int, supported: Collection[int] | None = None) -> Non
 
 
 class HomingStatus(Enum):
-    """Bits 13 (error), 12 (attained) and 10 (reached) of the statusword, as a number of three bits."""
+    """Phase of homing in bits 13 (error), 12 (attained) and 10 (reached) of the statusword."""
 
     IN_PROGRESS = 0b000
     NOT_RUNNING = 0b001  # interrupted, or not started
@@ -106,7 +106,6 @@ class HomingDone:
 
     @property
     def text(self) -> str:
-        """Method of the homing, as a sentence for users."""
         return f"homed by method {self.method}"
 
 
@@ -121,7 +120,6 @@ class HomingFailed:
 
     @property
     def text(self) -> str:
-        """Method and reason of the failure, as a sentence for users."""
         return f"homing by method {self.method} failed: {self.reason}"
 
 
@@ -158,7 +156,7 @@ class HomingSequence:
         self._events: list[HomingEvent] = []
 
     def start(self, method: int) -> None:
-        """Start homing with `method`, the value in 0x6098; does nothing during a homing."""
+        """Start homing with `method`, the value in 0x6098, unless a homing is in progress."""
         if self._phase is _Phase.IDLE:
             self.method, self.homed = method, False
             self._phase = _Phase.PREPARE
@@ -171,12 +169,11 @@ class HomingSequence:
             self._aborted = reason
 
     def forget(self) -> None:
-        """Clear `homed`, because the drive has lost its reference by a restart or a jump of its position."""
+        """Clear `homed`, because a restart or a position jump has lost the drive's reference."""
         self.homed = False
 
     @property
     def active(self) -> bool:
-        """Whether homing is in progress."""
         return self._phase is not _Phase.IDLE
 
     def events(self) -> list[HomingEvent]:
@@ -208,7 +205,7 @@ class HomingSequence:
         return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
-        """Evaluate the old bits; the last of several updates counts, because the first may be of another mode."""
+        """Record bits 12 and 13 for some updates before the start, since the first may be of another mode."""
         # CiA 402-2, 0x6040 in mode HM: homing starts with the rising edge of bit 4
         if self._updates <= self._settle_updates:
             self._attained_absent = not status.value & HomingStatus.ATTAINED.value

@@ -31,7 +31,7 @@ class LoopGain(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GainObject:
-    """Object that contains a gain; `scale` is the gain for the value 1 of the object."""
+    """Object that contains a gain; the gain is `scale` times the value of the object."""
 
     index: int
     subindex: int
@@ -72,7 +72,7 @@ _MAKERS: Final = (
 
 
 def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:
-    """Return the objects in which a manufacturer's drives have gains of unknown scale; empty if unknown."""
+    """Return the index and subindex of each gain, by the manufacturer's name; empty if unknown."""
     maker = od.device.vendor_name.lower()
     for word, records in _MAKERS:
         places = {
@@ -86,7 +86,7 @@ def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int
 
 
 def gain_objects(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, GainObject]:
-    """Return the objects of an axis with gains of known scale; empty if there are none."""
+    """Return the objects of an axis with gains of known scale; empty for an unknown device."""
     by_gain = _KNOWN.get((_identity(od, 1), _identity(od, 2)), {})
     shifted = {
         gain: GainObject(axis_index(gain_object.index, axis), gain_object.subindex, gain_object.scale)

@@ -56,7 +56,7 @@ def mode_name(mode: int) -> str:
 
 
 def mode_words(mode: int) -> str:
-    """Return a mode as a noun for a sentence: `mode CSP`, `mode -3 (manufacturer)`."""
+    """Return a mode with the word "mode" for use in a sentence: `mode CSP`, `mode -3 (manufacturer)`."""
     name = mode_name(mode)
     return name if name.startswith("mode ") else f"mode {name}"
 

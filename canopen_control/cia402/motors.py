@@ -72,7 +72,7 @@ _PARTS: Final = {True: DataType.INTEGER16, False: DataType.UNSIGNED16}
 
 @dataclass(frozen=True, slots=True)
 class ObjectPlace:
-    """Location of an axis' object in the device: index and subindex, and for a part of an object its bits."""
+    """Location of an axis' object in the device; `shift` and `bits` are 0 unless the axis has a part of the object."""
 
     index: int
     subindex: int
@@ -81,16 +81,15 @@ class ObjectPlace:
 
     @property
     def address(self) -> Address:
-        """Index and subindex of the object in the device."""
         return self.index, self.subindex
 
     def part_of(self, data: bytes) -> bytes:
-        """Return the bytes of the axis' part in the data of the device's object."""
+        """Return the bytes that belong to the axis from the data of the device's object."""
         return data[self.shift // 8 : (self.shift + self.bits) // 8] if self.bits else data
 
 
 def per_motor(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the targets and actual values that are variables in CiA 402 but have subindices 1 and 2 in `od`."""
+    """Return the targets and actual values that have subindices 1 and 2 in `od`, though CiA 402 has variables."""
     return tuple(index for index in _MEASURED_AND_COMMANDED if (index, 1) in od and (index, 2) in od)
 
 
@@ -100,7 +99,7 @@ def motors_of(od: ObjectDictionary) -> MotorMap | None:
 
 
 def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
-    """Return why a device has no motors in these subindices, as a text without its name; "" if it has them."""
+    """Return why `subindices` of a device are not its motors, without the device's name; "" if they are."""
     if len(subindices) < 2 or not all(0 < subindex < 0xFF for subindex in subindices):
         return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
     if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
@@ -163,7 +162,7 @@ class MotorMap:
         return (index, subindex) if place is None else place.address
 
     def _divide(self, index: int) -> None:
-        """Give each axis its subindex of an object, and its part of the common subindex behind them."""
+        """Assign each subindex of an object to an axis, and the parts of the common subindex after them."""
         device, view = self.device, self.view
         for subindex in device.subindices(index):
             del view.entries[index, subindex]
@@ -176,7 +175,7 @@ class MotorMap:
             self._parts[both.address] = tuple((address, 0) for address in own)
 
     def _unpack(self, entry: Entry) -> None:
-        """Give each axis its bits of an object."""
+        """Assign to each axis its 16 bits of a packed object."""
         own = [o.axis_index(entry.index, axis) for axis in self._axes]
         part = replace(entry, data_type=DataType.UNSIGNED16, default=None, low=None, high=None)
         for axis, address in enumerate(own):
@@ -184,7 +183,7 @@ class MotorMap:
         self._parts[entry.address] = tuple((address, 0) for address in own)
 
     def _share(self, index: int) -> None:
-        """Give all other axes the object of the first axis."""
+        """Map the object of the first axis to all other axes."""
         for subindex in self.device.subindices(index):
             copies = [o.axis_index(index, axis) for axis in self._axes[1:]]
             for copy in copies:

@@ -164,7 +164,7 @@ def axis_index(index: int, axis: int) -> int:
 
 
 def axis_of(index: int) -> tuple[int, int]:
-    """Split a profile object's index (0x6000 to 0x9FFF) into the index of axis 0 and the axis; else (index, 0)."""
+    """Return the index of axis 0 and the axis for a profile object (0x6000 to 0x9FFF); (index, 0) for others."""
     if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
         return index, 0
     axis = (index - _FIRST) // _AXIS_STRIDE
@@ -172,7 +172,7 @@ def axis_of(index: int) -> tuple[int, int]:
 
 
 def axis_count(indices: Container[int]) -> int:
-    """Return the number of axes of a device with these object indices.
+    """Return the number of axes, from the indices of the objects that a device has.
 
     An axis exists if this axis and all lower axes have a controlword.
     """
@@ -188,7 +188,7 @@ def object_name(index: int) -> str | None:
 
 
 def is_drive_profile(device_type: int) -> bool:
-    """Return whether 0x1000 indicates CiA 402, as a single device or a multiple device module."""
+    """Return whether the device profile in 0x1000 is CiA 402 (bits 0 to 15)."""
     return device_type & 0xFFFF == _DRIVE_PROFILE
 
 
@@ -200,7 +200,7 @@ def is_drive_profile(device_type: int) -> bool:
 
 
 class Reaction(Enum):
-    """Way in which a motor is stopped; the value describes it."""
+    """Way in which a drive stops its motor; each value is a description in words."""
 
     DISABLE = "drive function off, the motor coasts"
     SLOW_DOWN_RAMP = "slow-down ramp"

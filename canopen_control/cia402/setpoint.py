@@ -40,14 +40,13 @@ class SetPoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointTaken:
-    """Acknowledgement of a set-point by bit 12."""
+    """Acknowledgement of a set-point by bit 12 of the statusword."""
 
     time: int
     target: int
 
     @property
     def text(self) -> str:
-        """Acknowledged target, as a sentence for users."""
         return f"set-point {self.target} taken"
 
 
@@ -61,13 +60,12 @@ class SetPointReached:
 
     @property
     def text(self) -> str:
-        """Reached target, as a sentence for users."""
         return f"set-point {self.target} reached"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointFailed:
-    """Abandoned set-point; `reason` is the cause, `phase` the phase in which it was abandoned."""
+    """Abandoned set-point, with the reason and the phase in which the handshake ended."""
 
     time: int
     target: int
@@ -76,20 +74,18 @@ class SetPointFailed:
 
     @property
     def text(self) -> str:
-        """Abandoned target and reason, as a sentence for users."""
         return f"set-point {self.target} given up: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
 class SetPointDeferred:
-    """Set-point that was not acknowledged during a motion, and is repeated at the end of the motion."""
+    """Set-point without acknowledgement during a motion, which is repeated when the motion has ended."""
 
     time: int
     target: int
 
     @property
     def text(self) -> str:
-        """Deferred target, as a sentence for users."""
         return (
             f"set-point {self.target} not acknowledged on the way to another one; given again when the drive is there"
         )
@@ -97,7 +93,7 @@ class SetPointDeferred:
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Following error (bit 13), reported once per set-point; the drive decides about its reaction."""
+    """Following error (bit 13), reported once per set-point; only the drive reacts to the error."""
 
     time: int
     target: int
@@ -105,7 +101,6 @@ class FollowingError:
 
     @property
     def text(self) -> str:
-        """Target and statusword of the following error, as a sentence for users."""
         return f"following error on the way to {self.target} (statusword 0x{self.statusword:04X})"
 
 
@@ -113,7 +108,7 @@ SetPointEvent = SetPointTaken | SetPointReached | SetPointFailed | SetPointDefer
 
 
 class SetPointPhase(Enum):
-    """Phase of a set-point; the value describes a timeout in this phase."""
+    """Phase of a set-point; each value describes a timeout in the phase."""
 
     IDLE = "nothing to do"
     LOW = "the acknowledge bit 12 stays 1 before the set-point"
@@ -127,7 +122,7 @@ _P = SetPointPhase
 
 
 class SetPointHandshake:
-    """Handshake for the set-points of one axis, one after the other.
+    """Handshake of profile position mode for one axis.
 
     Write `target` to 0x607A (None: no set-point yet) in the same cycle as the bits that `update` returns, and the bits
     to `DriveMachine.mode_bits`. One further set-point may wait while the drive acknowledges or approaches the present
@@ -185,7 +180,6 @@ class SetPointHandshake:
 
     @property
     def can_take(self) -> bool:
-        """Whether `move` accepts a further set-point without `immediately`."""
         return self._next is None
 
     @property

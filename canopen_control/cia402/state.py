@@ -35,7 +35,7 @@ HALT_BIT = 1 << 8
 
 
 class State(Enum):
-    """State of the power state machine; the value is the state's bits in the statusword."""
+    """State of the power state machine; each value is the statusword of the state without the optional bits."""
 
     NOT_READY_TO_SWITCH_ON = 0x00
     SWITCH_ON_DISABLED = 0x40
@@ -80,7 +80,7 @@ def decode_statusword(statusword: int) -> State | None:
 
 
 class Command(Enum):
-    """Command in the controlword; the value is (mask, bits). Commands with the same bits are aliases."""
+    """Command in the controlword, as (mask, bits); commands with the same bits are aliases."""
 
     SHUTDOWN = (0x87, 0x06)
     SWITCH_ON = (0x8F, 0x07)

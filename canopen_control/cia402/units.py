@@ -62,7 +62,7 @@ def counts_of_objects(
     gear_ratio: tuple[int, int] | None = None,
     feed_constant: tuple[int, int] | None = None,
 ) -> float | None:
-    """Return the position units per revolution of the driving shaft, None if the objects do not define them.
+    """Return the position units per shaft revolution, None if the objects do not define a value.
 
     They are not defined if the objects are absent or 0, or if encoder resolution and feed constant are both n/n, as in
     devices before commissioning.
@@ -78,13 +78,13 @@ def counts_of_objects(
 
 
 def rpm_of_unit(unit: int) -> float:
-    """Return the velocity unit in 0x60A9 in rpm; 0 for a unit other than revolutions per minute (CiA 303-2)."""
+    """Return the velocity unit in 0x60A9 in rpm (CiA 303-2); 0 if the unit is not revolutions per minute."""
     exponent = (unit >> 24 & 0xFF ^ 0x80) - 0x80  # power of ten, in two's complement
     return 10.0**exponent if unit >> 8 & 0xFFFF == _RPM else 0.0
 
 
 class Scale:
-    """Conversion of one joint: SI times `*_to_dev` gives device units, device units times `*_from_dev` give SI.
+    """Conversion between SI and device units of one joint, by the factors `*_to_dev` and `*_from_dev`.
 
     `offset_pos_to_dev` is in device units, `offset_pos_from_dev` in SI units, as the keys with these names in bus.yml.
     A reversed joint has negative scales. Raises ConfigError for a scale that is zero or not finite.
@@ -135,7 +135,7 @@ class Scale:
         eff_from_dev: float = 0.001,
         eff_to_dev: float = 1.0,
     ) -> Scale:
-        """Return the scales of a rotary joint; `gear_ratio` is the number of motor revolutions per joint revolution."""
+        """Return the scales of a rotary joint; `gear_ratio` is motor revolutions per joint revolution."""
         counts = counts_per_revolution * gear_ratio * (-1.0 if reversed else 1.0)
         if not math.isfinite(counts) or counts == 0.0:
             raise ConfigError(f"counts_per_revolution {counts_per_revolution:g} and gear_ratio {gear_ratio:g}: not 0")
@@ -147,15 +147,12 @@ class Scale:
         return round(position * self.pos_to_dev + self.offset_pos_to_dev)
 
     def position_from_device(self, count: int) -> float:
-        """Return the SI position of a raw value of 0x6064, or of an unwrapped count."""
         return count * self.pos_from_dev + self.offset_pos_from_dev
 
     def velocity_from_device(self, raw: int) -> float:
-        """Return the SI velocity of a value of 0x606C."""
         return raw * self.vel_from_dev
 
     def effort_from_device(self, raw: int) -> float:
-        """Return the SI effort of a value of 0x6077."""
         return raw * self.eff_from_dev
 
 
@@ -181,11 +178,10 @@ class PositionUnwrapper:
 
     @property
     def started(self) -> bool:
-        """Whether a first position was received; before that `count` is undefined."""
         return self._raw is not None
 
     def update(self, raw: int) -> int:
-        """Process the next value of 0x6064 and return the continuous count."""
+        """Return the continuous count for the next value of 0x6064."""
         last, most = self._raw, self.max_step
         if last is None:
             self._raw = self.count = raw
@@ -213,7 +209,7 @@ class PositionUnwrapper:
         return self.count
 
     def rebase(self) -> None:
-        """Let the next position equal the last one, after a restart of the drive."""
+        """Treat the next position as equal to the last position, because the drive has restarted."""
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:

@@ -25,6 +25,6 @@ SDF_SUFFIXES = (".sdf", ".world")
 
 
 def require_physics() -> None:
-    """Raise ConfigError, with the command that installs it, if MuJoCo is missing; MuJoCo is not imported."""
+    """Raise ConfigError with the installation command if MuJoCo is missing; MuJoCo is not imported."""
     if importlib.util.find_spec("mujoco") is None:
         raise ConfigError("physics needs MuJoCo: pip install 'canopen-control[physics]'")

@@ -55,7 +55,7 @@ _TYRE: Final = " tyre"
 
 @dataclass(frozen=True)
 class JointPlace:
-    """Driven joint in a model: its indices in qpos and qvel, the index of its lock, and its motor."""
+    """Driven joint in a model: indices in qpos and qvel, index of the lock constraint, and the motor."""
 
     qpos: int
     dof: int
@@ -63,7 +63,7 @@ class JointPlace:
     motor: EstimatedMotor
 
     def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
-        """Lock the joint at its present position, or release it."""
+        """Lock the joint at its present position if `on`, else release the lock."""
         if on:
             model.eq_data[self.lock, 0] = data.qpos[self.qpos] - model.qpos0[self.qpos]
         data.eq_active[self.lock] = on
@@ -88,14 +88,13 @@ class Body:
 
     @property
     def links(self) -> dict[str, int]:
-        """Body indices of the robot's links by name."""
         names = ((str(self.model.body(number).name), number) for number in range(1, self.model.nbody))
         return {name.removeprefix(self.prefix): number for name, number in names if name.startswith(self.prefix)}
 
 
 @dataclass(frozen=True)
 class PreparedRobot:
-    """Robot that is not yet in a world: its specification, floor contacts, and motors by joint."""
+    """Robot before it is added to a world: MuJoCo specification, floor contacts, and motors by joint."""
 
     spec: Any
     root: str
@@ -106,7 +105,7 @@ class PreparedRobot:
     notes: tuple[str, ...]
 
     def body(self, model: Any, prefix: str = "") -> Body:  # noqa: ANN401 - as above
-        """Return the robot as a part of the compiled model of a world."""
+        """Return the robot as part of a compiled world model; `prefix` precedes the robot's names in the model."""
         return Body(
             model,
             {name: placed(model, name, motor, prefix) for name, motor in self.motors.items()},
@@ -130,7 +129,7 @@ def _first_line(error: ValueError) -> str:
 
 
 def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
-    """Return the compiled model of a specification; raise PhysicsError if it cannot be simulated."""
+    """Compile a MuJoCo specification; raise PhysicsError if MuJoCo refuses the model."""
     try:
         return spec.compile()
     except ValueError as error:
@@ -138,7 +137,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
-    """Return a robot as the only robot of a world; the floor is at the lowest point of a robot with a fixed root."""
+    """Return a robot in a world of its own; under a fixed root the floor is at the robot's lowest point."""
     lay_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
@@ -196,7 +195,7 @@ def _described(joint: Joint) -> Described:
 
 
 def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
-    """Add a lock to every driven joint, inactive until a brake or a blocked shaft needs it."""
+    """Add an inactive lock constraint to every driven joint, for brakes and blocked shafts."""
     for joint in axes:
         lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
         lock.objtype = mujoco.mjtObj.mjOBJ_JOINT
@@ -218,7 +217,7 @@ def _check_joints(axes: Mapping[str, AxisSettings], description: UrdfDescription
 
 
 def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
-    """Set the solver options for a time step of `step` s."""
+    """Set MuJoCo's solver options for a time step of `step` s."""
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # friction and damping are stable for any values
     # tyre creep: with 1.5 strained wheels relax too late, with 1 odometry slips a fifth more
@@ -227,7 +226,7 @@ def set_options(spec: Any, step: float) -> None:  # noqa: ANN401 - as above
 
 
 def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) -> None:  # noqa: ANN401 - as above
-    """Set how each shape of a robot touches the floor: as a wheel, a free roller, or a caster."""
+    """Set the contact parameters of each shape of a robot: wheel, free roller, or caster."""
     touches = {touch.geom: touch for touch in ground.touches}
     rolling = {touch.geom for touch in ground.touches if touch.part is not ContactPart.CASTER}
     turning = {geom.parent.name for geom in spec.geoms if geom.name in rolling}
@@ -253,12 +252,12 @@ def _set_contact(geom: Any, friction: float, step: float) -> None:  # noqa: ANN4
 
 
 def solref(step: float) -> list[float]:
-    """Return time constant (4 ms, or two steps if that is longer) and damping ratio of contacts."""
+    """Return MuJoCo's contact time constant (4 ms or two steps, whichever is longer) and damping ratio."""
     return [max(0.004, 2.0 * step), 1.0]
 
 
 def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
-    """Add a free-turning cylinder with half of the density around an axle; the original becomes its hub."""
+    """Turn a wheel shape into a hub, and add a free-turning cylinder with half of the density around the axle."""
     geom.contype = geom.conaffinity = 0
     geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
@@ -269,7 +268,7 @@ def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 -
 
 
 def lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
-    """Add the floor at a height in m; it touches every robot."""
+    """Add the floor plane at a height in m, with contacts to every robot."""
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
     _set_contact(floor, 0.0, step)  # MuJoCo uses the larger friction of two shapes: that of the wheel, or of the caster
@@ -282,7 +281,7 @@ def _on_floor(
     axes: Mapping[str, AxisSettings],
     prefix: str,
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
-    """Return the indices of the shapes that roll on the floor and of those that slide, and the mecanum wheels."""
+    """Return the indices of the rolling and of the sliding shapes on the floor, and the mecanum wheels."""
     places: dict[bool, list[int]] = {True: [], False: []}
     rollers = []
     for touch in ground.touches:
@@ -299,7 +298,7 @@ def _on_floor(
 
 
 def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
-    """Return the indices of a driven joint and of its lock in a model, with its motor."""
+    """Return the indices of a driven joint and of its lock in a compiled model."""
     joint, lock = model.joint(f"{prefix}{name}"), model.equality(f"{prefix}{_LOCK}{name}")
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
@@ -307,7 +306,7 @@ def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> Jo
 def _notes(
     axes: Mapping[str, AxisSettings], motors: Mapping[str, EstimatedMotor], ground: Ground, free: bool
 ) -> list[str]:
-    """Return sentences about the detected wheels and the estimated torques."""
+    """Return the detected wheels and the estimated torques as sentences."""
     wheels = [touch.joint for touch in ground.touches if touch.part is ContactPart.WHEEL]
     touched = [touch.geom.partition(" shape ")[0] for touch in ground.touches if touch.part is ContactPart.ROLLER]
     contact = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
@@ -323,7 +322,7 @@ def _notes(
 
 
 def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Let the robots sink onto the floor before the simulation starts.
+    """Simulate until the robots rest on the floor, before the simulation starts.
 
     Raise ConfigError if forces grow without bound: a robot is inside a solid, or its masses differ too much.
     """
@@ -337,7 +336,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
 
 
 class _Warnings:
-    """Handler of MuJoCo's warnings that logs only the first.
+    """Handler that logs only the first of MuJoCo's warnings.
 
     MuJoCo itself would repeat a warning at each step and write MUJOCO_LOG.TXT into the current folder.
     """
@@ -365,7 +364,7 @@ def build_mjcf(
     world: WorldDescription,
     sensors: Sequence[WorldSensor] = (),
 ) -> Body:
-    """Return the robot of an MJCF file; `step` is in s.
+    """Load the robot of an MJCF file; `step` is in s.
 
     Raise PhysicsError if the file does not compile or lacks a joint.
     """
@@ -375,7 +374,7 @@ def build_mjcf(
         raise PhysicsError(f"{file}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
     _check_mjcf_joints(spec, axes, file, path)
     spec.option.timestep = step
-    add_scenery(spec, world, [max(0.004, 2.0 * step), 1.0])
+    add_scenery(spec, world, solref(step))
     give_locks(spec, axes, step)
     add_sensors(spec, sensors, path)
     described = {name: _described_in_mjcf(spec.joint(name)) for name in axes}
@@ -393,7 +392,6 @@ def build_mjcf(
 
 
 def _described_in_mjcf(joint: Any) -> Described:  # noqa: ANN401 - MuJoCo has no types
-    """Return friction and damping of a joint in an MJCF file; a friction of 0 counts as undefined."""
     return Described(friction=joint.frictionloss or None, damping=float(joint.damping[0]))
 
 
@@ -421,7 +419,7 @@ _ALL: Final = 0x7FFFFFFF
 
 
 def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldDescription, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return one model of several robots, each at its start pose; raise PhysicsError if a robot starts inside another.
+    """Return one model of several robots at their start poses; raise PhysicsError if a robot starts inside another.
 
     `path` is the file of the world. The specifications of the robots become parts of this model and must not be reused.
     """
@@ -441,14 +439,14 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
 
 
 def _give_kind(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
-    """Set the contact bits of a robot's shapes, so that they touch other robots but not each other."""
+    """Set the contact bits of a robot's shapes, so that shapes of one robot do not touch each other."""
     for geom in spec.geoms:
         if geom.contype:
             geom.contype, geom.conaffinity = kind, _ALL & ~kind
 
 
 def _frame(spec: Any, robot: PreparedRobot, start: RobotStart) -> Any:  # noqa: ANN401 - as above
-    """Return the frame to which a robot is attached: its start pose, or the origin for a free root."""
+    """Return the frame for a robot: its start pose; for a free root the origin, since qpos has the pose."""
     if robot.free:
         return spec.worldbody.add_frame()
     place = [*start.at, max(0.0, robot.ground.lift)]

@@ -36,8 +36,7 @@ _CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom
 class JointBlocker(Protocol):
     """Interface of a simulation that can block joints."""
 
-    def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block a joint of a robot, or release it."""
+    def block(self, robot: str, joint: str, on: bool) -> None: ...
 
 
 class _EndOfPush(NamedTuple):
@@ -75,7 +74,7 @@ class Disturbances:
                           for robot, links in own.items()}  # fmt: skip
 
     def problems(self) -> Iterator[str]:
-        """Yield a sentence with a line for every missing link or joint in the steps of the world file."""
+        """Yield an error with a line number for every missing link or joint in the steps of the world file."""
         for step in self._steps:
             try:
                 for act in step.acts():
@@ -84,13 +83,13 @@ class Disturbances:
                 yield f"{step.here.line}:{step.here.column}: {error}"
 
     def begin(self, data: Any) -> None:  # noqa: ANN401 - of MuJoCo
-        """Start at time 0 with the MuJoCo state `data`, and plan the disturbances of the world file."""
+        """Start at time 0 with the MuJoCo state `data`, and schedule the disturbances of the world file."""
         self._data = data
         for at_ns, robot, act in self._timeline:
             self._plan(at_ns, act, robot)
 
     def reset(self) -> None:
-        """Undo all disturbances after the state was reset, and plan those of the world file again."""
+        """Undo all disturbances after a reset of the state, and schedule the disturbances of the world file again."""
         for name, before in self._before.items():
             getattr(self._model, name)[:] = before
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
@@ -100,11 +99,11 @@ class Disturbances:
 
     @property
     def patched(self) -> bool:
-        """Whether the floor has patches, so that the friction depends on the position."""
+        """Whether the floor has patches with their own friction."""
         return bool(self.patches)
 
     def grip_at(self, x: float, y: float) -> float:
-        """Return the friction of a wheel at a position on the floor in m."""
+        """Return the friction coefficient of a wheel at a position on the floor in m."""
         grip = self._grip
         for patch in self.patches:
             if patch.covers(x, y):
@@ -112,7 +111,7 @@ class Disturbances:
         return grip
 
     def next_ns(self) -> int | None:
-        """Return the time in ns of the next planned disturbance, None if there is none."""
+        """Return the time in ns of the next scheduled disturbance, None if there is none."""
         return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
@@ -128,7 +127,7 @@ class Disturbances:
         return happened
 
     def act(self, world_act: WorldAct, now: int, robot: str = "") -> None:
-        """Apply a disturbance now, to a robot or the floor; raise ConfigError for a missing link or joint."""
+        """Apply a disturbance to a robot or the floor; raise ConfigError for a missing link or joint."""
         self._check(world_act, robot)
         if isinstance(world_act, AddPayload):
             self._load(self._link(world_act.on, robot), world_act.mass, np.array(world_act.position))
@@ -166,7 +165,7 @@ class Disturbances:
     # -- payload
 
     def _load(self, link: int, mass: float, position: NDArray[np.float64]) -> None:
-        """Add a point mass in kg to a link, at a position in the frame of the link."""
+        """Add a point mass in kg to a link, at a position in the link's frame."""
         model = self._model
         before = float(model.body_mass[link])
         mass = max(mass, _LIGHTEST - before)
@@ -195,12 +194,12 @@ class Disturbances:
     # -- friction
 
     def update_friction(self) -> None:
-        """Set the friction of every wheel and caster to that of the floor at its position."""
+        """Set the friction of every wheel and caster for its present position on the floor."""
         for geom in (*self._wheels, *self._casters):
             grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
             self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)
 
 
 def _steiner(way: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the inertia about the origin of a unit mass at a position (parallel axis theorem)."""
+    """Return the inertia about the origin of a mass of 1 kg at a position (parallel axis theorem)."""
     return float(way @ way) * np.eye(3) - np.outer(way, way)

@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 
 def make(path: Path) -> PhysicsWorld:
-    """Return the world of a plant file; raise PhysicsError, RobotConfigError, or ConfigError without MuJoCo."""
+    """Return the world of a plant file; raise PhysicsError, RobotConfigError, or ConfigError if MuJoCo is missing."""
     require_physics()
     return make_of(read_physics_file(path), path)
 
 
 def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
-    """Return the world for the contents of a plant file, which was read from `path`."""
+    """Return the world for the contents `file` of the plant file at `path`."""
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()
     if world.robots:
         raise PhysicsError(f"{path.parent / file.world}: it has robots of its own: canopen-control run --world FILE")
@@ -54,7 +54,7 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
 
 
 def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
-    """Return one world for several robots, from plant files by robot name; the file `where` has the start poses."""
+    """Return one world for several robots from their plant files; the file `where` has the start poses."""
     from canopen_control.physics.body_model import joined
 
     require_physics()
@@ -76,7 +76,7 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
 
 
 def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: list[WorldSensor]) -> Body:
-    """Return the robot of an MJCF file; its shapes and masses are used as they are."""
+    """Return the robot of an MJCF file, with the shapes and masses of that file."""
     from canopen_control.physics.body_model import build_mjcf
 
     axes = {axis.joint: axis for axis in file.axes.values()}
@@ -85,7 +85,6 @@ def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: li
 
 
 def _alone(robot: PreparedRobot, world: WorldDescription, file: PhysicsFile) -> Body:
-    """Return a robot as the only robot of its world."""
     from canopen_control.physics.body_model import alone
 
     return alone(robot, world, file.step_ms * 1e-3, file.urdf)
@@ -93,7 +92,7 @@ def _alone(robot: PreparedRobot, world: WorldDescription, file: PhysicsFile) -> 
 
 @dataclass(frozen=True)
 class _Member:
-    """One of several robots in a world, with its plant file."""
+    """Robot of a shared world, with its plant file."""
 
     file: PhysicsFile
     path: Path
@@ -119,7 +118,6 @@ def _sensors(file: PhysicsFile) -> list[WorldSensor]:
 
 
 def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: list[WorldSensor]) -> WorldRobot:
-    """Return a robot with its axes and encoders; raise PhysicsError for an encoder on a missing joint."""
     from canopen_control.physics.world_robot import WorldRobot
 
     joints = [str(body.model.joint(number).name) for number in range(body.model.njnt)]
@@ -140,7 +138,7 @@ def _in_world(name: str, body: Body, file: PhysicsFile, path: Path, sensors: lis
 def _world(
     robots: Mapping[str, WorldRobot], world: WorldDescription, floor: FloorContact, path: Path, notes: tuple[str, ...]
 ) -> PhysicsWorld:
-    """Return a world with robots; raise PhysicsError for disturbances that are not possible."""
+    """Build the world of robots; raise PhysicsError for impossible disturbances."""
     from canopen_control.physics.disturbances import Disturbances
     from canopen_control.physics.physics_world import PhysicsWorld
 
@@ -153,7 +151,7 @@ def _world(
 def _prepared(
     file: PhysicsFile, path: Path, floor: FloorContact, start: Start, sensors: list[WorldSensor]
 ) -> tuple[PreparedRobot, tuple[str, ...]]:
-    """Return the robot of a description, not yet in a world, and notes about omissions and guessed masses."""
+    """Return the robot of a description before it is added to a world, with notes on omissions and guessed masses."""
     from canopen_control.physics.body_model import prepared, read_spec
     from canopen_control.physics.urdf_repair import guessed_masses, repaired
 

@@ -57,7 +57,7 @@ class MecanumContact:
         self._gain = self._find_gain()
 
     def _find_gain(self) -> float:
-        """Return the force per m/s of sliding, from the mass that a force at the contact point moves."""
+        """Return the force per m/s of slip, from the effective mass at the contact point."""
         self._push[:] = 0.0
         axle = self._axle()
         point = self._data.geom_xpos[self._wheel.geom] + self._down
@@ -68,13 +68,12 @@ class MecanumContact:
         return _SHARE / (mobility * float(self._model.opt.timestep))
 
     def _axle(self) -> NDArray[np.float64]:
-        """Return the horizontal direction of the roller's axle in the world."""
         axle: NDArray[np.float64] = self._data.xmat[self._wheel.frame].reshape(3, 3) @ self._own
         axle[2] = 0.0
         return axle / (float(np.linalg.norm(axle)) or 1.0)
 
     def add_force(self, friction: float) -> None:
-        """Add the force of the roller, limited by the friction, to the joint forces of the next step."""
+        """Add the roller's contact force, limited by the friction, to the joint forces of the next step."""
         centre = self._data.geom_xpos[self._wheel.geom]
         if float(centre[2]) > self._wheel.radius + _LIFTED_M:
             return
@@ -105,7 +104,7 @@ class ContactPart(enum.Enum):
 
 @dataclass(frozen=True)
 class Touch:
-    """Contact of a shape with the floor; `joint` turns the shape if it is a wheel, `radius` is in m."""
+    """Contact of a shape with the floor; for a wheel with the joint that turns the shape, and the radius in m."""
 
     geom: str
     part: ContactPart
@@ -115,19 +114,19 @@ class Touch:
 
 @dataclass(frozen=True)
 class Ground:
-    """Contacts with the floor; raised by `lift` m, the root puts the lowest point of the robot on the floor."""
+    """Contacts of a robot with the floor; `lift` in m is the height of the root with the lowest point on the floor."""
 
     touches: tuple[Touch, ...]
     lift: float
 
     @property
     def rolls(self) -> bool:
-        """Whether the robot stands on wheels or rollers."""
+        """Whether the robot has wheels or rollers on the floor."""
         return any(touch.part is not ContactPart.CASTER for touch in self.touches)
 
 
 def ground_at_rest(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
-    """Return the floor contacts of a compiled model with a fixed root, with all joints at 0."""
+    """Find the floor contacts of a compiled model with a fixed root, with all joints at 0."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     lowest = {geom: _lowest(model, data, geom) for geom in range(model.ngeom)}
@@ -184,7 +183,7 @@ def _is_about(
     axis: NDArray[np.float64],
     radius: float,
 ) -> bool:
-    """Whether a joint axis is horizontal and passes through a shape's centre, along the `own` axis of a cylinder."""
+    """Whether a joint axis is horizontal and runs through the centre of a shape, along the axis of a cylinder."""
     off = place - anchor
     distance = float(np.linalg.norm(off - (off @ axis) * axis))
     level = abs(float(axis[2])) < _LEVEL

@@ -55,7 +55,7 @@ class ServoLoop:
         self._velocity = self._integral = 0.0
 
     def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
-        """Set the gains of the drive, or with None those that follow from the settings.
+        """Set the loop gains of the drive; None restores the gains that follow from the settings.
 
         `counts` are counts of the drive per rad, `per_mille` is the torque of one per mille in N m. The state of the
         integrators is kept.
@@ -66,27 +66,27 @@ class ServoLoop:
         self._ki = ki * self._period
 
     def rest(self, torque: float = 0.0) -> None:
-        """Reset the integrators so that the loops continue from `torque`."""
+        """Reset the integrators so that the loops continue with `torque`."""
         self._integral = torque
 
     def begin(self) -> None:
-        """Reset the complete state of the loops, because the joint was moved to another position."""
+        """Reset all loop states after the joint was moved to another position."""
         self._place, self._velocity, self._integral = None, 0.0, 0.0
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
-        """Return the limited torque that moves a joint at `angle` to a position, with velocity feed-forward."""
+        """Return the torque of the position loop with velocity feed-forward, limited to `limit`."""
         error = position - self._see(angle)
         if velocity == 0.0 and -self.quantum <= error <= self.quantum:
             return self._hold(limit)
         return self._push(self._feed_forward * velocity + self._gain * error - self._velocity, limit)
 
     def velocity_torque(self, angle: float, velocity: float, limit: float) -> float:
-        """Return the limited torque that moves a joint at a velocity, without compensation of position errors."""
+        """Return the torque of the velocity loop without a position loop, limited to `limit`."""
         self._see(angle)
         return self._push(velocity - self._velocity, limit)
 
     def _see(self, angle: float) -> float:
-        """Measure position and velocity with the encoder; return the position."""
+        """Sample the encoder; return the measured position."""
         place = round(angle / self.quantum) * self.quantum
         way = 0.0 if self._place is None else place - self._place
         self._place = place
@@ -94,7 +94,7 @@ class ServoLoop:
         return place
 
     def _push(self, lacking: float, limit: float) -> float:
-        """Return the torque of the velocity loop for a velocity error, limited to `limit`."""
+        """Return the torque of the PI velocity loop for a velocity error, limited to `limit`."""
         torque = self.kp * lacking + self._integral
         if torque > limit:
             force = limit
@@ -107,12 +107,12 @@ class ServoLoop:
         return force
 
     def _hold(self, limit: float) -> float:
-        """Return the torque that keeps the position within one count, without oscillation."""
+        """Return the torque that holds the position within one encoder count, without oscillation."""
         return max(-limit, min(limit, self._integral - self.kp * self._velocity))
 
 
 class Moved(Protocol):
-    """Interface of a world to the plants of its joints."""
+    """Interface of a world for the plants of its joints."""
 
     angles: NDArray[np.float64]
     speeds: NDArray[np.float64]
@@ -120,16 +120,15 @@ class Moved(Protocol):
 
     @property
     def asleep(self) -> bool:
-        """Whether the world sleeps, because nothing moves and no drive requests motion."""
+        """Whether the simulation is suspended, because nothing moves and no drive requests motion."""
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Advance everything to `now`; `by` is the plant that makes this call."""
+        """Advance the simulation to `now`; `by` is the calling plant, which serves its own timers."""
 
     def wake(self) -> None:
-        """End the sleep of the world, because something was changed from outside."""
+        """Resume a suspended simulation after a change from outside."""
 
-    def set_lock(self, place: JointPlace, locked: bool) -> None:
-        """Lock a joint at its position, or release it."""
+    def set_lock(self, place: JointPlace, locked: bool) -> None: ...
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
         """Change the friction of a joint, in N m."""
@@ -166,11 +165,11 @@ class JointPlant:
 
     @property
     def follow_ns(self) -> int:
-        """Interval in ns at which the drive checks position and load; longer while the world sleeps."""
+        """Interval in ns at which the drive checks position and load; longer while the simulation is suspended."""
         return 10 * _FOLLOW_NS if self._world.asleep else _FOLLOW_NS
 
     def set_owner(self, owner: AxisOwner) -> None:
-        """Set the axis whose demand the joint follows; called once."""
+        """Set the axis that commands the joint; called once."""
         self.owner = owner
 
     @property
@@ -180,25 +179,25 @@ class JointPlant:
 
     @position.setter
     def position(self, value: float) -> None:
-        """Shift the encoder to another position; the joint does not move."""
+        """Shift the encoder to the position `value`; the joint does not move."""
         self._offset += value - self._position
         self._position = value
         self._world.wake()
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the owner's is read
-        """Advance the world to `end_ns`; the joint follows the demand of its owner."""
+        """Advance the world to `end_ns`, while the servo loops follow the demand of the owner."""
         self._world.reach(end_ns, self)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Advance the world to `end_ns`; the joint is driven by the torque of its owner."""
+        """Advance the world to `end_ns`, while the owner's torque drives the joint."""
         self._world.reach(end_ns, self)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Advance the world to `end_ns`; the joint has no power."""
+        """Advance the world to `end_ns`, while the joint has no power."""
         self._world.reach(end_ns, self)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Do nothing, because the loops already use the velocity of the demand."""
+        """Ignore the feed-forward: the loops already use the velocity of the demand."""
 
     # -- external actions
 
@@ -209,7 +208,6 @@ class JointPlant:
 
     @external.setter
     def external(self, value: float) -> None:
-        """Set the external torque in per mille of the rated torque."""
         self._external = value
         self._world.wake()
 
@@ -220,7 +218,6 @@ class JointPlant:
 
     @friction.setter
     def friction(self, value: float) -> None:
-        """Set the friction in per mille of the rated torque."""
         self._friction = max(0.0, value)
         self._world.set_friction(self.place, self._friction * self.rated_torque / 1000.0)
         self._world.wake()
@@ -232,7 +229,6 @@ class JointPlant:
 
     @stalled.setter
     def stalled(self, value: bool) -> None:
-        """Block or release the joint."""
         self._stalled = value
         self._world.wake()
 
@@ -246,14 +242,14 @@ class JointPlant:
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return the demand and the settings of the drive, for comparison with earlier ones."""
+        """Return demand and settings of the drive, to detect changes."""
         owner = self.owner
         if owner is None:
             return ()
         return owner.powered, owner.torque, owner.demand, owner.torque_limit, owner.velocity_mode, owner.gains
 
     def control(self, clock: int) -> None:
-        """Set the torque of the joint for the step that begins at `clock`."""
+        """Set the joint's torque for the simulation step that begins at `clock`."""
         owner, is_stalled, newtons = self.owner, self._stalled, 0.0
         if owner is None or not owner.powered:
             is_stalled = is_stalled or self.place.motor.brake
@@ -275,7 +271,7 @@ class JointPlant:
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
     def _led(self, owner: AxisOwner, clock: int, limit: float) -> float:
-        """Return the torque in N m by which the control loops follow the demand."""
+        """Return the torque in N m of the loop that serves the owner's demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale
         if owner.velocity_mode:
@@ -283,7 +279,7 @@ class JointPlant:
         return self.loop.torque(angle, (position - self._offset) / self._scale, speed, limit)
 
     def show(self, beyond: float) -> None:
-        """Update position and velocity from the world, extrapolated by `beyond` s after the last step."""
+        """Update position and velocity from the world, extrapolated to `beyond` s after the last step."""
         speed = float(self._world.speeds[self.place.dof])
         angle = float(self._world.angles[self.place.qpos]) + speed * beyond
         quantum = self.loop.quantum

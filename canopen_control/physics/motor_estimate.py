@@ -32,7 +32,7 @@ _FRICTION, _DAMPING = 0.02, 0.001  # fraction of the rated torque
 
 @dataclass(frozen=True)
 class EstimatedMotor:
-    """Complete motor of a joint, on the joint side of the gear, in N m, kg m2 and N m s (N, kg, N s if prismatic)."""
+    """Complete motor data of a joint, referred to the joint side of the gear, in N m, kg m2 and N m s (N, kg, N s)."""
 
     rated_torque: float
     peak_torque: float
@@ -59,7 +59,7 @@ def estimated_motors(
     described: Mapping[str, Described],
     ground: Ground,
 ) -> dict[str, EstimatedMotor]:
-    """Return the motors by joint; axis settings take precedence over the description and over estimates."""
+    """Return the motors by joint; values of the plant file replace those of the description and estimates."""
     wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is ContactPart.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)
@@ -96,7 +96,7 @@ def _motor(axis: AxisSettings, described: Described, inertia: float, need: float
 
 
 def _in_postures(model: Any, axes: Mapping[str, AxisSettings]) -> tuple[dict[str, float], dict[str, float]]:  # noqa: ANN401
-    """Return the geometric mean over postures of each joint's inertia, and the largest torque of its weight."""
+    """Return for each joint the geometric mean of its inertia and the largest gravity torque over several postures."""
     data = mujoco.MjData(model)
     matrix = np.zeros((model.nv, model.nv))
     logs, weights = dict.fromkeys(axes, 0.0), dict.fromkeys(axes, 0.0)

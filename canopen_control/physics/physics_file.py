@@ -47,7 +47,7 @@ class PhysicsError(ConfigError):
 
 @dataclass(frozen=True)
 class AxisSettings:
-    """Motor of one axis, on the joint side of its gear, in N m, kg m2 and rad (N, kg and m if prismatic).
+    """Motor of one axis, referred to the joint side of the gear, in N m, kg m2 and rad (N, kg and m if prismatic).
 
     `scale_pos_to_dev` is the number of counts of the drive per rad, as in bus.yml, negative if the motor is mounted
     mirrored. `encoder` is the number of counts per motor revolution (per m for a linear motor), `rotor_inertia` the
@@ -76,7 +76,7 @@ class AxisSettings:
 
 @dataclass(frozen=True)
 class FloorContact:
-    """Sliding friction on the floor: of wheels, and (`caster_friction`) of all other parts of the robot."""
+    """Friction coefficients on the floor: of wheels, and of all other parts of the robot (`caster_friction`)."""
 
     friction: float = setting(0.8, low=0.0, high=10.0)
     caster_friction: float = setting(0.02, low=0.0, high=10.0)
@@ -84,7 +84,7 @@ class FloorContact:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """Sensor on a link, see `world_sensors`.
+    """Sensor on a link in a plant file; the kinds are those of `world_sensors`.
 
     `reach` is the range of a range finder in m, `seed` that of the noise. `scene` is the prefix of the names of the
     parts if a MuJoCo scene already has the sensor.
@@ -100,7 +100,7 @@ class SensorSettings:
 
 @dataclass(frozen=True)
 class EncoderSettings:
-    """Encoder on a joint behind a `gear`: turns (or m) of the joint for one turn of the encoder."""
+    """Encoder behind a `gear`: turns (or m) of the joint for one turn of the encoder."""
 
     joint: str
     gear: float = setting(1.0, low=1e-6)
@@ -109,7 +109,7 @@ class EncoderSettings:
 
     @property
     def factor(self) -> float:
-        """Motion of the encoder for one rad (or m) of the joint, negative if `reversed`."""
+        """Encoder motion per rad (or m) of the joint, negative if `reversed`."""
         return (-1.0 if self.reversed else 1.0) / self.gear
 
 
@@ -137,7 +137,7 @@ class PhysicsFile:
 
 
 def axis_address(name: str) -> AxisAddress:
-    """Return bus, node-ID and axis of ``3``, ``3/1`` or ``BUS:3/1``; raise ValueError for other texts."""
+    """Return bus, node-ID and axis of ``3``, ``3/1`` or ``BUS:3/1``; raise ValueError for any other text."""
     bus, _, place = name.rpartition(":")
     node, _, axis = place.partition("/")
     address = bus, int(node), int(axis or "0")

@@ -45,7 +45,7 @@ _KINDS: Final = {_GEOMS.mjGEOM_BOX: "box", _GEOMS.mjGEOM_CYLINDER: "cylinder", _
 
 
 def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
-    """Return the patches of a floor as flat shapes for display, with their friction."""
+    """Convert floor patches to flat shapes with friction, for display."""
     return tuple(
         WorldShape(
             name=f"patch {number}",
@@ -60,7 +60,7 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
 
 
 def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return the shapes of a world for display, without those of the robot with the name prefix `own`.
+    """Return the shapes of a world for display; shapes whose names begin with `own` are left out.
 
     Poses are those in `data`, in m and as quaternions w, x, y, z.
     """
@@ -94,7 +94,7 @@ def _shapes(model: Any, data: Any, own: str) -> Iterator[WorldShape]:  # noqa: A
 
 
 def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
-    """Return the lengths of a shape along its own axes in m."""
+    """Return the dimensions of a shape along its own axes in m."""
     kind, size = int(model.geom_type[number]), model.geom_size[number]
     if kind == _GEOMS.mjGEOM_SPHERE:
         return np.full(3, 2.0 * size[0])
@@ -107,7 +107,7 @@ def _lengths(model: Any, number: int) -> Any:  # noqa: ANN401 - numpy's
 
 
 def _middle(model: Any, data: Any, number: int) -> Any:  # noqa: ANN401 - as above
-    """Return the offset in world axes from the position of a shape to its centre; zero except for a mesh."""
+    """Return the vector from the position of a shape to its centre in world axes; zero except for a mesh."""
     return data.geom_xmat[number].reshape(3, 3) @ model.geom_aabb[number, :3]
 
 
@@ -124,7 +124,7 @@ _AT_REST: Final = 1e-3  # rad/s, m/s
 
 
 class PhysicsWorld:
-    """Simulation of robots by name, which is also the `World` of the first robot.
+    """Simulation of all robots of a process, by name; for other modules the `World` of the first robot.
 
     `notes` are sentences about assumptions made while the world was built.
     """
@@ -160,7 +160,7 @@ class PhysicsWorld:
         disturbances.update_friction()
 
     def _settle(self) -> None:
-        """Let the robots sink onto the floor before the start, with locked joints."""
+        """Simulate with locked joints until the robots rest on the floor."""
         places = [place for robot in self._robots.values() for place in robot.body.joints.values()]
         for place in places:
             self.set_lock(place, True)
@@ -175,24 +175,23 @@ class PhysicsWorld:
 
     @property
     def period_ns(self) -> int | None:
-        """Interval in ns at which the axes are advanced without a request; longer while the world sleeps."""
+        """Interval in ns at which the axes are advanced without a request; longer while suspended."""
         return _ASLEEP_NS if self._asleep else self._awake_ns
 
     @property
     def asleep(self) -> bool:
-        """Whether the world sleeps, because nothing moves and no drive requests motion."""
         return self._asleep
 
     def side(self, robot: str, bus: str = "") -> WorldSide:
-        """Return the part of the world for a robot's drives on one bus; raise KeyError for an unknown robot."""
+        """Return the `World` of a robot's drives on one bus; raise KeyError for an unknown robot."""
         return WorldSide(self, self._robots[robot], bus)
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return the plant of an axis of the first robot, on its main bus; raise KeyError if there is none."""
+        """Return the plant of an axis of the first robot on its main bus; raise KeyError for an unknown axis."""
         return self.joint_plant(self._first, ("", node_id, axis))
 
     def joint_plant(self, robot: str, address: AxisAddress) -> JointPlant:
-        """Return a new plant for an axis of a robot; raise KeyError if there is no such axis."""
+        """Create the plant of an axis of a robot; raise KeyError for an unknown axis."""
         owner = self._robots[robot]
         settings = owner.axes[address]
         plant = JointPlant(self, owner.body.joints[settings.joint], settings, self.period)
@@ -200,21 +199,18 @@ class PhysicsWorld:
         return plant
 
     def set_lock(self, place: JointPlace, locked: bool) -> None:
-        """Lock a joint at its position, or release it."""
         place.hold(self.model, self.data, locked)
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
-        """Change the friction of a joint, in N m."""
         self.model.dof_frictionloss[place.dof] = torque
 
     def wake(self) -> None:
-        """End the sleep of the world, because something was changed from outside."""
         self._asleep, self._quiet = False, 0
 
     # -- time
 
     def reach(self, now: int, by: JointPlant) -> None:
-        """Advance everything to `now`; `by` is the axis that makes this call and processes its own timers."""
+        """Advance the simulation to `now`; `by` is the calling plant, which serves its own timers."""
         if now <= self._shown:
             return
         was, by.busy = by.busy, True
@@ -225,7 +221,7 @@ class PhysicsWorld:
             by.busy = was
 
     def _serve_others(self, now: int) -> None:
-        """Process the timers of the other axes, in order of time, up to `now`."""
+        """Run the due timers of all axes but the calling axis, in order of time, up to `now`."""
         while (event := self._next(now)) is not None:
             event_ns, plant = event
             plant.busy = True
@@ -274,17 +270,16 @@ class PhysicsWorld:
         return ((self._point or 0) - (self._began or 0)) * self.step_ns
 
     def _sleep_until(self, last: int) -> int:
-        """Return the grid point up to which the world can sleep: that of the next disturbance, or `last`."""
+        """Return the grid point up to which the simulation can stay suspended: the next disturbance, or `last`."""
         event_ns = self._disturbances.next_ns()
         return last if event_ns is None else min(last, (self._began or 0) - (-event_ns // self.step_ns))
 
     def act(self, world_act: WorldAct, robot: str | None = None) -> None:
-        """Apply a disturbance to a robot (None: the first robot) at the present time of the world."""
+        """Apply a disturbance to a robot (None: the first robot) at the present simulation time."""
         self._disturbances.act(world_act, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
     def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block a joint of a robot, or release it."""
         for (owner, _), plant in self._plants.items():
             if owner == robot and plant.joint == joint:
                 plant.stalled = on
@@ -300,7 +295,7 @@ class PhysicsWorld:
         self.steps += 1
 
     def _check_sleep(self, plants: list[JointPlant]) -> None:
-        """Let the world sleep after a time without motion and without changed demands."""
+        """Suspend the simulation after a time without motion and without changed demands."""
         for robot in self._robots.values():
             robot.count_turns()
         clock = (self._point or 0) * self.step_ns
@@ -318,12 +313,12 @@ class PhysicsWorld:
     # -- state
 
     def describe(self) -> WorldState:
-        """Return the pose of the first robot's base and the measurements of its sensors."""
+        """Return the true pose of the first robot's base and the measurements of its sensors."""
         return self._robots[self._first].describe(max(0, self._shown))
 
     @property
     def shown_ns(self) -> int:
-        """Time in ns to which everything was advanced, 0 before the first call."""
+        """Time in ns up to which the world was advanced, 0 before the first call."""
         return max(0, self._shown)
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
@@ -332,7 +327,7 @@ class PhysicsWorld:
         return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
 
     def has_shaft(self, node_id: int) -> bool:
-        """Return whether a node on the main bus of the first robot is an encoder on a shaft."""
+        """Whether a node on the first robot's main bus is an encoder on a joint."""
         return ("", node_id) in self._robots[self._first].encoders
 
     def shaft_position(self, node_id: int) -> float | None:
@@ -340,49 +335,42 @@ class PhysicsWorld:
         return self._robots[self._first].shaft_position("", node_id)
 
     def publish(self) -> None:
-        """Do nothing, because no other process needs the positions of shafts."""
+        pass  # no other process reads the encoders of this world
 
     def close(self) -> None:
-        """Do nothing, because there are no resources to release."""
+        pass
 
 
 class WorldSide:
-    """`World` for the drives of one robot on one bus: their axes, the robot's pose, and all other shapes."""
+    """`World` for one robot's drives on one bus."""
 
     def __init__(self, world: PhysicsWorld, robot: WorldRobot, bus: str) -> None:
         self._world, self._robot, self._bus = world, robot, bus
 
     @property
     def period_ns(self) -> int | None:
-        """Interval in ns at which the axes are advanced without a request; longer while the world sleeps."""
         return self._world.period_ns
 
     def plant(self, node_id: int, axis: int) -> JointPlant:
-        """Return a new plant for an axis of this robot on this bus; raise KeyError if there is no such axis."""
         return self._world.joint_plant(self._robot.name, (self._bus, node_id, axis))
 
     def describe(self) -> WorldState:
-        """Return the true pose of this robot's base and the measurements of its sensors."""
         return self._robot.describe(self._world.shown_ns)
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to this robot at the present time of the world."""
         self._world.act(world_act, self._robot.name)
 
     def shapes(self) -> tuple[WorldShape, ...]:
-        """Return the shapes around this robot, including other robots."""
         return self._world.shapes(self._robot.name)
 
     def has_shaft(self, node_id: int) -> bool:
-        """Return whether a node on this bus is an encoder on a shaft."""
         return (self._bus, node_id) in self._robot.encoders
 
     def shaft_position(self, node_id: int) -> float | None:
-        """Return the position in rad (m) of an encoder on this bus."""
         return self._robot.shaft_position(self._bus, node_id)
 
     def publish(self) -> None:
-        """Do nothing, because no other process needs the positions of shafts."""
+        pass  # no other process reads the encoders of this world
 
     def close(self) -> None:
-        """Do nothing, because other robots still use the world."""
+        """Keep the world open, because other robots still use the world."""

@@ -1,4 +1,4 @@
-"""Robot in physics without drives, for simulation plugins of ros2_control, as in Gazebo or MuJoCo.
+"""Simulated robot without drives, for ros2_control's simulation plugins of Gazebo and MuJoCo.
 
 Every joint follows a position, a velocity or an effort with a servo of its own, like a drive; all joints advance
 together once per cycle. A position is approached at constant velocity within the cycle. Sensors of the <ros2_control>
@@ -56,7 +56,7 @@ _FASTEST: Final = 1000.0
 
 @dataclass(frozen=True)
 class LidarSettings:
-    """Lidar with its name, in rad, m and Hz; `place` is the position of its tag in the file."""
+    """Settings of a lidar in rad, m and Hz; `place` is file and line of its tag."""
 
     name: str
     frame: str
@@ -94,7 +94,6 @@ def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettin
 
 
 def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: str, wrong: list[str]) -> LidarSettings:
-    """Return the settings of a lidar; errors are added to `wrong`."""
     params = part.parameters
     wrong += [f"no {key}; a lidar has {', '.join(_NEEDED)} in rad" for key in _NEEDED if key not in params]
     number = {key: _number(params, key, 0.0, wrong) for key in _NEEDED}
@@ -146,7 +145,7 @@ def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str
 
 
 def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> list[str]:
-    """Return a sentence for every camera of a tag or a scene, because cameras are ignored."""
+    """Return a note for every camera of a tag or a scene that cameras are not simulated."""
     names = [part.name for part in parts if any(key in part.parameters for key in _CAMERA)]
     names += [part.name for part in parts if part.parameters.get("mujoco_type", "").strip() == "camera"]
     return [
@@ -173,7 +172,7 @@ _DIGITS: Final = 4  # decimal digits of a distance in m
 
 
 class LidarScanner:
-    """Lidar in a MuJoCo model and its state; raises PhysicsError if the frame of the lidar does not exist."""
+    """Lidar in a MuJoCo model; raises PhysicsError if the lidar's frame does not exist."""
 
     def __init__(self, model: Any, data: Any, settings: LidarSettings) -> None:  # noqa: ANN401 - MuJoCo has no types
         self._model, self._data, self._settings = model, data, settings
@@ -195,11 +194,11 @@ class LidarScanner:
         self.begin()
 
     def begin(self) -> None:
-        """Restart the noise, so that it repeats after a reset."""
+        """Restart the noise generator, so that a reset simulation repeats its noise."""
         self._random = random.Random(f"{self._settings.seed} {self._settings.name}")
 
     def scan(self, seconds: float) -> LaserScanReading:
-        """Return a scan of the present state, stamped with `seconds` of simulation time."""
+        """Return a scan of the present state with the time stamp `seconds` (simulation time)."""
         settings = self._settings
         rays = (self._rays @ self._turn.reshape(3, 3).T).flatten()
         place, count, cutoff = self._place.copy(), settings.count, settings.range_max
@@ -251,7 +250,7 @@ _STATE: Final = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
 def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
-    """Return settings for the commanded joints of a <ros2_control> tag; their motors are estimated."""
+    """Return the settings of the commanded joints of a <ros2_control> tag, without motor data."""
     return {
         part.name: AxisSettings(part.name, _SCALE, brake=False)
         for part in tag.joints
@@ -260,7 +259,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 
 
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world supports; raise PhysicsError if a sensor has errors."""
+    """Return the sensors of a tag that a world can simulate; raise PhysicsError if a sensor has errors."""
     model = description.model
     sensors = urdf_sensors(tag.sensors, model.links, model.root, description.path)
     return [WorldSensor.of(name, sensor) for name, sensor in sensors.items()]
@@ -268,7 +267,7 @@ def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[Wor
 
 @dataclass(slots=True)
 class _Target:
-    """Target of a joint until the end of a cycle, and the previous target."""
+    """Target of a joint at the end of a cycle, and the target before."""
 
     interface: str = "velocity"
     before: float = 0.0
@@ -276,19 +275,17 @@ class _Target:
 
 
 class EffortLoop(Protocol):
-    """Interface of a control loop from an error to an effort, which replaces the servo of a joint."""
+    """Interface of a controller that replaces the servo of a joint: position or velocity error to effort."""
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the effort for an error, `dt` s after the previous call."""
+        """Return the effort for an error, `dt` s after the last call."""
         ...
 
-    def reset(self) -> None:
-        """Reset the state of the control loop."""
-        ...
+    def reset(self) -> None: ...
 
 
 class JointMotor:
-    """Motor of one joint of the world, in rad, rad/s and N m (m, m/s and N if prismatic).
+    """Motor of one simulated joint, in rad, rad/s and N m (m, m/s and N if prismatic).
 
     A target applies from the next step on. `loops`, by commanded interface, replace the servo; the peak torque of the
     motor limits them too.
@@ -311,27 +308,24 @@ class JointMotor:
 
     @property
     def position(self) -> float:
-        """Position of the joint in rad or m."""
         return float(self._robot.data.qpos[self._place.qpos])
 
     @position.setter
     def position(self, value: float) -> None:
-        """Set the position of the joint before the start, and its target."""
+        """Set position and target of the joint before the start."""
         self._robot.data.qpos[self._place.qpos] = value
         self._place_wanted = self._target.before = self._target.value = value
 
     @property
     def velocity(self) -> float:
-        """Velocity of the joint in rad/s or m/s."""
         return float(self._robot.data.qvel[self._place.dof])
 
     @velocity.setter
     def velocity(self, value: float) -> None:
-        """Set the velocity of the joint in rad/s or m/s."""
         self._robot.data.qvel[self._place.dof] = value
 
     def rest(self) -> None:
-        """Reset target and control loops, so that the joint stays at its position."""
+        """Reset the control loops, with the present position as target."""
         self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._place_wanted
         self._loop.begin()
@@ -339,7 +333,7 @@ class JointMotor:
             loop.reset()
 
     def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # `step` has the duration
-        """Set the target of a command interface (position, velocity or effort) until the next cycle."""
+        """Set the target of a command interface (position, velocity or effort) for the cycle of `seconds`."""
         old = self._target
         if interface != old.interface:  # the previous target of another interface is not a position to start from
             self._place_wanted = self.position
@@ -349,7 +343,7 @@ class JointMotor:
         self._target = _Target(interface, old.value, target)
 
     def push(self, part: float, length: float) -> None:
-        """Apply the effort of one step, at the fraction `part` of a cycle of `length` s."""
+        """Apply the effort of one step; the target is interpolated at `part` (0 to 1) of a cycle of `length` s."""
         target, place, peak = self._target, self._place, self._place.motor.peak_torque
         angle = self.position
         if target.interface == "effort":
@@ -366,7 +360,7 @@ class JointMotor:
         self._robot.data.qfrc_applied[place.dof] = self.effort
 
     def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
-        """Return the limited effort of the loop for the commanded interface, or of the servo without such a loop."""
+        """Return the limited effort of the interface's loop in `loops`, or of the servo if there is none."""
         peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
         if loop is None:
             return self._loop.torque(angle, place, speed, peak)
@@ -413,19 +407,18 @@ class DriverlessRobot:
         self._read_states()
 
     def problems(self) -> Iterator[str]:
-        """Yield a sentence with a line for every missing link or joint in the steps of the world file."""
+        """Yield an error with a line number for every missing link or joint in the steps of the world file."""
         return self._disturbances.problems()
 
     def motor(self, joint: str) -> JointMotor | None:
-        """Return the motor of a commanded joint, None if there is none."""
         return self._motors.get(joint)
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a function that reads a sensor's state interface, such as "imu/orientation.x", None if unknown."""
+        """Return a reader of a sensor's state interface, such as "imu/orientation.x"; None if unknown."""
         return (lambda: self._measured[interface]) if interface in self._measured else None
 
     def step(self, seconds: float) -> None:
-        """Advance by the whole steps in `seconds`; the remaining time is added to the next cycle."""
+        """Advance by the whole steps in `seconds`; the remainder is carried over to the next call."""
         self._left_ns = min(_LONGEST_NS, self._left_ns + round(seconds * _NS))
         count = self._left_ns // self._period_ns
         self._left_ns -= count * self._period_ns
@@ -445,20 +438,17 @@ class DriverlessRobot:
             self._read_states()
 
     def scan(self, seconds: float) -> list[LaserScanReading]:
-        """Return a scan of every lidar, stamped with `seconds` of simulation time."""
         return [lidar.scan(seconds) for lidar in self.lidars]
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance now; raise ConfigError for a missing link or joint."""
         self._disturbances.act(world_act, self._steps * self._period_ns)
 
     def block(self, robot: str, joint: str, on: bool) -> None:
-        """Block a joint at its position, or release it."""
         del robot
         self.body.joints[joint].hold(self.model, self.data, on)
 
     def reset(self, keyframe: str) -> None:
-        """Reset to the state before the first step, or to a MuJoCo key frame; raise ControlError if it is unknown."""
+        """Reset to the initial state or to a MuJoCo key frame; raise ControlError for an unknown key frame."""
         names = [self.model.key(number).name for number in range(self.model.nkey)]
         if keyframe:
             if keyframe not in names:
@@ -492,7 +482,7 @@ def make_simulated(
     loops: Mapping[str, Mapping[str, EffortLoop]] | None = None,
     world: WorldDescription | None = None,
 ) -> DriverlessRobot:
-    """Return the robot of a tag on a floor, or in an MJCF `scene`; raise PhysicsError if it cannot be simulated.
+    """Build the robot of a <ros2_control> tag on a floor, or in an MJCF `scene`; raise PhysicsError on failure.
 
     `loops` replace the servos, by joint and commanded interface; the objects of a `world` are added.
     """

@@ -57,7 +57,7 @@ Timed = tuple[int, str, WorldAct]
 
 @dataclass(frozen=True)
 class Start:
-    """Start pose of a robot: position in m and heading in degrees."""
+    """Start pose of a robot: position in m, heading in degrees."""
 
     at: tuple[float, float] = (0.0, 0.0)
     heading: float = 0.0
@@ -65,7 +65,7 @@ class Start:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart(Start):
-    """Start pose of one of several robots, with its name, its folder or bundled name, and its xacro arguments."""
+    """Robot of a shared world: name, start pose, folder or bundled name, and xacro arguments."""
 
     name: str = setting()
     robot: str = setting()
@@ -76,7 +76,7 @@ class RobotStart(Start):
 
 @dataclass(frozen=True)
 class Patch:
-    """Rectangle of the floor with its own friction; `at` is the centre."""
+    """Rectangle of the floor with its own friction, centred at `at`."""
 
     at: tuple[float, float]
     size: tuple[float, float]
@@ -84,7 +84,6 @@ class Patch:
     heading: float = 0.0
 
     def covers(self, x: float, y: float) -> bool:
-        """Whether a point of the floor, in m, is on the patch."""
         turn = math.radians(self.heading)
         right, up = x - self.at[0], y - self.at[1]
         along = right * math.cos(turn) + up * math.sin(turn)
@@ -94,7 +93,7 @@ class Patch:
 
 @dataclass(frozen=True)
 class Ramp:
-    """Plane that rises by `angle` degrees along `heading`; `at` is the middle of the lower edge."""
+    """Plane that rises by `angle` degrees towards `heading`, from a lower edge centred at `at`."""
 
     at: tuple[float, float]
     angle: float = setting(low=0.0, high=60.0)
@@ -105,7 +104,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Box:
-    """Box on the floor, or `above` the floor by some m; a box with a mass is movable."""
+    """Box on the floor or `above` m over the floor; only a box with a mass can move."""
 
     at: tuple[float, float]
     size: tuple[float, float, float]
@@ -129,7 +128,7 @@ class Wall:
 
 @dataclass(frozen=True)
 class WorldStep(WorldEvent):
-    """Step of a world file: a disturbance at a time."""
+    """Step of a world file: disturbances at one time."""
 
     at: float | str
     length: float | str | None = setting(None, key="for")
@@ -137,7 +136,7 @@ class WorldStep(WorldEvent):
     here: Node = position()
 
     def timed(self) -> Iterator[Timed]:
-        """Yield the disturbances of the step, each with its time in ns and the name of the robot."""
+        """Yield the disturbances of the step, with time in ns and robot name."""
         at_ns = round(seconds_of(self.at) * 1e9)
         for act in self.acts():
             yield at_ns, self.robot, act
@@ -147,7 +146,7 @@ class WorldStep(WorldEvent):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """Contents of a world file; without `floor` the floor of the plant file is used.
+    """Contents of a world file; without `floor` the plant file defines the floor.
 
     `solids` are the shapes of the file named by `sdf`, or of an SDF file given directly; `notes` are the differences of
     these shapes from Gazebo.
@@ -166,7 +165,7 @@ class WorldDescription:
     notes: tuple[str, ...] = derived(())
 
     def timeline(self) -> list[Timed]:
-        """Return the disturbances in order of time, with times in ns from the start."""
+        """Return all disturbances in order of time, in ns from the start."""
         return sorted((item for step in self.steps for item in step.timed()), key=lambda item: item[0])
 
 
@@ -204,7 +203,7 @@ def _check(file: WorldDescription, _problems: Problems) -> None:
 
 
 def _check_robots(file: WorldDescription) -> None:
-    """Report invalid and duplicate names of robots, too many robots, and steps for unknown robots."""
+    """Report invalid or duplicate robot names, too many robots, and steps for unknown robots."""
     if file.robots and file.start is not None:
         file.robots[0].here.error("each robot has its own at and heading; omit `start`")
     names: set[str] = set()

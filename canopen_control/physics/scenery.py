@@ -1,4 +1,4 @@
-"""Objects on the floor of a world as simulation shapes: ramps, boxes, walls and solids of an SDF world.
+"""Conversion of a world's objects to simulation shapes: ramps, boxes, walls and solids of an SDF world.
 
 A ramp is a slab whose upper side begins at the floor. Fixed objects touch robots and movable boxes; a box with a mass
 touches the floor and everything else. Ramps and solids have the friction of the shape that touches them, a wheel or a
@@ -37,7 +37,7 @@ _SOLIDS: Final = {"box": _GEOMS.mjGEOM_BOX, "sphere": _GEOMS.mjGEOM_SPHERE, "cyl
 
 
 def add_scenery(spec: Any, world: WorldDescription, solref: Sequence[float]) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add the objects of a world to a specification; `solref` are time constant and damping ratio of contacts."""
+    """Add the objects of a world to a MuJoCo specification; `solref` are its contact parameters (time, damping)."""
     for number, ramp in enumerate(world.ramps):
         _add_ramp(spec, f"ramp {number}", ramp, solref)
     for number, wall in enumerate(world.walls):

@@ -49,7 +49,7 @@ _MOST_FACES: Final = 200_000
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """Vertices of a convex part of a mesh in m, as rows of x, y and z."""
+    """Convex part of a mesh: vertices in m, as rows of x, y and z."""
 
     corners: Any
 
@@ -70,7 +70,7 @@ def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
 
 
 def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - numpy's
-    """Yield the indices of the vertices of each connected piece of a mesh."""
+    """Yield the vertex indices of each connected part of a mesh."""
     owner = list(range(count))
 
     def first(corner: int) -> int:
@@ -88,7 +88,7 @@ def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - nu
 
 
 def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
-    """Return the vertices of a piece; a flat piece gets vertices on both sides, so that it has a thickness."""
+    """Return the vertices of a part; a flat part gets a thickness."""
     middle = corners.mean(axis=0)
     axes = np.linalg.svd(corners - middle, full_matrices=True)[2]
     spread = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -107,7 +107,7 @@ _YES: Final = ("true", "1")
 
 @dataclass(frozen=True)
 class Solid:
-    """Fixed shape of a world; `size` is in m as in MuJoCo (half lengths, radius first), `parts` are those of a mesh.
+    """Fixed shape of a world; `size` in m as in MuJoCo (half lengths, radius first), `parts` of a mesh.
 
     The upper side of a plane is in the direction of its z axis.
     """
@@ -121,7 +121,7 @@ class Solid:
 
 @dataclass(frozen=True)
 class SdfWorld:
-    """Shapes of an SDF file; `notes` are sentences about differences from Gazebo."""
+    """Shapes of an SDF file, and `notes` on differences from Gazebo."""
 
     solids: tuple[Solid, ...]
     notes: tuple[str, ...] = ()
@@ -146,7 +146,7 @@ def read_sdf_world(path: Path) -> SdfWorld:
 
 @dataclass
 class _Scope:
-    """World, model or link during reading: its pose in the world, and the named elements inside."""
+    """World, model or link that is being read, with its pose in the world and the frames of its named elements."""
 
     path: Path
     element: Element
@@ -161,8 +161,6 @@ class _Scope:
 
 
 class _Reader:
-    """Reader of one SDF world with its includes."""
-
     def __init__(self) -> None:
         self.solids: list[Solid] = []
         self.problems: list[str] = []
@@ -170,7 +168,7 @@ class _Reader:
         self._meshes: dict[tuple[Path, Vector], tuple[MeshPart, ...]] = {}
 
     def notes(self, path: Path) -> Iterator[str]:
-        """Yield sentences about differences from Gazebo."""
+        """Yield the differences from Gazebo as sentences."""
         if self._loose:
             yield f"{path}: these models are not static, and stand fast here: {', '.join(self._loose)}"
         if self._meshes:
@@ -179,11 +177,10 @@ class _Reader:
             yield f"{path}: each part of a mesh touches as its convex hull: {listed}"
 
     def mistake(self, path: Path, element: Element, text: str) -> None:
-        """Add an error with its file, line and column."""
         self.problems.append(f"{path}:{element.place.line}:{element.place.column}: {text}")
 
     def root(self, path: Path) -> Element | None:
-        """Return the root element of a file; None, and an error is added, if it cannot be read."""
+        """Parse a file and return its root element; on failure add an error and return None."""
         try:
             root = read_document(path.read_text(encoding="utf-8"), str(path)).root
         except RobotConfigError as error:
@@ -198,7 +195,6 @@ class _Reader:
         return None
 
     def scope(self, scope: _Scope, depth: int) -> None:
-        """Read the models, includes and links of a world or of a model."""
         if depth > _DEEPEST:
             text = f"more than {_DEEPEST} models in each other; does one include itself?"
             self.mistake(scope.path, scope.element, text)
@@ -223,7 +219,7 @@ class _Reader:
         return f"{scope.name}::{name}" if scope.name else name
 
     def _include(self, scope: _Scope, element: Element, depth: int) -> None:
-        """Read the model of an included file, with the pose and the name given by the include."""
+        """Read the model of an included file, with pose and name of the include."""
         uri = _text(element, "uri")
         if not uri:
             self.mistake(scope.path, element, "<include> has no <uri>; name the file of the model in it")
@@ -246,7 +242,7 @@ class _Reader:
         self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
 
     def _included(self, path: Path, element: Element, uri: str) -> Path | None:
-        """Return the file of an include; None, and an error is added, if it is missing or not local."""
+        """Find the file of an include; add an error and return None if the file is missing or not local."""
         parts = urlsplit(uri)
         if parts.scheme not in ("", "file", "model", "package"):
             text = f"{uri} is not on this computer; download the model, and give its folder as <uri>"
@@ -270,11 +266,9 @@ class _Reader:
     # -- poses
 
     def _place(self, scope: _Scope, element: Element) -> Pose:
-        """Return the pose in the world of an element in a scope."""
         return scope.place.then(self._inside(scope, element))
 
     def _inside(self, scope: _Scope, element: Element) -> Pose:
-        """Return the pose of an element relative to its scope, from its <pose> and reference frame."""
         pose = element.child("pose")
         base = element.attributes.get("attached_to", "") if element.tag == "frame" else ""
         base = base if pose is None else pose.attributes.get("relative_to", "") or base
@@ -341,7 +335,7 @@ class _Reader:
             self.solids.append(solid)
 
     def lengths(self, path: Path, shape: Element, tag: str, count: int = 1) -> tuple[float, ...] | None:
-        """Return the positive numbers in an element of a shape; None, and an error is added, if they are invalid."""
+        """Read the positive numbers of a shape's element; on failure add an error and return None."""
         words = _text(shape, tag).split()
         numbers = tuple(number for number in map(finite_number, words) if number is not None and number > 0.0)
         if len(numbers) == len(words) == count:
@@ -351,7 +345,7 @@ class _Reader:
         return None
 
     def mesh(self, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-        """Return a mesh as convex parts; None, and an error is added, if its file is unusable."""
+        """Read a mesh as convex parts; on failure add an error and return None."""
         uri = _text(shape, "uri")
         scale = (1.0, 1.0, 1.0)
         if shape.child("scale") is not None:
@@ -395,7 +389,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-    """Return an infinite plane; None for a plane that is the floor itself."""
+    """Return an infinite plane; None if the plane is the floor of the world."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
     numbers = [number for number in map(finite_number, words) if number is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
@@ -409,7 +403,7 @@ def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _turn_up(normal: Vector) -> tuple[float, float, float, float]:
-    """Return the rotation, as a quaternion, that turns the z axis to `normal`."""
+    """Return the quaternion that rotates the z axis to `normal`."""
     x, y, z = (component / math.hypot(*normal) for component in normal)
     if math.hypot(x, y) < _ON_FLOOR:
         return about((1.0, 0.0, 0.0), 0.0 if z > 0.0 else math.pi)
@@ -443,14 +437,14 @@ def _is_yes(text: str) -> bool:
 
 
 def _resources(path: Path) -> Iterator[Path]:
-    """Yield the folders in which models are searched: those around the file, and those of Gazebo's variables."""
+    """Yield the search folders for models: folders around the file, then those in Gazebo's environment variables."""
     yield from (path.parent, path.parent.parent, path.parent.parent / "models")
     for key in _PATHS:
         yield from (Path(entry) for entry in os.environ.get(key, "").split(os.pathsep) if entry)
 
 
 def _model_file(folder: Path) -> Path:
-    """Return the SDF file in a model's folder: the last one listed in model.config, else model.sdf."""
+    """Return a model folder's SDF file: the last file listed in model.config, else model.sdf."""
     config = folder / "model.config"
     try:
         root = read_document(config.read_text(encoding="utf-8"), str(config)).root
@@ -461,7 +455,7 @@ def _model_file(folder: Path) -> Path:
 
 
 def _mesh_file(path: Path, uri: str) -> Path:
-    """Return the file of a mesh URI; raise ConfigError if it is missing."""
+    """Return the file of a mesh URI; raise ConfigError if the file is missing."""
     if not uri:
         raise ConfigError("<mesh> has no <uri>; name its file in it")
     parts = urlsplit(uri)

@@ -1,4 +1,4 @@
-"""Repair of a URDF for MuJoCo's reader, which would otherwise drop or refuse parts of it.
+"""Repairs of a URDF for MuJoCo's reader, which would drop or refuse parts of the file.
 
 The reader drops visuals, so that a link without collisions would have neither shape nor mass: its visuals become
 collisions. The reader supports neither `package://` nor COLLADA nor text meshes: meshes are found by their package and
@@ -41,7 +41,7 @@ _FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2"
 
 @dataclass(frozen=True)
 class RepairedUrdf:
-    """URDF text for MuJoCo; `guessed` are links whose mass follows from their shapes, `notes` list omissions.
+    """URDF text for MuJoCo's reader, with the meshes by name, links with guessed masses, and notes on omissions.
 
     `meshes` are the contents of the mesh files by the names used in the text.
     """
@@ -53,7 +53,7 @@ class RepairedUrdf:
 
 
 def repaired(description: UrdfDescription) -> RepairedUrdf:
-    """Return a description as a URDF for MuJoCo's reader; raise PhysicsError if it cannot be repaired."""
+    """Convert a description to a URDF that MuJoCo accepts; raise PhysicsError if that is impossible."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
     meshes = _Meshes()
@@ -77,7 +77,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
 
 
 def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
-    """Return a sentence about the links whose mass is guessed, at a density in kg/m3; empty if there are none."""
+    """Return a note that lists links with masses guessed from a density in kg/m3; empty if there are none."""
     if not urdf.guessed:
         return ()
     return (f"masses are guessed from shapes at {density:g} kg/m3: {', '.join(urdf.guessed)}",)
@@ -88,7 +88,7 @@ def _is_guessed(link: ET.Element) -> bool:
 
 
 def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
-    """Use the visuals of a link as collisions if it has none; omit unusable meshes."""
+    """Copy the visuals of a link without collisions as collisions; leave out unusable meshes."""
     visuals = link.findall("visual")
     seen_only = link.find("collision") is None
     for visual in visuals:
@@ -110,14 +110,14 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes)
 
 
 class _Meshes:
-    """Mesh files converted to binary STL; `contents` by the names used in the URDF text."""
+    """Mesh files converted to binary STL; `contents` are stored by the names used in the URDF text."""
 
     def __init__(self) -> None:
         self.contents: dict[str, bytes] = {}
         self._names: dict[Path, str] = {}
 
     def add(self, file: Path) -> str:
-        """Return the name for a file, which is read only once; raise ConfigError if it is unusable."""
+        """Convert a file, once, and return its name in the URDF; raise ConfigError if the file is unusable."""
         if file not in self._names:
             mesh = read_mesh(file)
             if mesh.format != "stl":
@@ -130,7 +130,7 @@ class _Meshes:
 
 
 def _unusable(stl: bytes) -> str:
-    """Return the reason why a binary STL mesh cannot be simulated, empty if it can."""
+    """Return why a binary STL mesh cannot be simulated, "" if the mesh is usable."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         return f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one for <collision>"
@@ -142,7 +142,7 @@ def _unusable(stl: bytes) -> str:
 
 
 def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
-    """Report joints whose negative friction or damping would accelerate them."""
+    """Report joints with negative friction or damping, which would accelerate the joint."""
     for joint in description.joints.values():
         for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
             if value is not None and value < 0.0:
@@ -151,7 +151,7 @@ def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
 
 
 def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
-    """Reduce a principal moment above the sum of the other two; report an inertia that is not valid."""
+    """Reduce a principal moment that exceeds the sum of the other two; report an invalid inertia."""
     element, mass = link.find("inertial/inertia"), _mass_of(link)
     if element is None or mass <= 0.0:
         return
@@ -190,7 +190,6 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
 
 
 def _is_moved(description: UrdfDescription, link: str) -> bool:
-    """Whether the link is the child of a movable joint."""
     return any(joint.child == link and not joint.fixed for joint in description.joints.values())
 
 
@@ -203,7 +202,7 @@ def _mass_of(link: ET.Element) -> float:
 
 
 def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
-    """Return errors for moving links that have neither a mass nor a shape, with the lines of their joints."""
+    """Return errors, with lines, for moving links without a mass and without a shape."""
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
@@ -220,7 +219,7 @@ def _weighs(link: ET.Element) -> bool:
 
 
 def _rigid(description: UrdfDescription, link: str) -> Iterator[str]:
-    """Yield a link, and all links fixed to it directly or indirectly as children."""
+    """Yield a link and all links that fixed joints attach below the link."""
     yield link
     for joint in description.joints.values():
         if joint.parent == link and joint.fixed:

@@ -1,4 +1,4 @@
-"""<sensor> tags that a world can measure: kind, link and noise.
+"""Reader of the <sensor> tags that a physics world can simulate.
 
 The kind follows from the state interfaces, or from the parameter `mujoco_type`, as in mujoco_ros2_control. Other
 parameters are `frame_id` (the link, default the root), `noise` (standard deviation), `seed` (of the noise) and
@@ -74,7 +74,7 @@ def urdf_sensors(
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
-    """Return the kind of a sensor tag, None if a world cannot measure it or its `mujoco_type` is unknown."""
+    """Return the kind of a sensor tag, None if a world cannot simulate the sensor."""
     mujoco_type = part.parameters.get("mujoco_type")
     if mujoco_type is not None:
         return _TYPES.get(mujoco_type.strip())
@@ -83,7 +83,7 @@ def _kind(part: ControlJoint) -> SensorKind | None:
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
-    """Return the settings of a sensor tag, None if a world cannot measure it; errors are added to `wrong`."""
+    """Return the settings of a sensor tag, None if a world cannot simulate the sensor; append errors to `wrong`."""
     params = part.parameters
     mujoco_type = params.get("mujoco_type", "").strip()
     if mujoco_type and mujoco_type not in (*_TYPES, *_OTHERS):

@@ -1,4 +1,4 @@
-"""Robot in a simulated world: joints of its axes, pose of its base, measurements of its sensors.
+"""Robot in a simulated world: axes with their joints, base pose, and sensor measurements.
 
 The heading of the base counts full turns, so that it must be read frequently while the robot moves. An encoder reads
 the angle of its joint directly.
@@ -27,7 +27,7 @@ _BASE_DOFS: Final = 6  # degrees of freedom of a free root
 
 
 class WorldRobot:
-    """Robot in a world, named "" if it is the only robot; `encoders` are by bus and node-ID.
+    """Robot in a world, with the name "" if there is only one robot; `encoders` are by bus and node-ID.
 
     `begin` sets the state of the world, `touch_down` is called when the robot stands on the floor.
     """
@@ -62,13 +62,13 @@ class WorldRobot:
             self._qpos, self._dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
 
     def touch_down(self) -> None:
-        """Initialise the load of the mecanum wheels and the heading, when the robot stands on the floor."""
+        """Initialise wheel loads and heading once the robot rests on the floor."""
         load = self._weight() / max(1, len(self.body.rollers))
         self._rollers = [MecanumContact(self.body.model, self._data, wheel, load) for wheel in self.body.rollers]
         self.count_turns()
 
     def _weight(self) -> float:
-        """Return the robot's weight in N, 0 if its root is fixed."""
+        """Return the robot's weight in N, 0 for a fixed root."""
         if self.body.base is None:
             return 0.0
         model = self.body.model
@@ -80,7 +80,7 @@ class WorldRobot:
         return bool(self._rollers)
 
     def push_rollers(self, grip_at: Callable[[float, float], float]) -> None:
-        """Add the forces of the mecanum rollers, limited by the floor's friction, to the next step."""
+        """Add the mecanum rollers' contact forces, limited by the floor's friction, for the next step."""
         x, y = self._place()[:2]
         # the forces of the joints are set again in each step
         self._data.qfrc_applied[self._dof : self._dof + _BASE_DOFS] = 0.0
@@ -88,7 +88,7 @@ class WorldRobot:
             roller.add_force(grip_at(x, y))
 
     def shaft_position(self, bus: str, node_id: int) -> float:
-        """Return the position of an encoder in rad, or m if it is on a prismatic joint."""
+        """Return the position of an encoder in rad (m on a prismatic joint)."""
         return float(self._data.qpos[self._shafts[bus, node_id]]) * self.encoders[bus, node_id].factor
 
     # -- its base
@@ -102,7 +102,7 @@ class WorldRobot:
         return w, x, y, z
 
     def count_turns(self) -> None:
-        """Update the heading of the base and the number of its full turns."""
+        """Update the base's heading, counted over full turns."""
         if self.body.base is None:
             return
         heading = _heading(self._rotation())
@@ -110,7 +110,7 @@ class WorldRobot:
         self._heading = heading
 
     def describe(self, time_ns: int) -> WorldState:
-        """Return the true pose of the base, stamped with `time_ns`, and the measurements of the sensors."""
+        """Return the true base pose and the sensor measurements, with the time stamp `time_ns`."""
         sensors = self._sensors.read()
         if self.body.base is None:
             return WorldState(sensors=sensors)

@@ -1,4 +1,4 @@
-"""Sensors of a world on links: IMU, range finder, force-torque sensor, pose and magnetometer, with repeatable noise.
+"""Simulated sensors on links, with repeatable noise: IMU, range, force-torque, pose, magnetometer.
 
 An IMU measures the orientation of its link in the world, and angular velocities and accelerations, including gravity,
 along the axes of the link. A pose is the pose of its link in the world. A range finder measures along the x axis of its
@@ -49,7 +49,7 @@ _Z_TO_X: Final = about((0.0, 1.0, 0.0), 1.5707963267948966)
 
 @dataclass(frozen=True)
 class WorldSensor:
-    """Sensor of a world: name, kind, link, noise, and the range of a range finder in m."""
+    """Sensor on a link of a world: name, kind, link, noise, and range in m of a range finder."""
 
     name: str
     kind: SensorKind
@@ -61,20 +61,20 @@ class WorldSensor:
 
     @classmethod
     def of(cls, name: str, settings: SensorSettings) -> WorldSensor:
-        """Return the sensor that a plant file or a tag describes."""
+        """Create the sensor that the settings of a plant file or a tag describe."""
         return cls(name, settings.kind, settings.link, settings.noise, settings.reach, settings.seed, settings.scene)
 
     def own(self) -> tuple[str, ...]:
-        """Return the names that the sensor's parts get in a model."""
+        """Return the MuJoCo names of the sensor's parts."""
         return tuple(f"{self.name} {number}" for number in range(len(_PARTS[self.kind])))
 
     def of_scene(self) -> tuple[str, ...]:
-        """Return the names of the sensor's parts in a scene, with the suffixes of mujoco_ros2_control, if any."""
+        """Return the names of the sensor's parts in an MJCF scene, with mujoco_ros2_control's suffixes if any."""
         return tuple(f"{self.scene}{ending}" for ending in _ENDINGS[self.kind]) if self.scene else ()
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add sensors to a specification, unless a scene already has them; raise PhysicsError for a missing link."""
+    """Add sensors that the scene does not have to a specification; raise PhysicsError for a missing link."""
     existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for placed in sensors:
@@ -94,7 +94,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
 
 
 def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
-    """Return whether a scene already has the sensor; raise PhysicsError if the scene's type is another one."""
+    """Whether the scene has the sensor already; raise PhysicsError if its type differs."""
     names = sensor.of_scene()
     if not names or not all(name in existing for name in names):
         return False
@@ -106,7 +106,7 @@ def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> 
 
 
 class SensorReader:
-    """Reader of the sensors in a simulation state; `prefix` selects the names of one robot.
+    """Reader of a simulation state's sensors; `prefix` selects the names of one robot.
 
     The noise depends on the seed and on the number of reads.
     """
@@ -144,5 +144,5 @@ class SensorReader:
 
 
 def _error(of: random.Random, noise: float, value: float) -> float:
-    """Return the noise to add to a value; none for the value -1 of a range finder without a target."""
+    """Return random noise for a value; 0 for the value -1 of a range finder without a target."""
     return of.gauss(0.0, noise) if noise and value != -1.0 else 0.0
