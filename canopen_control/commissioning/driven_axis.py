@@ -36,7 +36,7 @@ _MOST_ERRORS: Final = 32
 
 
 def fault_words(node: NodeSession) -> str:
-    """Return the fault of a drive as text, from 0x603F, 0x1003 and 0x1001; "" if no axis has a fault."""
+    """Return the fault of a drive as text, from 0x603F, 0x1003 and 0x1001, or "" if no axis has a fault."""
     axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
     if not axes:
         return ""
@@ -47,7 +47,7 @@ def fault_words(node: NodeSession) -> str:
 
 
 def error_history(node: NodeSession) -> list[str]:
-    """Read the error history of a node (0x1003) as texts, newest first; ConfigError if the node has no history."""
+    """Read the error history (0x1003) as texts, newest first; raise ConfigError if the node has none."""
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
         raise ConfigError(f"{node} keeps no error history (0x1003)")
@@ -56,12 +56,12 @@ def error_history(node: NodeSession) -> list[str]:
 
 
 def _own(code: int) -> str:
-    """Return the manufacturer-specific upper half of an error history entry as text, "" if that half is 0."""
+    """Return the manufacturer-specific upper half of an error history entry as text, or "" if that half is 0."""
     return f", additional information 0x{code >> 16:04X}" if code >> 16 else ""
 
 
 def why_not_free(node: NodeSession) -> str:
-    """Return the reason why the drive must not be moved if another client has enabled it, else ""."""
+    """Return why the drive must not be moved, or "" if no other client has enabled the drive."""
     powered = [state for state in node.drive_states().values() if state in _POWERED]
     if not powered or powered[0] is None:
         return ""
@@ -80,7 +80,7 @@ _TARGET: Final = "target"
 
 @dataclass(frozen=True, slots=True)
 class JogDrive:
-    """Names by which a running robot knows a drive, and the mode of operation to request ("" for no change).
+    """Names of a drive in a running robot, and the mode of operation to request ("" for no change).
 
     `alone` means that the robot was started for this drive on a bare bus, so that its names mean nothing to the user.
     """
@@ -99,7 +99,7 @@ class JogDrive:
 
 
 def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogDrive:
-    """Return the drive of an axis that has a target controller for its joint alone; else ConfigError with advice."""
+    """Return the drive of an axis with a target controller for its joint alone; else raise ConfigError with advice."""
     places = client.ask(GetNodes()).nodes
     place = next((place for place in places if node in (place.name, str(place.node_id))), None)
     if place is None:
@@ -131,12 +131,12 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
 
 
 def takes_targets(controller: ControllerReading, joint: str) -> bool:
-    """Whether a controller is active and accepts targets for this joint alone."""
+    """Whether a controller is active and accepts targets for a single joint."""
     return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
 
 
 def choose_mode(client: RobotClient, request: AxisRequest) -> None:
-    """Request a mode of operation; while the robot refuses with ControlError, retry for up to `ENABLE_S`."""
+    """Request a mode of operation, and retry for up to `ENABLE_S` while the robot refuses with ControlError."""
     deadline = time.monotonic() + ENABLE_S
     while True:
         try:
@@ -180,7 +180,7 @@ class AxisCommand:
 
 
 class DriveCurrent:
-    """Current of a drive in per mille of the rated current, read by SDO; the torque (0x6077) if there is no 0x6078."""
+    """Current of a drive in per mille of the rated current, read by SDO (0x6078, or the torque 0x6077 without it)."""
 
     def __init__(self, drive: JogDrive) -> None:
         self.value: float | None = None
@@ -189,7 +189,7 @@ class DriveCurrent:
         self._asked_ns = 0
 
     def ask(self, client: RobotClient) -> None:
-        """Read the current if `CURRENT_S` has elapsed; an object that the drive refuses is not read again."""
+        """Read the current if `CURRENT_S` has elapsed; an object that the drive has refused is not read again."""
         now = time.monotonic_ns()
         if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
             return
@@ -205,20 +205,20 @@ class DriveCurrent:
 
 
 def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
-    """Return the reading of the drive's axis in a sample; None if the sample does not contain the axis."""
+    """Return the reading of the drive's axis in a sample, or None if the sample does not contain the axis."""
     node = None if sample is None else sample.nodes.get(drive.node)
     axes = () if node is None else node.axes
     return next((axis for axis in axes if axis.joint == drive.joint), None)
 
 
 def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
-    """Stop and disable the drive on behalf of `source`; errors are ignored, since the robot may have ended."""
+    """Stop and disable the drive on behalf of `source`, ignoring errors, since the robot may have ended."""
     with contextlib.suppress(RemoteError):
         client.ask(AxisRequest(action="disable", node=drive.node, joint=drive.joint, source=source), ENABLE_S)
 
 
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
-    """Return a text with the state and the error of a drive that is no longer enabled."""
+    """Return the state and the error of a drive that is not enabled any more, as text."""
     axis = axis_reading(sample, drive)
     if axis is None:
         return "the drive shows no state any more"

@@ -37,7 +37,7 @@ _LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response 
 
 @dataclass(frozen=True, slots=True)
 class BodePoint:
-    """Point of a frequency response: frequency in Hz, gain in dB, unwrapped phase in degrees, coherence from 0 to 1."""
+    """Frequency in Hz, gain in dB, unwrapped phase in degrees, and coherence from 0 to 1."""
 
     frequency: float
     gain: float
@@ -65,7 +65,7 @@ class Bode:
 
 
 def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
-    """Return a value for each cycle from the first to the last; values of missing cycles are interpolated linearly."""
+    """Return a value for every cycle between the first and the last, with linear interpolation of missing values."""
     if not cycles:
         return []
     return [float(value) for value in np.interp(range(cycles[0], cycles[-1] + 1), cycles, values)]
@@ -74,7 +74,7 @@ def filled(cycles: Sequence[int], values: Sequence[float]) -> list[float]:
 def frequency_response(
     inputs: Sequence[float], outputs: Sequence[float], period: float, *, low: float = 0.0, high: float = math.inf
 ) -> Bode:
-    """Estimate the response between `low` and `high` in Hz; DriveError without a reliable point."""
+    """Estimate the response from `low` to `high` in Hz; raise DriveError if no point is reliable."""
     u, y = np.asarray(inputs, float), np.asarray(outputs, float)
     if len(u) < _FEWEST:
         raise DriveError(f"{len(u)} samples are too few for a frequency response; excite it longer: --for S")
@@ -115,7 +115,6 @@ def _bands(frequencies: NDArray[np.floating], low: float, high: float) -> Iterat
 
 
 def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
-    """Yield the points with the phase unwrapped."""
     last = points[0].phase
     for point in points:
         last += (point.phase - last + 180.0) % 360.0 - 180.0
@@ -123,7 +122,7 @@ def _unwrapped(points: Sequence[BodePoint]) -> Iterator[BodePoint]:
 
 
 def _thinned(bode: Bode, rows: int) -> list[BodePoint]:
-    """Return at most `rows` points, at about equal ratios of frequency."""
+    """Return at most `rows` points, at approximately constant frequency ratios."""
     points = bode.points
     low, high = points[0].frequency, points[-1].frequency
     if len(points) <= rows:
@@ -149,6 +148,6 @@ def bode_lines(bode: Bode, rows: int = _ROWS) -> list[str]:
 
 
 def bode_csv(bode: Bode) -> str:
-    """Return all points as CSV."""
+    """Format all points as CSV."""
     rows = [f"{p.frequency:.6g},{p.gain:.6g},{p.phase:.6g},{p.coherence:.6g}" for p in bode.points]
     return "\n".join(["frequency_hz,gain_db,phase_deg,coherence", *rows]) + "\n"

@@ -58,11 +58,11 @@ class DeviceIdentity:
         )
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return the differences of device type, vendor and product; with any, parameters must not be copied."""
+        """Return the differences of device type, vendor and product, each of which forbids to copy parameters."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
-        """Return the differences of revision and software, which two devices of one product may have."""
+        """Return the differences of revision and software, which devices of one product may have."""
         return self._differences(other, ("revision_number", "software"))
 
     def _differences(self, other: DeviceIdentity, names: tuple[str, ...]) -> list[str]:
@@ -89,20 +89,20 @@ class KnownEds:
 
 
 def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
-    """Return the identity from uploaded bytes by address; None for missing objects."""
+    """Return the identity from uploaded bytes by address, with None for missing objects."""
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
     return DeviceIdentity.of((_number(data.get(address)) for address, _ in FIELDS.values()), (text, None, None))
 
 
 def _number(data: object) -> int | None:
-    """Decode an UNSIGNED32, the type of all `FIELDS`; None for data of another length."""
+    """Decode an UNSIGNED32, or return None for data of another length."""
     padded = fitted(data, DataType.UNSIGNED32) if isinstance(data, bytes) else None
     return None if padded is None else int.from_bytes(padded, "little")
 
 
 def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
-    """Read the identities of EDS files; the second list has the errors of unreadable files."""
+    """Return the EDS files with their identities, and the errors of unreadable files."""
     candidates, refused = [], []
     for path in paths:
         try:
@@ -117,7 +117,7 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
 
 
 def vendor_and_product(path: Path) -> tuple[int, int]:
-    """Return the vendor and product in an EDS, 0 if missing; (0, 1) for an unreadable file."""
+    """Return the vendor and product in an EDS, 0 if missing, or (0, 1) if the file is unreadable."""
     try:
         od = read_eds(path).od
     except EdsError:
@@ -126,7 +126,7 @@ def vendor_and_product(path: Path) -> tuple[int, int]:
 
 
 def eds_number(od: ObjectDictionary, subindex: int) -> int:
-    """Return a number of 0x1018 in an EDS: the default, else the one in [DeviceInfo]; 0 without the subindex."""
+    """Return a number of 0x1018 in an EDS: the default, else the one in [DeviceInfo], or 0 without the subindex."""
     if (entry := od.get(0x1018, subindex)) is None:
         return 0
     info = {1: od.device.vendor_number, 2: od.device.product_number, 3: od.device.revision_number}
@@ -134,7 +134,7 @@ def eds_number(od: ObjectDictionary, subindex: int) -> int:
 
 
 def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the EDS that matches best, or None, and a remark if the revision or product does not match exactly."""
+    """Return the best matching EDS or None, and a remark if revision or product do not match exactly."""
     same = [
         eds
         for eds in candidates
@@ -150,7 +150,7 @@ def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple
 
 
 def _of_the_vendor(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the EDS of the vendor that has no product code, if there is exactly one, with a remark."""
+    """Return the only EDS of the vendor without a product code, or None, with a remark."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class JobOption:
-    """Option of a job: help text, flag, former flag and metavar of the command line; pages show the help text.
+    """Option of a job, with its flags and metavar on the command line and its help text.
 
     `read` parses a text (ConfigError if it is invalid); None keeps the text. An option that `repeats` has a list of
     values.
@@ -50,11 +50,10 @@ class JobOption:
 
     @property
     def is_switch(self) -> bool:
-        """Whether the option is a flag without a value."""
         return isinstance(self.default, bool)
 
     def value_of(self, text: str) -> Any:  # noqa: ANN401 - of the option's own type
-        """Parse a text, where an empty text means the default value; ConfigError if the text is invalid."""
+        """Parse a text, or return the default value for an empty text; raise ConfigError if the text is invalid."""
         if self.repeats:
             return [part.strip() for part in text.split(",") if part.strip()]
         text = text.strip()
@@ -76,7 +75,7 @@ def option(
 
 
 def options_of(kind: type[Any]) -> dict[str, JobOption]:
-    """Return the options that a dataclass declares, by field name."""
+    """Return the options declared in a dataclass, by field name."""
     declared = ((entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata)
     return {
         entry.name: replace(
@@ -88,12 +87,12 @@ def options_of(kind: type[Any]) -> dict[str, JobOption]:
 
 @dataclass(frozen=True, slots=True)
 class NoOptions:
-    """Empty set of options, for a job that has none."""
+    """Options of a job without options."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """Options of the command line that reach a node (`--can`, `--name`), and whether `--include-protected` is set."""
+    """Command-line options that reach a node (`--can`, `--name`), and whether `--include-protected` is set."""
 
     channel: str = ""
     robot: str = ""
@@ -102,7 +101,7 @@ class Reached:
 
 @dataclass(frozen=True, slots=True)
 class RestoreOptions:
-    """Options of a restore and of a clone; `reached` is used only in suggested commands."""
+    """Options of a restore or a clone; `reached` is used only in suggested commands."""
 
     protect: Sequence[str] = option((), "exclude these objects: an address as in '0x2*', or a name", metavar="GLOB")
     include_protected: bool = option(False, "also write the calibration of another drive")
@@ -114,7 +113,7 @@ class RestoreOptions:
 
 @dataclass(frozen=True, slots=True)
 class ProgramDate:
-    """Date of a program (0x1F52): `day`, and `milliseconds` after midnight, None if only the day is known."""
+    """Date of a program (0x1F52); `milliseconds` after midnight are None if only the `day` is known."""
 
     day: datetime.date
     milliseconds: int | None = None
@@ -126,14 +125,14 @@ class ProgramDate:
         return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
 
     def fits(self, other: ProgramDate | None) -> bool:
-        """Whether another date equals this date; only the day is compared if `milliseconds` is None."""
+        """Whether two dates are equal; only the days are compared if a time is unknown."""
         if other is None or other.day != self.day:
             return False
         return self.milliseconds is None or self.milliseconds == other.milliseconds
 
 
 def parse_date(text: str) -> ProgramDate:
-    """Parse a day, or a day and a time, in ISO 8601 format; ConfigError if the text is not a date."""
+    """Parse a day, or a day and a time, in ISO 8601 format; raise ConfigError if the text is not a date."""
     day, _, at = text.partition("T")
     try:
         midnight = datetime.datetime.combine(datetime.date.fromisoformat(day), datetime.time())
@@ -252,7 +251,7 @@ class ScopeOptions:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """Declaration of a job: its command, its description, the example for its input line, and its tab on the page.
+    """Declaration of a job: command, description, example for the input line, and tab on the page.
 
     `options` is a dataclass, of which the fields in `without` do not apply. `can_end` tells whether the job may be
     cancelled.
@@ -310,7 +309,7 @@ JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE
 
 @dataclass
 class JobRun:
-    """Progress and result of a running job, written by the job's thread and read by the pages.
+    """Progress and result of a job, written by the job's thread and read by the pages.
 
     `doing` names the current part of the work. `sentence` is the result; `good` tells whether the job succeeded, None
     while it runs. Further results are `lines`, `table`, `file` (name and bytes) and `document` (for programs).
@@ -333,25 +332,25 @@ class JobRun:
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def part(self, doing: str, unit: str = "") -> None:
-        """Begin a part of the work; progress is then counted in `unit`."""
+        """Begin a part of the work, whose progress is counted in `unit`."""
         self.doing, self.unit, self.done, self.total = doing, unit or self.unit, 0, None
 
     def at(self, done: int, total: int | None = None) -> None:
-        """Report progress; DriveError if the job was asked to end."""
+        """Report progress; raise DriveError if the end of the job was requested."""
         self.show(done, total)
         if self._ending.is_set():
             raise DriveError("a page asked for its end")
 
     def show(self, done: int, total: int | None) -> None:
-        """Update the progress without checking for a request to end."""
+        """Update the progress, even if the end of the job was requested."""
         self.done, self.total = done, total
 
     def note(self, text: str) -> None:
-        """Add a line for the user to the report of the job."""
+        """Add a line to the report of the job."""
         self.lines.append(text)
 
     def pace(self, now: float) -> tuple[float, float] | None:
-        """Return the progress per second and the remaining seconds; None if they cannot be estimated yet."""
+        """Return the progress per second and the remaining seconds, or None if they cannot be estimated yet."""
         part, since, before = self._rated
         if part != self.doing or self.done < before or not self.done:
             self._rated = self.doing, now, self.done
@@ -367,5 +366,4 @@ class JobRun:
 
     @property
     def over(self) -> bool:
-        """Whether the job has ended."""
         return self.good is not None

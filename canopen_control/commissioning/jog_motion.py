@@ -1,4 +1,4 @@
-"""Command of a jog, either by held keys or for a motion with an end, within limits of speed, travel and current.
+"""Command of a jog by held keys, or of a motion with an end, within limits of speed, travel and current.
 
 Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion; any
 other key, a limit, or the drive being no longer enabled ends the jog. `ended` is the reason. Positions are those of the
@@ -52,7 +52,7 @@ class JogEnd(Enum):
 
     @property
     def failed(self) -> bool:
-        """Whether a limit of speed or current, or the state of the drive, ended the jog."""
+        """Whether the jog ended by a limit of speed or current, or by the state of the drive."""
         return self in (JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
 
 
@@ -70,7 +70,10 @@ _MAX_TRAVEL: Final = 10.0 * math.tau  # rad
 
 
 def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED) -> JogLimits:
-    """Return the limits of a motion, `speed` being the default speed; ConfigError for a unit without a known scale."""
+    """Return the limits of a motion; raise ConfigError for a unit whose scale is unknown.
+
+    `speed` is the default speed in rad/s.
+    """
 
     def limit(quantity: Quantity | None, otherwise: float) -> float:
         return otherwise if quantity is None else abs(scale.si(quantity))
@@ -100,7 +103,6 @@ class JogMotion:
 
     @property
     def by_keys(self) -> bool:
-        """Whether the drive moves only while a key is held."""
         return self._held
 
     @property
@@ -115,7 +117,7 @@ class JogMotion:
 
     @property
     def command(self) -> float | None:
-        """Value to send; 0 for no motion, None for a position while the start position is unknown."""
+        """Value to send: 0 for no motion, or None for a position before the start position is known."""
         if self.kind is JogKind.POSITION:
             return None if self._start is None else self._start + self._value
         if self.ended is not JogEnd.NONE:
@@ -126,7 +128,7 @@ class JogMotion:
         return 0.0 if sign == 0 or self._blocked(sign) else math.copysign(self._keys.speed, sign)
 
     def nothing_turned(self, resolution: float) -> str | None:
-        """Return a sentence if no rotation of the shaft was measured, else None.
+        """Return a sentence if the shaft did not measurably rotate, else None.
 
         `resolution` is that of the measured position, in rad.
         """
@@ -147,7 +149,7 @@ class JogMotion:
         )
 
     def key(self, name: str, now: int) -> None:
-        """Process a key from `KeyDecoder`; in a motion with an end, every key ends the motion."""
+        """Handle a key from `KeyDecoder`; every key ends a motion with an end."""
         if name == "focus-in":
             return
         if not self._held:
@@ -176,12 +178,12 @@ class JogMotion:
             self.end(JogEnd.OVER)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick` that has an effect; None if there is none."""
+        """Return the time of the next `tick` that has an effect, or None if there is none."""
         deadlines = [deadline for deadline in (self._keys.next_deadline(), self._deadline) if deadline is not None]
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Process the measured values in rad, rad/s and per mille, None if unknown; may end the jog."""
+        """Check measured values in rad, rad/s and per mille against the limits; a value is None if unknown."""
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
@@ -197,7 +199,7 @@ class JogMotion:
         self._check_travel(velocity)
 
     def end(self, why: JogEnd) -> None:
-        """End the jog with a reason; if the jog has ended already, the first reason is kept."""
+        """End the jog with a reason; the first reason is kept."""
         if self.ended is JogEnd.NONE:
             self.ended = why
         self._keys.stop()

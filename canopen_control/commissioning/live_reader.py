@@ -32,7 +32,7 @@ _TIMEOUT_S: Final = 2.0  # for the connection
 
 
 class NodeObjects:
-    """Node of a running robot, with the last values of its objects; `source` names the writer in the robot's events.
+    """Node of a running robot with the last values of its objects; `source` names the writer in the robot's events.
 
     `live` contains the last readings by address, with a number that increases with every change. `lost` is the reason
     why objects cannot be read at present, else "". `connect` can be replaced in tests.
@@ -54,7 +54,10 @@ class NodeObjects:
         self._news = 0
 
     def dictionary(self) -> ObjectDictionary | None:
-        """Return the EDS of the node, None without one; EdsError if it cannot be read. Blocks at the first call."""
+        """Return the EDS of the node, or None without one; raise EdsError if the file cannot be read.
+
+        Blocks at the first call.
+        """
         with self._reading:
             if not self._has_read:
                 self._od, self._has_read = dictionary_of(self.place), True
@@ -62,7 +65,7 @@ class NodeObjects:
 
     @contextlib.contextmanager
     def session(self) -> Iterator[NodeSession]:
-        """Open a session with the node on a separate connection; blocks, so call it on a thread of its own."""
+        """Open a session with the node on a separate connection; blocks, so call it on a separate thread."""
         od = self.dictionary()
         with (
             self._connect(self.robot, _TIMEOUT_S) as client,
@@ -71,7 +74,7 @@ class NodeObjects:
             yield session
 
     def keep(self, live: LiveObject) -> None:
-        """Store the reading of an object; the number of changes increases if the reading is different."""
+        """Store the reading of an object, and count a change if the reading is different."""
         before = self.live.get(live.entry.address)
         if before is None or before[1] != live:
             self._news += 1
@@ -108,11 +111,11 @@ class LiveReader:
                 self._thread.start()
 
     def soon(self, node: NodeObjects, entry: Entry) -> None:
-        """Read an object next, for instance because it was written."""
+        """Give an object priority, for instance because it was written."""
         self._next_reads.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
-        """Poll until no screen shows objects; the target function of the thread."""
+        """Poll until no screen shows objects; runs on the reader's thread."""
         try:
             self._read_all()
         except BaseException:  # the next user starts it again
@@ -135,7 +138,7 @@ class LiveReader:
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
-        """Return the node and the entry to read next (entry None: nothing is due yet); None if no screen is left."""
+        """Return the node and the entry to read next (None if no entry is due yet), or None if no screen is left."""
         with self._lock:
             if not self._requests:
                 self._thread = None

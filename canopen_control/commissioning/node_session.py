@@ -1,4 +1,4 @@
-"""Service session with one node: typed objects, identity, NMT state and CiA 402 states, over any SDO transport.
+"""Service session with one node over any SDO transport: typed objects, identity, NMT and CiA 402 states.
 
 Sans-IO except for `Transfers`, which is implemented for a bare bus and for a running robot, and by a dictionary in
 tests. Values have the types of the EDS (CiA 306), states are those of CiA 402. A session writes only on request.
@@ -36,31 +36,31 @@ _DECIDING: Final = ("vendor_id", "product_code")  # vendor and product identify 
 
 
 class Transfers(Protocol):
-    """SDO transport to one node, with NMT commands where the transport allows them."""
+    """SDO transport to one node, and NMT commands if the transport allows them."""
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object; RemoteError or RemoteProtocolError if that fails."""
+        """Upload an object; raise RemoteError or RemoteProtocolError if that fails."""
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; RemoteError or RemoteProtocolError if that fails."""
+        """Download an object; raise RemoteError or RemoteProtocolError if that fails."""
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout in s for an answer; None means the default."""
+        """Set the timeout for an answer in s; None sets the default."""
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command, on a bare bus only; DriveError if the node does not enter the state."""
+        """Send an NMT command, on a bare bus only; raise DriveError if the node does not enter the state."""
 
     def nmt_state(self) -> NmtState | None:
-        """Return the last known NMT state of the node; None if unknown."""
+        """Return the last known NMT state of the node, or None if unknown."""
 
     def taken_out(self) -> bool:
-        """Whether no running robot uses the node; True on a bare bus."""
+        """Whether the node is not in use by a running robot; always True on a bare bus."""
 
     def progress(self) -> tuple[int, int | None]:
-        """Return the number of bytes transferred so far and the total, None if unknown; callable from any thread."""
+        """Return the number of transferred bytes and the total (None if unknown); callable from any thread."""
 
     def pause(self, seconds: float) -> None:
-        """Wait for a time in s of this computer, or of a simulation."""
+        """Wait for a time in s, which is simulated time if the node is simulated."""
         time.sleep(seconds)
 
     def close(self) -> None:
@@ -96,12 +96,12 @@ class NodeSession:
 
     @functools.cached_property
     def od(self) -> ObjectDictionary | None:
-        """EDS of the node; None if there is none."""
+        """EDS of the node, or None."""
         return None if self._eds is None else read_eds(self._eds, self.node_id).od
 
     @property
     def dictionary(self) -> ObjectDictionary:
-        """EDS of the node; raises ConfigError if there is none."""
+        """EDS of the node; raise ConfigError if the node has none."""
         if self.od is None:
             raise ConfigError(f"{self}: no file describes its objects; give its EDS with --eds FILE")
         return self.od
@@ -109,19 +109,17 @@ class NodeSession:
     # -- objects
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
-        """Upload the bytes of an object."""
         return self.transfers.read(index, subindex, block=block)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download the bytes of an object."""
         self.transfers.write(index, subindex, data)
 
     def read_value(self, entry: Entry) -> Value:
-        """Upload an object and decode it with the entry's data type; SdoLengthError for an answer of another length."""
+        """Upload and decode an object; raise SdoLengthError for an answer of another length."""
         return self.decoded(entry, self.read(entry.index, entry.subindex))
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
-        """Decode uploaded bytes with the entry's data type; SdoLengthError for another length."""
+        """Decode uploaded bytes; raise SdoLengthError if the length does not fit the data type."""
         padded = fitted(data, entry.data_type)
         if padded is None:
             expected = f"{entry.data_type.name} has {((entry.data_type.bits or 0) + 7) // 8}"
@@ -129,7 +127,7 @@ class NodeSession:
         return decode(padded, entry.data_type)
 
     def write_value(self, entry: Entry, value: Value) -> None:
-        """Encode a value with the entry's data type and download it; ConfigError if the value does not fit."""
+        """Encode and download a value; raise ConfigError if the value does not fit the data type."""
         try:
             data = encode(value, entry.data_type)
         except ValueError as error:
@@ -137,7 +135,7 @@ class NodeSession:
         self.write(entry.index, entry.subindex, data)
 
     def number(self, index: int, subindex: int, data_type: DataType = DataType.UNSIGNED32) -> int | None:
-        """Upload an integer; None if the node aborts, or answers with another length."""
+        """Upload an integer, or return None if the node aborts or the length differs."""
         try:
             data = fitted(self.read(index, subindex), data_type)
         except (SdoAbort, RemoteError) as error:
@@ -166,7 +164,7 @@ class NodeSession:
         return " ".join(str(value).split())
 
     def identity_differences(self) -> list[str]:
-        """Return the differences of vendor and product from the EDS; a different revision does not count."""
+        """Return the differences of vendor and product from the EDS; the revision is not compared."""
         texts = []
         for (index, subindex), label in (FIELDS[field] for field in _DECIDING):
             expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
@@ -178,17 +176,16 @@ class NodeSession:
     # -- states
 
     def nmt_state(self) -> NmtState | None:
-        """Return the last known NMT state; None if unknown."""
         return self.transfers.nmt_state()
 
     def axes(self) -> range:
-        """Return the axis numbers of a CiA 402 drive; without an EDS only the first axis."""
+        """Return the axis numbers of a CiA 402 drive; without an EDS, only the first axis."""
         if self.od is None:
             return range(1)
         return range(axis_count({index for index, _ in self.od.entries}))
 
     def drive_states(self) -> dict[int, State | None]:
-        """Read the CiA 402 states by axis, None for an undefined statusword; axes without a statusword are missing."""
+        """Return the CiA 402 state of each axis that has a statusword, or None for an undefined statusword."""
         words = {
             axis: self.number(axis_index(STATUSWORD, axis), 0, DataType.UNSIGNED16)
             for axis in self.axes()
@@ -197,12 +194,12 @@ class NodeSession:
         return {axis: decode_statusword(word) for axis, word in words.items() if word is not None}
 
     def powered_axes(self) -> list[int]:
-        """Return the axes whose motor has, or may have, torque, including those with an undefined state."""
+        """Return the axes whose motor may have torque, including those with an undefined state."""
         return [axis for axis, state in self.drive_states().items() if state is None or state in POWERED_STATES]
 
 
 def is_abort(error: CanopenError) -> bool:
-    """Whether an error means that a node aborted an SDO transfer, directly or through a robot."""
+    """Whether an error is an SDO abort of the node, directly or through a robot."""
     return isinstance(error, SdoAbort) or (isinstance(error, RemoteError) and error.kind == SdoAbort.__name__)
 
 
@@ -215,7 +212,7 @@ _WATCH_S: Final = 2.0
 
 
 class RobotTransfers(Transfers):
-    """SDO transport to a node through a running robot; `timeout` is in s for an answer, None for that of bus.yml.
+    """SDO transport to a node through a running robot; a `timeout` of None (in s) is the timeout in bus.yml.
 
     `source` names the writer in the robot's events; None means the name of this program.
     """
@@ -228,13 +225,11 @@ class RobotTransfers(Transfers):
         self._watching: RobotClient | None = None
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object through the robot."""
         request = SdoRead(node=str(self._node_id), index=index, subindex=subindex, block=block, timeout=self._timeout)
         timeout = TIMEOUT_S + (MAX_OBJECT / _BYTES_PER_S if block else 0) + (self._timeout or 0)
         return self._robot.ask(request, timeout).data
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object through the robot; ConfigError if the data are longer than a robot accepts."""
         if len(data) > MAX_OBJECT:
             raise ConfigError(
                 f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
@@ -251,7 +246,6 @@ class RobotTransfers(Transfers):
         self._robot.sdo_write(request, TIMEOUT_S + len(data) / _BYTES_PER_S + (self._timeout or 0))
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout in s for answers; None or 0 restores the initial timeout."""
         self._timeout = seconds or self._default_timeout
 
     def command(self, command: NmtCommand) -> None:
@@ -259,17 +253,15 @@ class RobotTransfers(Transfers):
         raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state of the node as the robot reports it; None if unknown."""
         reading = self._reading()
         return NmtState.__members__.get("" if reading is None else reading.nmt_state or "")
 
     def taken_out(self) -> bool:
-        """Whether the node was taken out of the robot, which would otherwise boot the node again."""
         reading = self._reading()
         return reading is not None and reading.taken_out
 
     def progress(self) -> tuple[int, int | None]:
-        """Request the progress on a separate connection; (0, None) if that fails. Callable from any thread."""
+        """Request the progress on a separate connection, or return (0, None) if that fails."""
         try:
             if self._watching is None:
                 self._watching = RobotClient.connect(self._robot.robot, _WATCH_S)
@@ -279,7 +271,6 @@ class RobotTransfers(Transfers):
         return progress_read.done, progress_read.total
 
     def close(self) -> None:
-        """Close the separate connection for the progress."""
         if self._watching is not None:
             self._watching.close()
 
@@ -289,7 +280,7 @@ class RobotTransfers(Transfers):
 
 
 def dictionary_of(place: NodePlace) -> ObjectDictionary | None:
-    """Read the EDS of a robot's node; None if the node has none, EdsError if the file cannot be read."""
+    """Read the EDS of a robot's node, or return None without one; raise EdsError if the file cannot be read."""
     return read_eds(Path(place.eds), place.node_id).od if place.eds else None
 
 

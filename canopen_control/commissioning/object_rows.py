@@ -1,4 +1,4 @@
-"""Objects of a node as texts for tables and pages: EDS entry, unit, value and meaning; and edits of objects."""
+"""Objects of a node as texts for tables and pages, and edits of objects."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _IN_REVOLUTIONS: Final = {VELOCITY: "rpm"}
 
 
 def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
-    """Return the unit of an object, "" if unknown; for velocities, 0x60A9 of the axis decides about rpm or counts."""
+    """Return the unit of an object, or "" if unknown; 0x60A9 decides between rpm and counts for velocities."""
     base, axis = objects.axis_of(index)
     unit = _UNITS.get(base, "")
     if subindex == 0 and (index, 1) in od:
@@ -123,7 +123,7 @@ _SHOWN_BYTES = 64
 
 
 def parse_type(text: str) -> DataType:
-    """Return the data type named `i32`, `INTEGER32` and so on; the ConfigError lists the known names."""
+    """Return the data type with a name such as `i32` or `INTEGER32`; the ConfigError lists the known names."""
     data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
     if data_type is None:
         raise ConfigError(
@@ -133,7 +133,7 @@ def parse_type(text: str) -> DataType:
 
 
 def parse_value(text: str, data_type: DataType) -> bytes:
-    """Parse a text and return the encoded bytes; ConfigError if the value does not fit the type."""
+    """Encode a value given as text; raise ConfigError if the value does not fit the type."""
     try:
         return encode(_value(text, data_type), data_type)
     except ValueError as error:
@@ -205,7 +205,7 @@ def _show_bytes(data: bytes) -> str:
 
 
 def _text_of(data: bytes) -> str:
-    """Return the bytes as text if they are printable ASCII, else ""; trailing zeros are padding."""
+    """Return printable ASCII as text, without padding zeros, or "" for other bytes."""
     body = data.rstrip(b"\0")
     if len(body) < _TEXT_BYTES or len(data) > _SHOWN_BYTES * 4 or not all(32 <= byte < 127 for byte in body):
         return ""
@@ -240,7 +240,7 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that match any of the words, or all without words; ConfigError for a word without a match."""
+    """Return the entries that match any of the words (all without words); raise ConfigError for an unmatched word."""
     ordered = sorted(od, key=lambda entry: entry.address)
     patterns = list(words)
     if not patterns:
@@ -270,7 +270,7 @@ def _means(word: str, od: ObjectDictionary, entry: Entry) -> bool:
 
 
 def object_name(od: ObjectDictionary, entry: Entry) -> str:
-    """Return the name of an entry, preceded by the name of the array or record to which the entry belongs."""
+    """Return the name of an entry, preceded by the name of its array or record."""
     info = od.objects.get(entry.index)
     if info is None or info.code in SCALAR_CODES or info.name == entry.name:
         return entry.name
@@ -278,7 +278,7 @@ def object_name(od: ObjectDictionary, entry: Entry) -> str:
 
 
 def is_scanned(entry: Entry) -> bool:
-    """Whether a scan reads the object: it is readable, no DOMAIN, and ObjFlags allow it."""
+    """Whether a scan reads the object: readable, not a DOMAIN, and not excluded by ObjFlags."""
     return entry.readable and entry.data_type is not DataType.DOMAIN and not entry.obj_flags & _NOT_IN_A_SCAN
 
 
@@ -335,14 +335,14 @@ def axis_word(index: int) -> bool:
 
 
 def statusword_bits(word: int, mode: int | str | None = None) -> list[NamedBit]:
-    """Return the bits of a statusword; `mode`, a number or a name, decides about the mode-specific bits 10, 12, 13."""
+    """Return the bits of a statusword; `mode`, a number or a name, selects the names of bits 10, 12 and 13."""
     number = OperationMode.__members__.get(mode) if isinstance(mode, str) else mode
     mode_bits = MODE_BITS.get(number) if number is not None else None
     return _named(word, {**_STATUSWORD, **(mode_bits.statusword if mode_bits is not None else {})})
 
 
 def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -> list[NamedBit]:
-    """Return the named bits of an object's value; an empty list for objects without named bits."""
+    """Return the named bits of an object's value, or an empty list without named bits."""
     base = objects.axis_of(index)[0]
     if subindex or not isinstance(value, int):
         return []
@@ -368,7 +368,7 @@ READS_PER_S: Final = 60.0
 
 @dataclass(frozen=True, slots=True)
 class LiveObject:
-    """Entry with its value, or the reason `why` it could not be read; value None and `why` "" if not read yet."""
+    """Entry with its value, or with the reason `why` it could not be read (both empty if not read yet)."""
 
     entry: Entry
     value: Value | None = None
@@ -376,12 +376,12 @@ class LiveObject:
 
     @property
     def changed(self) -> bool:
-        """Whether the value is known and differs from the default of the EDS."""
+        """Whether the value is known and differs from the default in the EDS."""
         return self.value is not None and has_changed(self.entry, self.value)
 
 
 class ObjectRow(Document, frozen=True, kw_only=True):
-    """Object in `objects --json`, with values as texts; null if missing or unread."""
+    """Object in `objects --json`, with values as texts, or null if missing or unread."""
 
     index: str
     subindex: int
@@ -398,7 +398,6 @@ class ObjectRow(Document, frozen=True, kw_only=True):
 
 
 def _row(od: ObjectDictionary, live: LiveObject, words: NodeWords) -> ObjectRow:
-    """Return the row of an object."""
     entry, value = live.entry, live.value
     unit = unit_of(od, entry.index, entry.subindex)
     return ObjectRow(
@@ -429,7 +428,7 @@ def _text(entry: Entry, value: Value, unit: str) -> str:
 
 
 def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
-    """Return the meaning of a number, without the digits; None if the number has no particular meaning."""
+    """Return the meaning of a number, or None if the number has no particular meaning."""
     if not isinstance(value, int):
         return None
     text = words.text(entry.index, entry.subindex, value)
@@ -459,7 +458,7 @@ _MOST_EDITS: Final = 100
 
 
 def why_fixed(entry: Entry) -> str:
-    """Return the reason why a user must not write an object, "" if the object may be written."""
+    """Return why a user must not write an object, or "" if the object may be written."""
     if not entry.writable:
         return f"is {'constant' if entry.access == 'const' else 'read-only'}"
     if axis_of(entry.index)[0] in MOTION:
@@ -470,7 +469,7 @@ def why_fixed(entry: Entry) -> str:
 
 
 def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
-    """Return the minimum and maximum by the EDS, else by the data type; None where there is no limit."""
+    """Return minimum and maximum from the EDS or the data type, with None where there is no limit."""
     is_integer = entry.data_type.is_integer
     low = entry.low if entry.low is not None else entry.data_type.minimum if is_integer else None
     high = entry.high if entry.high is not None else entry.data_type.maximum if is_integer else None
@@ -478,7 +477,7 @@ def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
 
 
 def limit_words(entry: Entry) -> str:
-    """Return the limits of an object as text, "" without limits."""
+    """Return the limits of an object as text, or "" without limits."""
     low, high = limits_of(entry)
     if low is not None and high is not None:
         return f"{low} to {high}"
@@ -486,7 +485,7 @@ def limit_words(entry: Entry) -> str:
 
 
 def parsed_value(entry: Entry, text: str) -> Value:
-    """Parse a value for an object; ConfigError if the object must not be written or the value exceeds the limits."""
+    """Parse a value for an object; raise ConfigError if the object is fixed or the value exceeds the limits."""
     name = entry_label(entry)
     if why := why_fixed(entry):
         raise ConfigError(f"{name} {why}; nothing was written")
@@ -522,7 +521,7 @@ class EditHistory:
     edits: list[Edit] = field(default_factory=list)
 
     def write(self, session: NodeSession, entry: Entry, text: str) -> Edit:
-        """Write a value and read it back; DriveError if the node then reports another value."""
+        """Write a value and read it back; raise DriveError if the node then reports another value."""
         value = parsed_value(entry, text)
         before = session.read_value(entry) if entry.readable else None
         session.write_value(entry, value)
@@ -535,11 +534,11 @@ class EditHistory:
 
     @property
     def last(self) -> Edit | None:
-        """Newest edit that can be undone; None if there is none."""
+        """Newest edit that can be undone, or None if there is none."""
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
-        """Undo the newest edit; DriveError if the value has changed since, ConfigError if there is nothing to undo."""
+        """Undo the newest edit; raise DriveError if the value has changed since, or ConfigError without an edit."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: nothing was written here that could be undone")

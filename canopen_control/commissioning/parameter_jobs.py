@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class BackupReport:
-    """Result of a backup: the number of parameters in the file, and the left-out parameters with the reason."""
+    """Result of a backup: number of parameters in the file, and omitted parameters with the reason."""
 
     node_id: int
     node: str | None
@@ -35,7 +35,7 @@ class BackupReport:
 
 
 def run_backup(session: NodeSession, run: JobRun, reached: Reached, name: str = "") -> str:
-    """Read all parameters twice and make a DCF of them; its name is `name`, by default the name of the node."""
+    """Read all parameters twice and create a DCF named `name`, by default after the node."""
     if unfinished := unfinished_words(session, reached):
         run.note(unfinished)
     name = name or f"{session.name or f'node{session.node_id}'}.dcf"
@@ -79,7 +79,7 @@ class DiffReport:
     differences: list[DifferentParameter]
 
     def rows(self, why: Mapping[Address, str]) -> Iterator[tuple[str, str, str, str]]:
-        """Yield address, name and both values of each difference; `why` has the texts for missing values by address."""
+        """Yield address, name and both values of each difference; `why` explains missing values by address."""
         for change in self.differences:
             missing = why.get((change.index, change.subindex), "-")
             place = f"0x{change.index:04X}:{change.subindex:02X}"
@@ -103,7 +103,7 @@ def compared(a: ParameterSet, b: ParameterSet) -> DiffReport:
 
 
 def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
-    """Read the parameters of a file from the node; list differences by address, with the values in file and node."""
+    """Compare the parameters of a file with the node, by address."""
     run.part(f"reading {session}", "objects")
     node, left_out = read_same(session, file, run.at)
     result = compared(file, node)
@@ -115,7 +115,7 @@ def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
 
 
 def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: RestoreOptions) -> str:
-    """Write the parameters of a file to the node and verify them; the run has failed if the node refused some."""
+    """Write the parameters of a file to the node and verify them; the job fails if the node refuses a parameter."""
     like_file(session, file)
     if not options.any_node:
         refuse_other_drive(file, session)
@@ -133,14 +133,14 @@ def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: 
 def run_clone(
     session: NodeSession, run: JobRun, source: AbstractContextManager[NodeSession], options: RestoreOptions
 ) -> str:
-    """Read all parameters of another node, whose session is `source`, and restore them in this node."""
+    """Read all parameters of another node through its session `source`, and restore them in this node."""
     with source as other:
         parameters, _ = _all_of(other, run)
     return run_restore(session, run, parameters, replace(options, any_node=True))
 
 
 def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Return the session; if it has no EDS, it gets the object dictionary of the DCF."""
+    """Return the session; a session without an EDS uses the object dictionary of the DCF."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     return session

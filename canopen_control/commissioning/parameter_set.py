@@ -86,7 +86,7 @@ def parameters_of(od: ObjectDictionary) -> list[Entry]:
 
 
 def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = False) -> str:
-    """Return the reason why a parameter must not be written to another device, "" if it may be written.
+    """Return why a parameter must not be written to another device, or "" if it may be written.
 
     With `same_device` calibration data may be written; node id, bit rate and serial number never.
     """
@@ -102,7 +102,7 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
 
 
 def without_unused_slots(values: Mapping[Address, Value]) -> dict[Address, Value]:
-    """Return the values without mapping entries beyond the PDO's count in subindex 0, because those have no meaning."""
+    """Return the values without mapping entries beyond the number of mapped objects, which have no meaning."""
     used = {}
     for (index, subindex), value in values.items():
         count = values.get((index, 0)) if any(index in records for records in _MAPPINGS) else None
@@ -192,7 +192,7 @@ class ParameterSet:
 
 
 def same_value(entry: Entry, a: Value, b: Value) -> bool:
-    """Whether two values of an object are equivalent: equal bytes, except bit 30 of the COB-ID of a PDO."""
+    """Whether two values of an object have equal bytes, ignoring bit 30 of a PDO's COB-ID."""
     if isinstance(a, int) and isinstance(b, int) and is_cob_id(*entry.address):
         return a & ~NO_RTR_BIT == b & ~NO_RTR_BIT
     try:
@@ -236,7 +236,7 @@ def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
 
 
 def read_backup(path: str | Path, node_id: int | None = None) -> ParameterSet:
-    """Read a DCF, converted to `node_id` unless None; EdsError if the file is not a valid DCF.
+    """Read a DCF, converted to `node_id` unless None; raise EdsError if the file is not a valid DCF.
 
     Values that a backup would not contain are ignored, so that a DCF of another tool moves no drive either.
     """
@@ -269,7 +269,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
 
 
 def _refuse_unsound(file: EdsFile) -> None:
-    """Raise EdsError for an invalid value or a truncated backup, because only a part would be restored."""
+    """Raise EdsError for an invalid value or a truncated backup, which would be restored only in part."""
     is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
     for issue in file.issues:
         if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
@@ -279,13 +279,13 @@ def _refuse_unsound(file: EdsFile) -> None:
 
 
 def _is_set(entry: Entry) -> bool:
-    """Whether a file gives an object a value other than the default; identity objects do not count."""
+    """Whether a file sets an object other than the identity to a value different from the default."""
     value = entry.parameter_value
     return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 
 
 def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str, list[str]]:
-    """Return the DCF of a backup, and texts that name the parameters that a DCF cannot represent."""
+    """Return the DCF of a backup, and the names of parameters that a DCF cannot represent."""
     info = next((lines for title, lines in parameters.od.sections.items() if title.lower() == "fileinfo"), {})
     eds_name = next((value for key, value in info.items() if key.lower() == "filename"), "")
     text = backup_text(parameters, eds_name=eds_name, node_name=node_name)
@@ -298,7 +298,7 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
-    """Return the addresses whose values change when the DCF is parsed: texts with line breaks or outer blanks."""
+    """Return the addresses whose values change in a DCF: texts with line breaks or outer blanks."""
     od = parse_eds(text.encode(), parameters.node_id).od
     return [
         address
@@ -325,7 +325,7 @@ def _get(lines: Mapping[str, str], name: str) -> str:
 
 
 def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity in the [Backup] section; a number that is missing or invalid is taken from the objects."""
+    """Return the identity in the [Backup] section; missing or invalid numbers are taken from the objects."""
     held = _identity_of(od)
 
     def number(key: str, name: str) -> int | None:
@@ -339,7 +339,7 @@ def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceId
 
 
 def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity in the objects of a file; None for a number that is missing or 0."""
+    """Return the identity in the objects of a file, with None for a number that is missing or 0."""
     entries = (od.get(*OBJECTS[name]) for name in _NUMBERS.values())
     values = (None if entry is None else entry.value for entry in entries)
     found = DeviceIdentity.of(value if isinstance(value, int) and value else None for value in values)
@@ -361,7 +361,7 @@ _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecim
 
 @dataclass(frozen=True, slots=True)
 class ParameterDifference:
-    """Parameter whose values differ on two sides; None on a side without the parameter. The texts are for users."""
+    """Parameter whose values differ between two sides, or that one side lacks (None). The texts are for users."""
 
     entry: Entry
     name: str
@@ -372,7 +372,7 @@ class ParameterDifference:
 
 
 def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
-    """Return the parameters that differ, sorted by address, except those in `skipped`."""
+    """Return the parameters that differ, by address, except those in `skipped`."""
     return list(_differences(a, b, skipped))
 
 
@@ -402,7 +402,7 @@ def _name(side: ParameterSet, entry: Entry) -> str:
 
 
 def parameter_text(side: ParameterSet, address: Address) -> str:
-    """Return a value for users: relative to $NODEID if it depends on the node id, else as `value_text` does."""
+    """Return a value for users, relative to $NODEID if it depends on the node id, else as in `value_text`."""
     value, entry = side.values[address], side.od[address]
     if isinstance(value, int) and address in side.relative:
         return f"$NODEID+0x{value - side.node_id:X}"
@@ -410,7 +410,7 @@ def parameter_text(side: ParameterSet, address: Address) -> str:
 
 
 def value_text(entry: Entry, value: Value) -> str:
-    """Return a value for users: numbers from 0x2000 on in decimal, those of the communication area as in a DCF."""
+    """Return a value for users: decimal numbers from 0x2000 on, and the form of a DCF below."""
     if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
         return str(value)
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
@@ -444,7 +444,7 @@ def entry_label(entry: Entry) -> str:
 def read_parameters(
     session: NodeSession, *, twice: bool = True, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read the identity and all parameters of a node, and return the refused ones too; ConfigError without an EDS.
+    """Read the identity and all parameters of a node, and list refused parameters; raise ConfigError without an EDS.
 
     With `twice`, parameters that changed between two readings are left out. `progress` gets count and total.
     """
@@ -470,7 +470,7 @@ def read_parameters(
 def read_same(
     session: NodeSession, file: ParameterSet, progress: ProgressCallback | None = None
 ) -> tuple[ParameterSet, list[LeftOut]]:
-    """Read the parameters that a file contains from a node, with the data types of the file."""
+    """Read the parameters of a file from a node, with the data types of the file."""
     od = file.od.for_node(session.node_id)
     if session.od is None:
         session.od = od

@@ -88,7 +88,7 @@ class DownloadAct(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class DownloadOrder:
-    """Requested action: a read or write of an object, a pause of `seconds`, or NMT pre-operational.
+    """Requested action: read or write of an object, pause of `seconds`, or NMT pre-operational.
 
     For a read or write, `seconds` is the timeout of an answer; 0 means the default.
     """
@@ -122,7 +122,7 @@ class DownloadProgress:
 
     @property
     def untouched(self) -> bool:
-        """Whether an error leaves the program intact: before the first write, or after the end."""
+        """Whether the program is intact after an error: before the first write, or after the end."""
         return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
 
 
@@ -131,7 +131,7 @@ Numbers: TypeAlias = Generator[DownloadOrder, DownloadAnswer, "int | None"]
 
 
 def flash_text(status: int) -> str:
-    """Return the status in 0x1F57 as text: "busy", an error, or "" if neither."""
+    """Return the status in 0x1F57 as text: "busy", an error, or ""."""
     if status & 1:
         return "busy"
     code = status >> 1 & 0x7F
@@ -150,7 +150,7 @@ def refuse_no_program(image: bytes, name: str = "the program file") -> None:
 
 
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Yield the actions of a download, and receive the outcome of each; updates `progress`.
+    """Yield the actions of a download, receive their results, and update `progress`.
 
     ConfigError if the node has no program download or the image is not a program, DriveError if the download fails.
     """
@@ -198,7 +198,7 @@ def _ask(number: int, progress: DownloadProgress) -> Sequence:
 
 
 def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -> Sequence:
-    """Stop and clear the program; DriveError if 0x1F51 does not confirm this."""
+    """Stop and clear the program; raise DriveError if 0x1F51 does not confirm this."""
     progress.step = DownloadStep.STOPPING
     status = yield from _number(CONTROL, number)
     if status != STOP:
@@ -242,7 +242,7 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
 
 
 def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
-    """Wait until the flash is not busy; return the error as text, "" without an error or without 0x1F57."""
+    """Wait until the flash is not busy; return the error as text, or "" without an error or without 0x1F57."""
     seconds, pause = _BUSY_S, _SOON_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
@@ -280,7 +280,7 @@ def _run(number: int, options: ProgramOptions, progress: DownloadProgress) -> Se
 
 
 def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequence:
-    """Check the date that the started program reports, as a boot-loader may have none; DriveError if unexpected."""
+    """Check the date reported by the started program; raise DriveError if the date is unexpected."""
     progress.new_date = yield from _date()
     expected = options.expected_date
     if expected is not None and not expected.fits(progress.new_date):
@@ -289,7 +289,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
-    """Read the date of the program from 0x1F52; None if the date is missing or invalid."""
+    """Read the date of the program from 0x1F52, or return None if missing or invalid."""
     days = yield from _number(SOFTWARE_DATE, 1)
     if not days or not 0 < days <= _MOST_DAYS:
         return None
@@ -299,7 +299,7 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
-    """Read a number; None if the node aborts, `_SILENT` if it does not answer."""
+    """Read a number, or return None if the node aborts and `_SILENT` if the node does not answer."""
     outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
@@ -314,12 +314,12 @@ _VENDOR: Final = FIELDS["vendor_id"][1]
 
 
 def is_loader(identity: DeviceIdentity) -> bool:
-    """Whether the node runs its boot-loader: its device type (0x1000) names no profile."""
+    """Whether the node runs its boot-loader, whose device type (0x1000) names no profile."""
     return not (identity.device_type or 0) & _PROFILE
 
 
 def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None:
-    """Raise ConfigError if the node is not the product of its EDS; for a boot-loader only the vendor is compared."""
+    """Raise ConfigError if the node is not the product of its EDS; a boot-loader needs only the same vendor."""
     if session.od is None:
         return
     differences = session.identity_differences()
@@ -333,7 +333,7 @@ def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None
 
 
 def download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
-    """Load a program into the node and start it; bus errors are raised, others as in `program_download`."""
+    """Load a program into the node and start it; raises as `program_download` and, for the bus, BusError."""
     sequence = program_download(image, options, progress)
     outcome: DownloadAnswer | None = None
     while True:
@@ -360,7 +360,7 @@ class ProgramReport:
 
 
 def load_program(session: NodeSession, run: JobRun, image: bytes, options: ProgramOptions) -> str:
-    """Load a program, start it and check that it runs; DriveError with the step if that failed midway."""
+    """Load a program, start it and check that it runs; a DriveError names the step that failed."""
     identity = session.identity()
     refuse_other_product(session, identity)
     if is_loader(identity):
@@ -398,7 +398,7 @@ def _program_text(number: int | None, date: str | None) -> str:
 
 @contextlib.contextmanager
 def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size: int) -> Iterator[None]:
-    """Context in which a thread reports the step and the bytes of the transfer to the run."""
+    """Context with a thread that reports the step and the bytes of the transfer to the run."""
     over = threading.Event()
 
     def watch() -> None:
@@ -441,7 +441,7 @@ def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
 
 
 def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
-    """Read or write an object and return the data read; the timeout is that of the order, if not 0."""
+    """Read or write an object with the order's timeout (0: default), and return the data read."""
     session.transfers.be_patient(order.seconds or None)
     try:
         if order.act is DownloadAct.READ:
@@ -453,14 +453,14 @@ def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
 
 
 def _is_answer(error: CanopenError) -> bool:
-    """Whether an error comes from the node (abort, timeout or restart), rather than from the bus or the robot."""
+    """Whether an error comes from the node (abort, timeout or restart) and not from the bus or the robot."""
     kinds = (SdoTimeout, SdoRestarted, DriveError)
     is_timeout = isinstance(error, RemoteError) and error.kind in (SdoTimeout.__name__, SdoRestarted.__name__)
     return is_timeout or isinstance(error, kinds) or is_abort(error)
 
 
 def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
-    """Return the identity under the new program; DriveError if the boot-loader runs or the product has changed."""
+    """Return the identity of the new program; raise DriveError for a boot-loader or another product."""
     after = session.identity()
     if is_loader(after):
         raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")

@@ -21,7 +21,7 @@ LONGEST_S: Final = 1e9  # some thirty years
 
 
 def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:
-    """Return a parser of integers, decimal or hexadecimal (0x), from `low` to `high`; `noun` is for its ConfigError."""
+    """Return a parser of integers from `low` to `high`, decimal or hexadecimal (0x), with `noun` in its ConfigError."""
 
     def read(text: str) -> int:
         try:
@@ -36,7 +36,7 @@ def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:
 
 
 def number_that(accept: Callable[[float], bool], noun: str) -> Callable[[str], float]:
-    """Return a parser of finite numbers that `accept` approves; `noun` is for its ConfigError."""
+    """Return a parser of finite numbers that `accept` approves, with `noun` in its ConfigError."""
 
     def read(text: str) -> float:
         try:
@@ -62,7 +62,7 @@ _KNOWN: Final = {"position": POSITIONS, "velocity": VELOCITIES}
 
 
 class Quantity(NamedTuple):
-    """Number with the unit that the user typed, in lower case; `kind` is "position" or "velocity"."""
+    """Number with the unit typed by the user in lower case; `kind` is "position" or "velocity"."""
 
     value: float
     unit: str
@@ -78,7 +78,7 @@ class Quantity(NamedTuple):
 
 
 def parse_quantity(text: str, kind: str) -> Quantity:
-    """Parse a number with a unit of position or velocity; the ConfigError names the valid units."""
+    """Parse a number with a unit of position or velocity; the ConfigError lists the valid units."""
     units = [*filter(None, _KNOWN[kind]), *COUNTS[kind]]
     match = _TEXT.fullmatch(text.strip())
     if match is None:
@@ -109,7 +109,7 @@ class JogScale(NamedTuple):
         return 0.0 if self.of_joint else math.tau / self.counts
 
     def si(self, quantity: Quantity) -> float:
-        """Convert to rad or rad/s; ConfigError if that needs the counts per revolution and they are only guessed."""
+        """Convert to rad or rad/s; raise ConfigError if the counts per revolution are needed but only guessed."""
         if quantity.in_counts:
             return quantity.value * math.tau / self.counts
         if not self.is_known:
@@ -120,18 +120,18 @@ class JogScale(NamedTuple):
         return quantity.value * _KNOWN[quantity.kind][quantity.unit]
 
     def position_words(self, radians: float) -> str:
-        """Return a position as text, in degrees if the counts per revolution are known, else in counts."""
+        """Return a position as text, in degrees, or in counts if the counts per revolution are guessed."""
         if not self.is_known:
             return f"{radians * self.counts / math.tau:.0f} counts"
         return f"{math.degrees(radians):.1f} deg"
 
     def velocity_words(self, speed: float) -> str:
-        """Return a velocity as text, in rad/s and rpm if the counts per revolution are known, else in counts/s."""
+        """Return a velocity as text, in rad/s and rpm, or in counts/s if the counts per revolution are guessed."""
         if not self.is_known:
             return f"{speed * self.counts / math.tau:.0f} pps"
         return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"
 
 
 def _rounded(value: float, places: int) -> str:
-    """Return a number as text with `places` decimals, without a minus sign if the result is zero."""
+    """Format a value with `places` decimals, without a minus sign for zero."""
     return f"{round(value, places) + 0.0:.{places}f}"

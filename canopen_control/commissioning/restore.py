@@ -89,7 +89,7 @@ class Write:
 
 @dataclass(frozen=True, slots=True)
 class RestoreGroup:
-    """Writes that belong together: those of one parameter, or of the records of one PDO; `name` is for messages."""
+    """Writes of one parameter or of one PDO; `name` is for messages."""
 
     name: str
     writes: tuple[Write, ...]
@@ -98,7 +98,7 @@ class RestoreGroup:
 def restore_groups(
     od: ObjectDictionary, target: Mapping[Address, Value], current: Mapping[Address, Value]
 ) -> list[RestoreGroup]:
-    """Return the writes, in order, that change a device from `current` to `target`; none if nothing differs.
+    """Return the writes, in order, that change a device from `current` to `target`.
 
     Both mappings contain parameters of `od`; an address that `current` lacks is not written.
     """
@@ -120,7 +120,7 @@ def restore_groups(
 
 
 def _place(address: Address, target: Mapping[Address, Value], current: Mapping[Address, Value]) -> tuple[int, int, int]:
-    """Return the sort key of a parameter: rank, index, and subindex, negated if the upper limit has to come first."""
+    """Return the sort key of a parameter: rank, index, and subindex, negated if the upper limit has to be first."""
     index, subindex = address
     base, _ = o.axis_of(index)
     if base in _PAIRS:
@@ -166,7 +166,7 @@ def _mapping_writes(
     target: Mapping[Address, Value],
     current: Mapping[Address, Value],
 ) -> Iterator[Write]:
-    """Yield the writes of a whole PDO mapping; only the different entries if the count is not among the parameters."""
+    """Yield the writes of a PDO mapping; without the count in `target`, only the entries that differ."""
     if count not in target:
         for address in slots:
             if not same_value(od[address], target[address], current[address]):
@@ -197,7 +197,7 @@ class RestoreStep(enum.Enum):
 
 
 def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: NodeSession) -> list[str]:
-    """Return the differences of revision and software; ConfigError if the parameters belong to another product."""
+    """Return the differences of revision and software; raise ConfigError for another product."""
     if strangers := parameters.identity.strangers(identity):
         raise ConfigError(
             f"{parameters.where} belongs to another product than {session}: {', '.join(strangers)}; nothing was written"
@@ -206,7 +206,7 @@ def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: No
 
 
 def refuse_moving(session: NodeSession) -> None:
-    """Raise DriveError if an axis has, or may have, torque, because an enabled drive must not be reconfigured."""
+    """Raise DriveError if an axis may have torque, because an enabled drive must not be reconfigured."""
     if powered := session.powered_axes():
         axes = "" if powered == [0] else f" (axis {', '.join(map(str, powered))})"
         raise DriveError(f"{session} is enabled{axes}; nothing was written: disable it first, `axis disable`")
@@ -235,7 +235,7 @@ class Restore:
     undone: bool = False
 
     def run(self, *, keep: bool = False) -> bool:
-        """Write the differing parameters and verify all; return whether nothing was refused.
+        """Write the parameters that differ and verify all; return whether the node refused nothing.
 
         With `keep`, the accepted values stay in the drive even if other values were refused.
         """
@@ -257,7 +257,7 @@ class Restore:
         return not self.refused
 
     def _write(self, groups: list[RestoreGroup]) -> list[tuple[RestoreGroup, str]]:
-        """Write the groups, and refused groups again; return the groups that were refused twice, with the reasons."""
+        """Write the groups; return the groups that were refused twice, with the reasons."""
         self.planned = len(groups)
         failed: list[tuple[RestoreGroup, str]] = []
         for _ in range(2):
@@ -273,7 +273,7 @@ class Restore:
         return failed
 
     def _write_group(self, group: RestoreGroup) -> str | None:
-        """Write a group; return the reason of a refusal, or None. A PDO with a refused mapping stays invalid."""
+        """Write a group; return the reason of a refusal, or None. A PDO with a refused mapping stays disabled."""
         for write in group.writes:
             try:
                 self.session.write(*write.address, write.data)
@@ -284,7 +284,7 @@ class Restore:
         return None
 
     def _prove(self, failed: Mapping[str, str]) -> None:
-        """Read all values back; a different value was refused or changed by the drive, and is added to `refused`."""
+        """Read all values back, and add values that the node refused or changed to `refused`."""
         self.step = RestoreStep.VERIFYING
         values, left_out = read_values(self.session, [self.od[address] for address in self.held])
         self.refused += [f"{name}: {why}" for name, why in failed.items()]
@@ -300,7 +300,7 @@ class Restore:
                 self.refused.append(f"{name}: asked {target_text}, the drive has {has}")
 
     def _undo(self) -> None:
-        """Write the previous values back, and add those that could not be written to `refused`."""
+        """Write the previous values back, and add values that the node refuses to `refused`."""
         self.step = RestoreStep.UNDOING
         now, _ = read_values(self.session, [self.od[address] for address in self.held])
         for group in restore_groups(self.od, self.held, now):
@@ -313,7 +313,7 @@ class Restore:
 
 
 def store(session: NodeSession) -> None:
-    """Store all parameters in the drive (0x1010:01 with the signature "save"), and wait until the drive answers again.
+    """Store all parameters in the drive (0x1010:01, "save"), and wait until the drive answers again.
 
     A drive that writes its flash may not answer for some time. ConfigError if the drive has no such object, DriveError
     if it stays silent.
@@ -355,16 +355,16 @@ class KeptParameters:
 
     @property
     def parameters(self) -> ParameterSet | None:
-        """Previous values in the file; None if there is no file."""
+        """Previous values in the file, or None without a file."""
         return read_backup(self.path, self._session.node_id) if self.path.is_file() else None
 
     def read(self) -> Mapping[Address, Value]:
-        """Return the values in the file, by address; an empty mapping if there is no file."""
+        """Return the values in the file, by address; empty without a file."""
         parameters = self.parameters
         return {} if parameters is None else parameters.values
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Write values to the file, replacing its content; ConfigError if that fails."""
+        """Replace the content of the file; raise ConfigError if that fails."""
         session = self._session
         listed = {address: value for address, value in values.items() if address in od}
         parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
@@ -384,7 +384,6 @@ class KeptParameters:
             ) from None
 
     def forget(self) -> None:
-        """Delete the file with the values."""
         self.path.unlink(missing_ok=True)
 
 
@@ -400,7 +399,7 @@ _FOLDER: Final = "restores"
 
 
 class RestoreJournal:
-    """Journal of a restore of a session's node; `reached` tells how the command line reaches the node."""
+    """Journal of a restore in a session's node; `reached` contains the command-line options that reach the node."""
 
     def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
         self._session, self._reached = session, reached
@@ -410,7 +409,7 @@ class RestoreJournal:
 
     @property
     def unfinished(self) -> str:
-        """Sentence about an interrupted earlier restore and the possible next commands; "" without one."""
+        """Sentence about an interrupted earlier restore and the possible next commands, or "" without one."""
         if self._old is None:
             return ""
         return (
@@ -424,12 +423,12 @@ class RestoreJournal:
         return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
 
     def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
-        """Store the previous values before the first write; ConfigError if they cannot be stored."""
+        """Store the previous values before the first write; raise ConfigError if they cannot be stored."""
         old = {} if self._old is None else self._old.values
         self._stored.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
-        """Delete the journal of a finished restore, except for values of an earlier, interrupted restore."""
+        """Delete the journal of a finished restore, unless it has values of an earlier, interrupted restore."""
         if restore.refused and restore.undone:
             remaining: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:
@@ -448,7 +447,7 @@ class RestoreJournal:
 
 
 def unfinished_words(session: NodeSession, reached: Reached) -> str:
-    """Return a sentence about an interrupted restore of this very device, "" if there was none."""
+    """Return a sentence about an interrupted restore of the same device, or ""."""
     if not any(state_dir(_FOLDER).glob(f"node{session.node_id}-*.dcf")):
         return ""
     return RestoreJournal(session, session.identity(), reached).unfinished
@@ -482,7 +481,7 @@ class RestoreReport:
     stored: bool
 
     def words(self, session: NodeSession) -> str:
-        """Return the final sentence about the result."""
+        """Return the final sentence of the restore."""
         if self.refused:
             end = "the drive is as it was" if self.undone else "what it took is kept, and not stored"
             return f"{session}: {len(self.refused)} parameters refused; {end}"
@@ -491,7 +490,7 @@ class RestoreReport:
 
 
 def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
-    """Raise ConfigError for a backup with another node id and another serial number than those of the node."""
+    """Raise ConfigError for a backup whose node id and serial number both differ from the node's."""
     if file.node_id == session.node_id:
         return
     serial = session.identity().serial_number
@@ -505,7 +504,7 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
 def protected(
     od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
 ) -> dict[Address, str]:
-    """Return the parameters that must not be written, with the reason; ConfigError for a glob that matches none."""
+    """Return the protected parameters with the reason; raise ConfigError for a glob that matches none."""
     reasons: dict[Address, str] = {}
     used: set[str] = set()
     for address in addresses:
@@ -529,7 +528,7 @@ def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
 
 @contextlib.contextmanager
 def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
-    """Context in which the node is PRE-OPERATIONAL and without torque; DriveError if that is impossible.
+    """Context with the node in PRE-OPERATIONAL and without torque; raise DriveError if that is impossible.
 
     On exit a node that was OPERATIONAL is started again, if `starts_again`. Through a robot, the node must be taken
     out.
@@ -605,7 +604,7 @@ def guarded_restore(
 
 @contextlib.contextmanager
 def _with_partial_report(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
-    """Convert an interruption during a restore to a DriveError that names the parameters already written."""
+    """Convert an interruption of a restore to a DriveError that lists the parameters already written."""
     try:
         yield
     except (CanopenError, KeyboardInterrupt) as error:

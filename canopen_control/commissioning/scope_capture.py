@@ -46,14 +46,14 @@ class Condition(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """Trigger condition for any of the signals at `places`; for a fault these are statuswords and `level` is unused."""
+    """Trigger condition on the signals at `places`; for a fault these are statuswords, and `level` is unused."""
 
     condition: Condition
     places: tuple[int, ...]
     level: float = 0.0
 
     def fires(self, before: tuple[float | None, ...] | None, now: tuple[float | None, ...]) -> bool:
-        """Whether the step from one sample to the next fires the trigger; `before` is None for the first sample."""
+        """Whether a new sample fires the trigger; `before` is the previous sample, or None for the first."""
         return any(self._fires(None if before is None else before[place], now[place]) for place in self.places)
 
     def _fires(self, before: float | None, now: float | None) -> bool:
@@ -83,7 +83,7 @@ _WITHOUT_A_BEFORE: Final = (Condition.ABOVE, Condition.BELOW)
 
 
 def parse_trigger(text: str, signals: int) -> Trigger:
-    """Parse `1:rising:1000` or `fault` (without places yet); ConfigError. `signals` is the number of signals."""
+    """Parse `1:rising:1000` or `fault`; raise ConfigError for other texts or a signal above `signals`."""
     if text == Condition.FAULT.value:
         return Trigger(Condition.FAULT, ())
     place, _, rest = text.partition(":")
@@ -103,7 +103,7 @@ def parse_trigger(text: str, signals: int) -> Trigger:
 
 @dataclass(frozen=True, slots=True)
 class Measures:
-    """Minimum, maximum, and time-weighted mean and root mean square of one signal in a capture."""
+    """Minimum, maximum, time-weighted mean and root mean square of one signal in a capture."""
 
     least: float
     most: float
@@ -121,20 +121,19 @@ class CursorReading:
 
     @property
     def difference(self) -> float:
-        """Value at the second cursor minus the value at the first."""
         return self.second - self.first
 
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Samples of one capture; `triggered` is the time of the trigger, None without a trigger."""
+    """Samples of one capture; `triggered` is the time of the trigger, or None."""
 
     rows: tuple[Row, ...]
     triggered: float | None = None
 
     @property
     def zero(self) -> float:
-        """Time of the trigger, else of the first sample; other times of the capture are relative to it."""
+        """Time of the trigger, else of the first sample."""
         return self.rows[0][0] if self.triggered is None else self.triggered
 
     @property
@@ -143,7 +142,7 @@ class Shot:
         return self.rows[0][0] - self.zero, self.rows[-1][0] - self.zero
 
     def between(self, first: float, second: float) -> Shot:
-        """Return the part between two times relative to `zero`, with the values valid at these times at both ends."""
+        """Return the part between two times relative to `zero`, with the values valid at both ends."""
         begin, end = sorted((first + self.zero, second + self.zero))
         row_before = [row for time, row in self.rows if time <= begin][-1:]
         inner = [(time, row) for time, row in self.rows if begin < time <= end]
@@ -153,7 +152,7 @@ class Shot:
         return Shot(tuple(rows), self.triggered)
 
     def cursors(self, place: int, first: float, second: float) -> CursorReading | None:
-        """Measure a signal at and between two times relative to `zero`; None if a value is unknown."""
+        """Measure a signal at and between two times relative to `zero`, or None if a value is unknown."""
         part = self.between(first, second)
         ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
         measured = part.measure(place) if part.rows else None
@@ -163,7 +162,7 @@ class Shot:
         return CursorReading(*((low, high) if first <= second else (high, low)), measured.rms)
 
     def measure(self, place: int) -> Measures | None:
-        """Measure a signal, with each value weighted by its duration; None if no value is known."""
+        """Measure a signal, with each value weighted by its duration, or None if no value is known."""
         points = [(time, value) for time, row in self.rows if (value := row[place]) is not None and value == value]
         if not points:
             return None
@@ -207,16 +206,15 @@ class ScopeCapture:
 
     @property
     def done(self) -> bool:
-        """Whether all captures are complete, or the scope was stopped."""
+        """Whether all captures are complete or the scope was stopped."""
         return self.state is ScopeState.DONE
 
     @property
     def held(self) -> int:
-        """Number of samples in memory."""
         return len(self._rows)
 
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
-        """Add a sample; a time before that of the newest sample is replaced by that time."""
+        """Add a sample; a time before the newest sample is replaced by the time of that sample."""
         time = self._newest = max(time, self._newest)
         if self._begin is not None and time >= self._end:
             self._finish()
@@ -230,24 +228,24 @@ class ScopeCapture:
         self._last = values
 
     def tick(self, time: float) -> None:
-        """Advance the time, so that a capture can end without another sample; the last values remain valid."""
+        """Advance the time, so that a capture can end without another sample."""
         if self._begin is not None and time >= self._end:
             if self._rows[-1][0] < self._end:
                 self._rows.append((self._end, self._rows[-1][1]))
             self._finish()
 
     def next_deadline(self) -> float | None:
-        """Return the time at which the current capture ends; None without a capture in progress."""
+        """Return the time at which the current capture ends, or None without a capture in progress."""
         return None if self._begin is None else self._end
 
     def stop(self) -> None:
-        """Stop the scope; a capture in progress ends with the samples so far, samples before a trigger are dropped."""
+        """Stop the scope and complete the capture in progress; samples before a trigger are dropped."""
         if self._begin is not None:
             self._finish()
         self.state = ScopeState.DONE
 
     def take(self) -> list[Shot]:
-        """Return the captures completed since the last call."""
+        """Return the captures completed since the previous call."""
         shots, self._shots = self._shots, []
         return shots
 
@@ -259,7 +257,7 @@ class ScopeCapture:
         return self._begin + self._length - (self._before if self._trigger is not None else 0.0)
 
     def _forget(self, before: float) -> None:
-        """Discard the samples before time `before`, except the last of them, whose values are still valid."""
+        """Discard the samples before a time, except the last of them, whose values are still valid."""
         rows = self._rows
         while len(rows) > 1 and rows[1][0] <= before:
             rows.popleft()
@@ -286,7 +284,7 @@ _CURSOR: Final = "#16324f"
 
 @dataclass(frozen=True, slots=True)
 class NamedShot:
-    """Capture with the names and units of the signals ("" if a unit is unknown); `label` is the title."""
+    """Capture with the names and units of the signals ("" for an unknown unit), and the title `label`."""
 
     shot: Shot
     names: tuple[str, ...]
@@ -294,17 +292,17 @@ class NamedShot:
     label: str = ""
 
     def place(self, name: str) -> int | None:
-        """Return the column of the signal with this name; None if there is none."""
+        """Return the column of the signal with this name, or None."""
         return self.names.index(name) if name in self.names else None
 
 
 def named_shot(shot: Shot, signals: Sequence[Signal], label: str = "") -> NamedShot:
-    """Return a capture with the names and units of its signals."""
+    """Combine a capture with the names and units of its signals."""
     return NamedShot(shot, tuple(signal.name for signal in signals), tuple(signal.unit for signal in signals), label)
 
 
 def csv_of(named: NamedShot) -> str:
-    """Return a capture as CSV: Unix time, time relative to the trigger or the first sample, and the values."""
+    """Format a capture as CSV: Unix time, time relative to the trigger or the first sample, and the values."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([_TIME, _FROM_ZERO, *named.names])
@@ -316,7 +314,7 @@ def csv_of(named: NamedShot) -> str:
 
 
 def parse_csv(text: str, place: str) -> NamedShot:
-    """Parse a file that `csv_of` wrote; ConfigError if the file is invalid. `place` is its name in messages."""
+    """Parse a file written by `csv_of`; raise ConfigError, with the file name `place`, if the file is invalid."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
         raise ConfigError(f"{place} is not a shot of a scope: it begins with time,t and the names of signals")
@@ -343,7 +341,7 @@ def refuse_without_pictures() -> None:
 
 
 def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tuple[float, float] | None = None) -> bytes:
-    """Draw a capture as PNG, a plot for each signal, with an overlay of the same signals and two cursors."""
+    """Draw a capture as PNG, one plot per signal, with an overlay of the same signals and two cursors."""
     refuse_without_pictures()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -420,7 +418,7 @@ def _time_words(shot: Shot, cursors: tuple[float, float] | None) -> str:
 
 
 def write_bag(folder: Path, shot: Shot, signals: Sequence[Signal]) -> None:
-    """Write a bag with a topic for each signal: /scope/left_drive/o6064_00, /scope/left_wheel_joint/velocity."""
+    """Write a bag with a topic per signal, such as /scope/left_drive/o6064_00 or /scope/left_wheel_joint/velocity."""
     from canopen_control.trace.bag import BagWriter
 
     with BagWriter(folder, "scope") as bag:

@@ -1,4 +1,4 @@
-"""Scope for the command line and for pages: finds the signals by name, samples them and yields captures."""
+"""Scope for the command line and for pages: selects signals by name, samples them and yields captures."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _TIMEOUT_S: Final = 2.0
 
 
 def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCapture:
-    """Return the capture memory for a number of signals; ConfigError for invalid options.
+    """Return the capture memory for a number of signals; raise ConfigError for invalid options.
 
     For a trigger on faults the signals are followed by `faults` statuswords.
     """
@@ -57,7 +57,7 @@ def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCap
 
 
 class Scope:
-    """Scope of the signals named by `texts`; ConfigError for a signal that does not exist.
+    """Scope of the signals named by `texts`; raises ConfigError for an unknown signal.
 
     `sessions` are the sessions of the named nodes, `client` is connected to the robot, None on a bare bus.
     """
@@ -104,7 +104,7 @@ class Scope:
         yield self.capture.take()
 
     def cycle_words(self) -> str:
-        """Return a text with the cycles, and the missed cycles, of the robot since the start; "" without a robot."""
+        """Return the numbers of cycles and missed cycles of the robot as text, or "" without a robot."""
         after = self._source.cycles()
         if self._before is None or after is None:
             return ""
@@ -139,15 +139,14 @@ class ScopeRun:
         self._ending = threading.Event()
 
     def start(self) -> None:
-        """Start the thread of the scope."""
         threading.Thread(target=self.run, name="page scope", daemon=True).start()
 
     def end(self) -> None:
-        """Request the end: a capture in progress ends with the samples so far, samples before a trigger are dropped."""
+        """Request the end and complete the capture in progress; samples before a trigger are dropped."""
         self._ending.set()
 
     def run(self) -> None:
-        """Capture until complete or ended; the target function of the thread."""
+        """Capture until complete or ended; runs on the scope's thread."""
         try:
             with ExitStack() as stack:
                 session = stack.enter_context(self._desk.session())

@@ -40,11 +40,11 @@ class ScopeSource(Protocol):
         """Wait for up to `seconds` and yield the samples of that time."""
 
     def cycles(self) -> tuple[int, int] | None:
-        """Return the numbers of cycles and of missed cycles of a robot; None without a robot."""
+        """Return the numbers of cycles and of missed cycles of a robot, or None without a robot."""
 
 
 class PolledSource:
-    """Source that reads every signal by SDO, up to `rate` times a second."""
+    """Source on a bare bus, which reads every signal by SDO up to `rate` times a second."""
 
     def __init__(self, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float) -> None:
         self._values, self._sessions = values, sessions
@@ -52,11 +52,9 @@ class PolledSource:
         self._next_sample = time.monotonic()
 
     def cycles(self) -> None:
-        """Return None, because a bare bus has no control cycle."""
         return
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Wait until the next sample is due, read all signals and yield the sample; nothing if `seconds` end before."""
         wait = self._next_sample - time.monotonic()
         if wait > 0:
             time.sleep(min(wait, seconds))
@@ -69,7 +67,7 @@ class PolledSource:
 
 
 class RobotSource:
-    """Source of samples from a running robot: TPDOs and joint states as they arrive, and other objects by polling."""
+    """Source of samples from a running robot: TPDOs and joint states as they arrive, other objects by polling."""
 
     def __init__(
         self, client: RobotClient, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float
@@ -86,17 +84,15 @@ class RobotSource:
         client.ask(Subscribe(pdos=bool(values.objects), state_rate=_EVERY_CYCLE if values.joints else None))
 
     def cycles(self) -> tuple[int, int]:
-        """Return the numbers of cycles and of missed cycles of the robot."""
         cycle = self._client.ask(GetStatus()).cycle
         return cycle.count, cycle.missed
 
     @property
     def polled(self) -> list[ScopeSignal]:
-        """Signals that no received TPDO has contained yet."""
+        """Signals that no TPDO has contained so far."""
         return list(self._polled.values())
 
     def samples(self, seconds: float) -> Iterator[tuple[float, tuple[float | None, ...]]]:
-        """Yield a sample for each message that contains a signal, and for each polled signal."""
         wait = min(seconds, max(self._next_sample - time.monotonic(), 0.0)) if self._polled else seconds
         end = time.monotonic() + wait
         for message in self._client.messages(wait):
@@ -129,7 +125,7 @@ class RobotSource:
 
 
 def read_signal(values: SignalValues, session: NodeSession, signal: ScopeSignal) -> None:
-    """Read a signal by SDO and store its value; None if the node refuses the upload."""
+    """Read a signal by SDO and store its value, or None if the node refuses the upload."""
     try:
         data = session.read(signal.index, signal.subindex)
     except CanopenError as error:
@@ -158,7 +154,6 @@ class ScopeSignal:
 
     @property
     def key(self) -> tuple[int, int, int]:
-        """Node id, index and subindex."""
         return self.node_id, self.index, self.subindex
 
     @property
@@ -167,7 +162,7 @@ class ScopeSignal:
         return f"o{self.index:04X}_{self.subindex:02X}"
 
     def value(self, data: bytes) -> float | None:
-        """Decode the bytes of the object; None if their length does not fit the data type."""
+        """Decode the bytes of the object, or return None if their length does not fit the data type."""
         padded = fitted(data, self.data_type)
         number = None if padded is None else decode(padded, self.data_type)
         return float(number) if isinstance(number, int | float) else None
@@ -183,17 +178,15 @@ class JointSignal:
 
     @property
     def name(self) -> str:
-        """Name of the signal as the user types it, `JOINT:QUANTITY`."""
         return f"{self.joint}:{self.quantity}"
 
     @property
     def unit(self) -> str:
-        """Unit of the quantity, "" if it depends on the joint."""
+        """Unit of the quantity, or "" if it depends on the joint."""
         return _QUANTITIES[self.quantity]
 
     @property
     def key(self) -> tuple[str, str]:
-        """Joint and quantity."""
         return self.joint, self.quantity
 
     @property
@@ -202,7 +195,7 @@ class JointSignal:
         return self.quantity
 
     def value(self, reading: JointReading) -> float | None:
-        """Return the signal's value in a joint reading, None if unknown."""
+        """Return the value of the signal in a joint reading, or None if unknown."""
         value: float | None = getattr(reading, self.quantity)
         return value
 
@@ -211,13 +204,13 @@ Signal = ScopeSignal | JointSignal
 
 
 def joint_signal_of(text: str) -> JointSignal | None:
-    """Parse a joint signal such as `JOINT:velocity`; None if the text does not name a joint's quantity."""
+    """Parse a joint signal such as `JOINT:velocity`, or return None for other texts."""
     joint, _, quantity = text.partition(":")
     return JointSignal(joint, quantity) if joint and quantity in _QUANTITIES else None
 
 
 def node_of(text: str) -> str:
-    """Return the node part of `NODE:OBJECT`; ConfigError if the text does not have this form."""
+    """Return the node in `NODE:OBJECT`; raise ConfigError if the text does not have this form."""
     node, colon, item = text.partition(":")
     if not (node and colon and item):
         raise ConfigError(
@@ -228,7 +221,7 @@ def node_of(text: str) -> str:
 
 
 def signal_of(text: str, session: NodeSession) -> ScopeSignal:
-    """Return the signal `NODE:OBJECT`; ConfigError if the object is unknown, not numeric or not readable."""
+    """Return the signal `NODE:OBJECT`; raise ConfigError if the object is unknown, not numeric or not readable."""
     item = text.partition(":")[2]
     address = find_object(item, session.dictionary)
     entry = address.entry
@@ -251,7 +244,7 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
 
 
 def statusword_of(session: NodeSession) -> ScopeSignal:
-    """Return the signal of a node's statusword; ConfigError if the node has none."""
+    """Return the signal of a node's statusword; raise ConfigError if the node has none."""
     return signal_of(f"{session.node_id}:0x{STATUSWORD:04X}", session)
 
 
@@ -271,12 +264,11 @@ class SignalValues:
 
     @property
     def objects(self) -> list[ScopeSignal]:
-        """Signals that are objects of nodes."""
         return [signal for signal in self.signals if isinstance(signal, ScopeSignal)]
 
     @property
     def joints(self) -> list[str]:
-        """Names of the joints whose signals are sampled, without duplicates."""
+        """Names of the joints with sampled signals, without duplicates."""
         return list(dict.fromkeys(signal.joint for _, signal in self._joints))
 
     @property
@@ -292,7 +284,7 @@ class SignalValues:
         return bool(places)
 
     def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
-        """Store the joint signals from readings of a robot; return whether there are joint signals."""
+        """Store the joint signals in readings of a robot; return whether there are any joint signals."""
         for place, signal in self._joints:
             reading = readings.get(signal.joint)
             self._values[place] = None if reading is None else signal.value(reading)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class GainChange:
-    """Texts of the old and the new value of one gain object."""
+    """Old and new value of one gain object, as texts."""
 
     label: str
     before: str
@@ -46,7 +46,7 @@ class GainChange:
 def gain_values(
     od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: CascadeGains, units_per_rad: float
 ) -> dict[Address, Value]:
-    """Return the values of the gain objects; ConfigError for a gain that rounds to 0 or exceeds the object's range.
+    """Return values for the gain objects; raise ConfigError for a gain that rounds to 0 or exceeds the range.
 
     `gains` refer to the shaft in rad; `units_per_rad` is the number of user units of 0x6064 in a rad.
     """
@@ -80,17 +80,16 @@ class KeptGains(Protocol):
     """Storage on disk for the previous gains of a drive."""
 
     def read(self) -> Mapping[Address, Value]:
-        """Return the stored values; an empty mapping if no gains were set."""
+        """Return the stored values; empty if no gains were set."""
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Store values; ConfigError if they cannot be stored."""
+        """Store values; raise ConfigError if that fails."""
 
-    def forget(self) -> None:
-        """Delete the stored values."""
+    def forget(self) -> None: ...
 
 
 def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptGains) -> list[GainChange]:
-    """Save the old gains, write new gains and verify them; DriveError if the drive is enabled or refuses."""
+    """Save the old gains, write new gains and verify them; raise DriveError if the drive is enabled or refuses."""
     refuse_moving(session)
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
@@ -102,7 +101,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: Kep
 
 
 def revert_gains(session: NodeSession, stored: KeptGains) -> list[GainChange]:
-    """Restore the gains from before the first `set_gains`; DriveError if no gains are stored."""
+    """Restore the gains from before the first `set_gains`; raise DriveError if no gains are stored."""
     target = stored.read()
     if not target:
         raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
@@ -143,7 +142,7 @@ _POSITION_SHARE: Final = 4.0  # the position loop is so much slower
 
 @dataclass(frozen=True, slots=True)
 class CascadeGains:
-    """Gains of a velocity loop (PI) and a position loop (P), with the crossover in rad/s and the phase margin in rad.
+    """Gains of a velocity loop (PI) and a position loop (P), with crossover in rad/s and phase margin in rad.
 
     `velocity_p` is in torque per rad/s, `reset` (Ti) in s, `position_p` in 1/s.
     """
@@ -163,7 +162,7 @@ class CascadeGains:
 def design_velocity_loop(
     plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
 ) -> CascadeGains:
-    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if no PI controller has both."""
+    """Return gains for a crossover in rad/s and a phase margin in rad; raise ConfigError if a PI cannot have both."""
     viscous = max(0.0, plant.viscous)
     lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
     needed = margin - math.pi - lag
@@ -182,7 +181,7 @@ def _impossible(needed: float, crossover: float, margin: float, delay: float) ->
 
 
 def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
-    """Return the crossover in rad/s and the phase margin in rad of gains with a plant, such as one with another load.
+    """Return the crossover in rad/s and the phase margin in rad of gains with a plant, such as a changed load.
 
     The gain of the open loop falls monotonically, so bisection finds the crossover.
     """
@@ -245,7 +244,7 @@ class PlantModel:
 
 
 def identify_plant(torque: Sequence[float], speed: Sequence[float], period: float) -> PlantModel:
-    """Identify the plant from samples every `period` s; DriveError if the samples are unsuitable.
+    """Identify the plant from samples every `period` s; raise DriveError if the samples are unsuitable.
 
     An unknown sample is nan; it is left out, as are the following cycles in which its torque acts.
     """
@@ -321,7 +320,7 @@ _OF_SHAFT: Final = (LoopGain.VELOCITY_P, LoopGain.VELOCITY_I)
 
 
 def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
-    """Parse `velocity_p=0x3210:01*0.001`; ConfigError. The scale is the gain for a raw value of 1."""
+    """Parse `velocity_p=0x3210:01*0.001`, where 0.001 is the gain for a raw value of 1; raise ConfigError."""
     match = _GAIN.fullmatch(text.strip())
     if match is None or match[1].lower() not in GAIN_NAMES:
         raise ConfigError(
@@ -340,7 +339,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return the gain objects of a drive, with those in `named` before known ones; ConfigError if some are unknown.
+    """Return the gain objects of a drive, those in `named` first; raise ConfigError if some are unknown.
 
     Scales in `named` refer to the shaft; `units_per_rad` is the number of user units per rad.
     """
@@ -371,7 +370,7 @@ def settable_gains(
 
 @dataclass(frozen=True, slots=True)
 class GainPlace:
-    """Axis, `named` gain objects, and `channel` of a bare bus; `stores` also saves the gains in the drive (0x1010)."""
+    """Axis and its `named` gain objects; `stores` also saves the gains in the drive (0x1010)."""
 
     axis: int = 0
     named: tuple[str, ...] = ()
@@ -380,14 +379,14 @@ class GainPlace:
 
 
 def applied(session: NodeSession, gains: CascadeGains, units_per_rad: float, place: GainPlace) -> Iterator[str]:
-    """Set the gains of an axis; yield a text for each change, and whether the gains are stored in the drive."""
+    """Set the gains of an axis; yield a text for each change, and whether the drive has stored the gains."""
     objects = settable_gains(session, place.axis, place.named, units_per_rad)
     values = gain_values(session.dictionary, objects, gains, units_per_rad)
     yield from _change_lines(session, set_gains(session, values, _stored_gains(session, place)), place)
 
 
 def reverted(session: NodeSession, place: GainPlace) -> Iterator[str]:
-    """Revert the gains of an axis; yield a text for each change, and whether they are stored in the drive."""
+    """Revert the gains of an axis; yield a text for each change, and whether the drive has stored the gains."""
     yield from _change_lines(session, revert_gains(session, _stored_gains(session, place)), place)
 
 

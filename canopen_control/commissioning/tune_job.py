@@ -1,4 +1,4 @@
-"""Tuning job of a page: the plan that the user confirms, the run within limits, the results, and setting the gains.
+"""Tuning job of a page: the plan that the user confirms, the run within limits, the results, and the gains.
 
 A run is a command source like any other. A run that a page started ends with the page: the page has to confirm
 repeatedly that it is open. If no confirmation arrives for `GONE_S`, or on a limit, a fault, STOP or the user's request
@@ -55,13 +55,12 @@ class TunePlan:
 
     @classmethod
     def of(cls, request: TuneRequest, options: TuneOptions, scale: JogScale) -> TunePlan:
-        """Return the plan of a request; ConfigError if the request exceeds the limits."""
+        """Return the plan of a request; raise ConfigError if the request exceeds the limits."""
         plan = cls(request, limits_of(options, scale), options.axis)
         request.check(plan.limits, scale)
         return plan
 
     def lines(self, scale: JogScale) -> list[str]:
-        """Return the lines that the user has to confirm."""
         limits = self.limits
         return [
             f"excitation: {self.request.words(scale)}",
@@ -78,7 +77,7 @@ class TunePlan:
 def request_of(
     test: TuneTest, options: TuneOptions, period: float, *, speed: Quantity | None, torque: float, signal: str
 ) -> TuneRequest:
-    """Return the request of a test with samples every `period` s; ConfigError for a step without a speed."""
+    """Return the request of a test with samples every `period` s; raise ConfigError for a step without a speed."""
     if test is TuneTest.STEP and (speed is None or not speed.value):
         raise ConfigError(f"a step to {speed or 0}: that moves nothing")
     return TuneRequest(
@@ -116,7 +115,7 @@ def excite(
 
 @dataclass(slots=True)
 class TuneFound:
-    """Results of the last run, written by the run's thread; None where the run gave no such result."""
+    """Results of the last run, written by the run's thread; None where the run has no such result."""
 
     plan: TunePlan
     curves: NamedShot | None = None
@@ -126,7 +125,7 @@ class TuneFound:
 
 
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
-    """Return the reason why `drive_of_robot` would refuse a run of this axis, "" if the run would be accepted."""
+    """Return why `drive_of_robot` would refuse a run of this axis, or ""."""
     if not axis < len(place.joints):
         return f"{place.name} moves no joint of {robot}: there is nothing to tune."
     joint = place.joints[axis]
@@ -146,7 +145,7 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
 
 
 class PagePresence:
-    """Time since a page was last confirmed to be open; `clock` returns seconds."""
+    """Time since a page last confirmed that it is open; `clock` returns seconds."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._seen = clock, clock()
@@ -162,7 +161,7 @@ class PagePresence:
 
 
 def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFound, presence: PagePresence) -> str:
-    """Excite an axis of a node within limits and store the results in `result`; return the final sentence."""
+    """Excite an axis within limits and store the results in `result`; return the final sentence."""
     plan, request = result.plan, result.plan.request
     request.check(plan.limits, SCALE)
     drive = drive_of_robot(client, session.name or str(session.node_id), plan.axis, plan.mode)
@@ -186,7 +185,7 @@ def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFou
 
 
 def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
-    """Return a record as a scope capture of command, velocity, position and, if known, torque."""
+    """Convert a record to a scope capture of command, velocity, position and, if known, torque."""
     unit = "rad/s" if request.kind is JogKind.VELOCITY else "1/1000 of the rated torque"
     rows = tuple(
         (record.seconds(sample), (sample.command, sample.velocity, sample.position, sample.effort))
@@ -200,12 +199,12 @@ def curves_of(record: TuneRecord, request: TuneRequest) -> NamedShot:
 def apply_gains(
     session: NodeSession, run: JobRun, gains: CascadeGains, counts: float, *, axis: int = 0, stores: bool
 ) -> str:
-    """Set the proposed gains of an axis and verify them; `counts` is in user units of 0x6064 per revolution."""
+    """Set the proposed gains of an axis and verify them; `counts` are user units of 0x6064 per revolution."""
     run.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
     return f"{session.name}: gains set and proven; Revert takes them back"
 
 
 def revert(session: NodeSession, run: JobRun, *, axis: int = 0, stores: bool) -> str:
-    """Restore the gains that an axis had before the first change."""
+    """Restore the gains of an axis from before the first change."""
     run.lines += reverted(session, GainPlace(axis, stores=stores))
     return f"{session.name}: gains are those from before"

@@ -102,7 +102,7 @@ def _crossing(shares: Sequence[tuple[float, float]], level: float) -> float:
 
 
 def _settling(shares: Sequence[tuple[float, float]], band: float) -> float | None:
-    """Return the time after which the response stays within the band; None if it leaves the band near the end."""
+    """Return the time after which the response stays within the band, or None if it leaves the band near the end."""
     outside = [place for place, (_, share) in enumerate(shares) if abs(share - 1.0) > band]
     if not outside:
         return shares[0][0]
@@ -121,7 +121,7 @@ CSV, PICTURE = ".csv", ".png"
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
-    """Return the lines of the result, and write the output file if any; DriveError if the record is unusable."""
+    """Return the lines of the result, and write the output file if any; raise DriveError if the record is unusable."""
     if output is not None and request.test is not TuneTest.BODE:
         _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
     if request.test is TuneTest.STEP:
@@ -163,7 +163,7 @@ class Findings:
 
 
 def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findings:
-    """Return the results for programs; DriveError if the record is unusable."""
+    """Return the results for programs; raise DriveError if the record is unusable."""
     result = Findings(request.test.name.lower(), record.period, len(record.samples), record.lost)
     if request.test is TuneTest.STEP:
         return replace(result, step=step_of(record, request.height(scale)))
@@ -201,7 +201,7 @@ def record_picture(record: TuneRecord) -> bytes:
 
 
 def bode_of(record: TuneRecord, request: TuneRequest) -> Bode:
-    """Return the frequency response of a record; DriveError if no point is reliable."""
+    """Return the frequency response of a record; raise DriveError if no point is reliable."""
     return frequency_response(*_pairs(record), record.period, low=request.band[0])
 
 
@@ -213,7 +213,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
-    """Return the commanded and the measured velocities of all cycles; those of missing cycles are interpolated."""
+    """Return commanded and measured velocities of all cycles, with linear interpolation of missing cycles."""
     cycles = [sample.cycle for sample in record.samples]
     commands, speeds = [sample.command for sample in record.samples], list(map(_speed, record.samples))
     return filled(cycles, commands), filled(cycles, speeds)
@@ -226,7 +226,7 @@ def _speed(sample: TuneSample) -> float:
 
 
 def step_of(record: TuneRecord, height: float) -> StepMetrics:
-    """Measure the step in a record, from the cycle in which the step was commanded; DriveError if it never was."""
+    """Measure the step in a record from the cycle of its command on; raise DriveError without a commanded step."""
     begin = next((sample for sample in record.samples if sample.command), None)
     if begin is None:
         raise DriveError("the step was never commanded")
@@ -242,7 +242,7 @@ def step_of(record: TuneRecord, height: float) -> StepMetrics:
 
 
 def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
-    """Yield the lines with the metrics of a step."""
+    """Format the metrics of a step."""
     settled = "never" if metrics.settling is None else f"{metrics.settling * 1e3:.0f} ms"
     yield f"rise (10 to 90 %)   {metrics.rise_time * 1e3:.0f} ms, {metrics.delay * 1e3:.0f} ms after the command"
     yield f"overshoot           {metrics.overshoot:.1%}"
@@ -252,7 +252,7 @@ def step_lines(metrics: StepMetrics, scale: JogScale) -> Iterator[str]:
 
 
 def identified(record: TuneRecord) -> PlantModel:
-    """Identify the plant from a record, by the measured torque if all samples have it, else by the commanded torque."""
+    """Identify the plant from the measured torque if all samples have it, else from the commanded torque."""
     has_effort = all(sample.effort is not None for sample in record.samples)
     cycles = 1 + record.samples[-1].cycle - record.begin if record.samples else 0
     speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # of a cycle that was lost
@@ -264,7 +264,7 @@ def identified(record: TuneRecord) -> PlantModel:
 
 
 def plant_lines(plant: PlantModel) -> Iterator[str]:
-    """Yield the lines with the identified plant, in per mille of the rated torque."""
+    """Format the identified plant, in per mille of the rated torque."""
     yield f"inertia             {plant.inertia:.4g} per mille s^2/rad"
     yield f"viscous friction    {plant.viscous:.4g} per mille s/rad"
     yield f"Coulomb friction    {plant.coulomb:.4g} per mille"
@@ -273,12 +273,12 @@ def plant_lines(plant: PlantModel) -> Iterator[str]:
 
 
 def proposed(plant: PlantModel, request: TuneRequest) -> CascadeGains:
-    """Return gains for the requested crossover and phase margin; ConfigError if there are none."""
+    """Return gains for the requested crossover and phase margin; raise ConfigError if there are none."""
     return design_velocity_loop(plant, request.crossover, request.margin, request.loop_delay)
 
 
 def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
-    """Yield the lines with the proposed gains, or with the reason why there are none."""
+    """Format the proposed gains, or the reason why there are none."""
     try:
         gains = proposed(plant, request)
     except ConfigError as error:
@@ -294,7 +294,7 @@ def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
 
 
 def record_csv(record: TuneRecord) -> str:
-    """Return the record as CSV in s, rad, rad/s and per mille; unknown values are empty."""
+    """Format the record as CSV in s, rad, rad/s and per mille; unknown values are empty."""
 
     def text(value: float | None) -> str:
         return "" if value is None else f"{value:.9g}"

@@ -55,7 +55,7 @@ _HALF: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class TuneSample:
-    """Sample of one cycle: cycle number, command, and measured position (rad), velocity (rad/s), torque (per mille)."""
+    """Sample of a cycle: cycle number, command, position (rad), velocity (rad/s) and torque (per mille)."""
 
     cycle: int
     command: float
@@ -73,7 +73,7 @@ class TuneRecord:
     lost: int = 0
 
     def put(self, sample: TuneSample) -> None:
-        """Add the next sample; a sample of the same or an earlier cycle is ignored."""
+        """Append a sample, unless its cycle is not after the last one."""
         last = self.samples[-1] if self.samples else None
         if last is not None:
             if sample.cycle <= last.cycle:
@@ -83,11 +83,11 @@ class TuneRecord:
 
     @property
     def begin(self) -> int:
-        """Number of the first sample's cycle; 0 without samples."""
+        """Cycle number of the first sample, or 0 without samples."""
         return self.samples[0].cycle if self.samples else 0
 
     def seconds(self, sample: TuneSample) -> float:
-        """Return the time in s between the first sample and this sample."""
+        """Return the time in s from the first sample to this sample."""
         return (sample.cycle - self.begin) * self.period
 
 
@@ -136,7 +136,7 @@ class TuneMotion:
             self.end(JogEnd.OVER)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Update the measured values in rad, rad/s and per mille, None if unknown; end the run beyond a limit."""
+        """Check measured values in rad, rad/s and per mille (None if unknown); end the run beyond a limit."""
         if not enabled:
             self.end(JogEnd.STATE)
         self._check_current(current)
@@ -153,7 +153,7 @@ class TuneMotion:
         self._steer()
 
     def end(self, why: JogEnd) -> None:
-        """End the commands with a reason, unless they have ended already."""
+        """End the commands with a reason; the first reason is kept."""
         if self.ended is JogEnd.NONE:
             self.ended = why
 
@@ -172,7 +172,7 @@ class TuneMotion:
         return self._speed * self._speed / (2.0 * self._deceleration)
 
     def _steer(self) -> None:
-        """Choose the direction of the additional torque: alternating, and back beyond half of a limit."""
+        """Choose the sign of the additional torque: alternating, and back beyond half of a limit."""
         elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
         self._pushed = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
         way, speed = self._way / self.limits.travel, self._speed / self.limits.speed
@@ -192,7 +192,7 @@ _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded an
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
-    """Wait for the next message until a timeout; yield that message and all queued ones."""
+    """Wait for the next message until a timeout, then yield that message and all queued ones."""
     for message in client.messages(timeout):
         yield message
         break
@@ -235,7 +235,7 @@ class TuneRun:
         self._torque: float | None = None
 
     def run(self) -> TuneRecord:
-        """Enable the drive, excite, stop and disable; DriveError if the run ended early, for instance at a limit."""
+        """Enable the drive, excite, stop and disable; raise DriveError if the run ended early, such as at a limit."""
         with RobotClient.connect(self._drive.robot) as client:
             try:
                 motion, record = self._begin(client)
@@ -273,7 +273,7 @@ class TuneRun:
         return motion, TuneRecord(period)
 
     def _first(self, client: RobotClient) -> float:
-        """Return the cycle period in s from the first sample; DriveError if no sample arrives."""
+        """Return the cycle period in s from the first sample; raise DriveError if no sample arrives."""
         deadline = time.monotonic() + _WAIT_S
         while time.monotonic() < deadline:
             for message in client.messages(_WAIT_S):
@@ -353,11 +353,10 @@ _TAPS: Final = {7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
 
 
 class Excitation(Protocol):
-    """Excitation signal as a function of time."""
+    """Excitation signal as a function of time in s."""
 
     @property
-    def seconds(self) -> float:
-        """Duration in s."""
+    def seconds(self) -> float: ...
 
     @property
     def peak(self) -> float:
@@ -376,11 +375,9 @@ class StepExcitation:
 
     @property
     def peak(self) -> float:
-        """Magnitude of the step."""
         return abs(self.height)
 
     def at(self, seconds: float) -> float:
-        """Return 0 or the height, at a time in s."""
         return self.height if LEAD_S <= seconds < self.seconds else 0.0
 
 
@@ -400,11 +397,9 @@ class Chirp:
 
     @property
     def peak(self) -> float:
-        """Sum of the magnitudes of bias and amplitude."""
         return abs(self.bias) + abs(self.amplitude)
 
     def at(self, seconds: float) -> float:
-        """Return the value at a time in s, including the fade-in and fade-out."""
         span = self.seconds - 2.0 * RAMP_S
         rate = math.log(self.high / self.low) / span
         since = min(max(seconds - RAMP_S, 0.0), span)
@@ -428,11 +423,9 @@ class Prbs:
 
     @property
     def peak(self) -> float:
-        """Sum of the magnitudes of bias and amplitude."""
         return abs(self.bias) + abs(self.amplitude)
 
     def at(self, seconds: float) -> float:
-        """Return the value at a time in s, including the fade-in and fade-out; 0 outside of the duration."""
         if not 0.0 <= seconds < self.seconds:
             return 0.0
         bit = self._sequence[int(seconds / self.hold) % len(self._sequence)]
@@ -440,12 +433,12 @@ class Prbs:
 
 
 def _envelope(seconds: float, length: float) -> float:
-    """Return the fade-in and fade-out factor of a signal of `length` s, from 0 to 1."""
+    """Return the factor of fade-in and fade-out, from 0 to 1, of a signal of `length` s."""
     return max(0.0, min(1.0, seconds / RAMP_S, (length - seconds) / RAMP_S))
 
 
 def _maximum_length(bits: int) -> tuple[int, ...]:
-    """Return one period of a shift register's sequence, with values 1 and -1; all bits are 1 at the start."""
+    """Return one period of a shift register's sequence of 1 and -1; all bits are 1 at the start."""
     register, bits_out = [1] * bits, []
     for _ in range((1 << bits) - 1):
         bits_out.append(1 if register[-1] else -1)
@@ -504,7 +497,7 @@ class TuneRequest:
         return _LOW_HZ, _BEYOND * HIGHEST / self.period
 
     def height(self, scale: JogScale) -> float:
-        """Return the height of the step in rad/s; only for a step."""
+        """Return the height of a step in rad/s."""
         assert self.speed is not None
         return scale.si(self.speed)
 
@@ -534,7 +527,6 @@ class TuneRequest:
             )
 
     def words(self, scale: JogScale) -> str:
-        """Return the excitation as text."""
         if self.test is TuneTest.STEP:
             return f"a step to {scale.velocity_words(self.height(scale))} for {self.seconds:g} s"
         if self.test is TuneTest.IDENTIFY:

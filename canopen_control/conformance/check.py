@@ -25,7 +25,7 @@ class CheckLevel(enum.Enum):
 
 
 class CheckTouch(enum.Enum):
-    """Effect of a check on the device; the value is the option that permits the check, "" if none is needed."""
+    """Effect of a check on the device; the value is the option that permits the check, "" if no option is needed."""
 
     READ = ""
     CONFIGURE = "--configure"
@@ -35,7 +35,7 @@ class CheckTouch(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Conformance check; `run` raises CheckFailed or NotApplicable, `group` is the document number, such as "301"."""
+    """Conformance check of the document `group`, such as "301"; `run` raises CheckFailed or NotApplicable."""
 
     id: str
     group: str
@@ -75,12 +75,12 @@ _NAMED = re.compile(r"0x[0-9A-F]{4}|\d+(?:\.\d+)*")
 
 
 def clause_names(text: str) -> frozenset[str]:
-    """Return the sections and objects named in a clause: 7.5.2.19 and 0x1016 for "CiA 301, 7.5.2.19 (0x1016)"."""
+    """Return the sections and objects in a clause: 7.5.2.19 and 0x1016 for "CiA 301, 7.5.2.19 (0x1016)"."""
     return frozenset(_NAMED.findall(_DOCUMENT.sub("", text)))
 
 
 def is_of_clause(check: Check, clause: str) -> bool:
-    """Whether a check belongs to a clause or to a section of it; `clause` as in "CiA 301, 7.2.4.3 (SDO)"."""
+    """Whether a check belongs to a clause, such as "CiA 301, 7.2.4.3 (SDO)", or to one of its subsections."""
     names, own = clause_names(clause), clause_names(check.clause)
     sections = {name for name in names if not name.startswith("0x")}
     if names & own - sections:
@@ -125,5 +125,5 @@ def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *c
 
 
 def mux(index: int, subindex: int = 0) -> bytes:
-    """Return the three bytes of the multiplexer of an SDO request."""
+    """Return the multiplexer of an SDO request: index and subindex in three bytes."""
     return bytes((index & 0xFF, index >> 8, subindex))

@@ -43,18 +43,18 @@ class CheckFailed(Exception):
 
 
 class NotApplicable(Exception):
-    """Exception of a check that does not apply: an optional object is missing, or there is no EDS to compare with."""
+    """Raised by a check that does not apply: an optional object or the EDS is missing."""
 
 
 class MotionBounds(NamedTuple):
-    """Bounds of motions in the drive's units of position and velocity; 0: derived from the drive's objects."""
+    """Bounds of motions in the drive's units of position and velocity; 0 derives a bound from the drive's objects."""
 
     distance: int = 0
     speed: int = 0
 
 
 class CheckedNode:
-    """Node under test on a port; `eds` is its EDS file, None if there is none.
+    """Node under test on a port; `eds` is its EDS file, or None.
 
     `timeout_s` is the time allowed for each answer, `bounds` limits motions. BusError is raised when the bus is lost.
     """
@@ -98,18 +98,17 @@ class CheckedNode:
     # -- frames
 
     def send(self, can_id: int, data: bytes = b"") -> None:
-        """Send a frame with an identifier and data."""
         self._send([CanFrame(can_id, data)])
 
     def exchange(self, can_id: int, data: bytes, answer_id: int, seconds: float | None = None) -> bytes | None:
-        """Send a frame; return the data of the first later frame with `answer_id`, None after the timeout."""
+        """Send a frame and return the data of the next frame with `answer_id`, or None after the timeout."""
         self._frames.clear()
         self.send(can_id, data)
         frame = self.wait_for(answer_id, seconds)
         return None if frame is None else frame.data
 
     def ask_remote(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Send a remote frame; return the answer, None after the timeout."""
+        """Send a remote frame and return the answer, or None after the timeout."""
         self._frames.clear()
         self._send([remote_frame(can_id)])
         return self.wait_for(can_id, seconds)
@@ -122,27 +121,27 @@ class CheckedNode:
         return list(self._frames)
 
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Return the first frame with an identifier, even if received before the call; None after `seconds`."""
+        """Return the first frame with an identifier, even one received before the call, or None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
         self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
         self._check_bus()
         return self._first(can_id)
 
     def heartbeat(self, seconds: float) -> NmtState | None:
-        """Return the NMT state of the next heartbeat or boot-up, None after the timeout."""
+        """Return the NMT state in the next heartbeat or boot-up message, or None after the timeout."""
         self._frames.clear()
         frame = self.wait_for(ERROR_CONTROL_COB_ID + self.node_id, seconds)
         return None if frame is None or not frame.data else state_of_byte(frame.data[0])
 
     def nmt(self, command: NmtCommand, node_id: int | None = None) -> None:
-        """Send an NMT command to this node, or to `node_id` if given."""
+        """Send an NMT command to `node_id`, by default to this node."""
         self._frames.clear()
         self._client.forget()
         self._send([nmt_frame(command, self.node_id if node_id is None else node_id)])
 
     @contextmanager
     def operational(self) -> Iterator[None]:
-        """Context with the node OPERATIONAL, on exit PRE-OPERATIONAL; frames received at the start are kept."""
+        """Context with the node in OPERATIONAL; on exit the node is set to PRE-OPERATIONAL."""
         self.nmt(NmtCommand.START)
         try:
             yield
@@ -151,7 +150,7 @@ class CheckedNode:
             self.reactor.run_for(MS)
 
     def reset(self, command: NmtCommand, seconds: float = 10.0) -> float | None:
-        """Reset the node; return the time to its boot-up message in s, None if no boot-up message came.
+        """Reset the node and return the time in s to its boot-up message, or None if there is none.
 
         After two resets without a boot-up message, further resets are awaited for a second at most.
         """
@@ -171,12 +170,12 @@ class CheckedNode:
     # -- SDO
 
     def answers(self, seconds: float) -> int:
-        """Return the number of answers to one SDO request within `seconds`."""
+        """Return the number of answers to a single SDO request within `seconds`."""
         self.send(REQUEST + self.node_id, bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0)))
         return sum(frame.can_id == ANSWER + self.node_id for _, frame in self.listen(seconds))
 
     def ask(self, request: bytes) -> bytes | None:
-        """Send eight raw bytes to the SDO server; return the answer, None after the timeout."""
+        """Send eight raw bytes to the SDO server and return its answer, or None after the timeout."""
         return self.exchange(REQUEST + self.node_id, request, ANSWER + self.node_id)
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
@@ -188,7 +187,7 @@ class CheckedNode:
         self._transfer(self._client.write(index, subindex, data, block=block, now=self.reactor.now()))
 
     def optional(self, index: int, subindex: int = 0) -> bytes:
-        """Upload an object that is optional for devices; raise NotApplicable if the device refuses the upload."""
+        """Upload an optional object; raise NotApplicable if the device refuses the upload."""
         try:
             return self.read(index, subindex)
         except SdoAbort as error:
@@ -204,7 +203,7 @@ class CheckedNode:
 
     @contextmanager
     def kept(self, index: int, subindex: int = 0) -> Iterator[int]:
-        """Context with the value of an object, which is restored on exit; NotApplicable if it cannot be read.
+        """Context with the value of an object, which is restored on exit; raise NotApplicable if it cannot be read.
 
         NotApplicable is also raised for an object that the EDS calls read-only. A value that cannot be restored is
         reported by the comparison at the end of the run.

@@ -210,7 +210,6 @@ def _mode_at_once(node: CheckedNode) -> None:
 
 
 def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
-    """Return those of `modes` that the drive accepts."""
     accepted = []
     with node.operational(), node.kept(o.MODES_OF_OPERATION):
         for mode in modes:
@@ -464,7 +463,7 @@ def _resumed(node: CheckedNode) -> None:
 
 @contextmanager
 def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
-    """Context in which the drive is in FAULT, with the cause removed; yields the error codes of the EMCY messages."""
+    """Context in which the drive is in FAULT and the cause is removed; yields the error codes of the EMCY messages."""
     is_drive(node)
     other = 126 if node.node_id != 126 else 125
     can_id = node.number(0x1014) & 0x7FF

@@ -28,7 +28,7 @@ _UP, _UP_WORDS = (SOD, RTSO, ON, OE), (0x06, 0x07, 0x0F)
 
 
 def is_drive(node: CheckedNode) -> None:
-    """Raise NotApplicable for a device other than a drive."""
+    """Raise NotApplicable unless the device is a drive."""
     if int.from_bytes(node.read(0x1000)[:2], "little") != DRIVES:
         raise NotApplicable("the low word of 0x1000 is not 402: no drive")
 
@@ -39,12 +39,12 @@ def signed(node: CheckedNode, index: int, subindex: int = 0) -> int:
 
 
 def statusword(node: CheckedNode) -> int:
-    """Read the statusword, 0x6041."""
+    """Read 0x6041."""
     return int.from_bytes(node.read(o.STATUSWORD), "little")
 
 
 def control(node: CheckedNode, word: int) -> None:
-    """Write the controlword, 0x6040."""
+    """Write 0x6040."""
     node.put(o.CONTROLWORD, 0, word, 2)
 
 
@@ -64,7 +64,7 @@ def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
 
 
 def stays(node: CheckedNode, state: State, seconds: float) -> None:
-    """Check that the drive remains in a state for some time."""
+    """Check that the drive remains in a state for `seconds`."""
     for _ in range(10):
         word = statusword(node)
         shown = decode_statusword(word)
@@ -73,7 +73,7 @@ def stays(node: CheckedNode, state: State, seconds: float) -> None:
 
 
 def go(node: CheckedNode, goal: State) -> None:
-    """Bring the drive to a state by controlwords, one per transition."""
+    """Bring the drive to the state `goal`, with one controlword per transition."""
     for _ in range(8):
         state = decode_statusword(statusword(node))
         if state is goal:
@@ -90,7 +90,7 @@ def go(node: CheckedNode, goal: State) -> None:
 
 
 def _word_to(state: State | None, goal: State) -> int:
-    """Return the controlword of the next transition towards a goal among the states of `_UP`."""
+    """Return the controlword of the next transition from `state` towards `goal`, which is one of `_UP`."""
     if state not in _UP or goal is _UP[0]:
         return 0x00
     place, target = _UP.index(state), _UP.index(goal)
@@ -105,7 +105,7 @@ def _wait_until_left(node: CheckedNode, state: State | None) -> None:
 
 
 def set_mode(node: CheckedNode, mode: int) -> None:
-    """Select a mode of operation, and wait until 0x6061 shows it; NotApplicable if 0x6502 does not list the mode."""
+    """Select a mode of operation and wait for it in 0x6061; raise NotApplicable if 0x6502 does not list the mode."""
     if not node.number(o.SUPPORTED_DRIVE_MODES) >> (mode - 1) & 1:
         raise NotApplicable(f"0x6502 does not list mode {mode}")
     node.put(o.MODES_OF_OPERATION, 0, mode, 1)
@@ -116,7 +116,7 @@ def set_mode(node: CheckedNode, mode: int) -> None:
 
 
 def select_standstill_mode(node: CheckedNode) -> None:
-    """Select a mode in which an enabled drive does not move; raise NotApplicable if there is none."""
+    """Select a mode in which an enabled drive does not move; raise NotApplicable if the drive has none."""
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
     mode = next((mode for mode in _STANDING if modes >> (mode - 1) & 1), None)
     if mode is None:
@@ -130,7 +130,7 @@ def select_standstill_mode(node: CheckedNode) -> None:
 
 @contextmanager
 def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterator[None]:
-    """Context with the node OPERATIONAL, the drive in state `goal`; on exit drive off and mode restored."""
+    """Context with the drive in the state `goal`; on exit the drive is switched off and its mode restored."""
     is_drive(node)
     with node.operational():
         before = node.read(o.MODES_OF_OPERATION)
@@ -157,7 +157,7 @@ def drive_at(node: CheckedNode, goal: State, mode: int | None = None) -> Iterato
 
 @contextmanager
 def option(node: CheckedNode, index: int, value: int) -> Iterator[None]:
-    """Context with another value of an option code; raise NotApplicable if the drive refuses the value."""
+    """Context with an option code set to `value`; raise NotApplicable if the drive refuses the value."""
     with node.kept(index):
         try:
             node.put(index, 0, value, 2)

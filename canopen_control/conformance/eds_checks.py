@@ -93,7 +93,6 @@ def _eds(node: CheckedNode) -> EdsFile:
 
 
 def _without_issues(codes: tuple[str, ...], node: CheckedNode) -> None:
-    """Check that the EDS has no issue with certain codes."""
     issues = [issue for issue in _eds(node).issues if issue.code in codes]
     lines = "; ".join(f"line {issue.line}: {issue.text}" for issue in issues[:_SHOWN])
     more = f"; and {len(issues) - _SHOWN} more" if len(issues) > _SHOWN else ""

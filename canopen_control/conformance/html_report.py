@@ -283,7 +283,7 @@ def meaning_of(result: CheckResult) -> str:
 
 
 def deviations_of(result: CheckResult, does: Mapping[str, str]) -> list[Deviation]:
-    """Return the known quirks with a description that a failed check detects."""
+    """Return the quirks that the failure of a check indicates, of those with a description in `does`."""
     return [one for one in DEVIATIONS if one.check == result.id and one.quirk in does]
 
 
@@ -327,7 +327,7 @@ def _untested(results: Iterable[CheckResult]) -> list[str]:
 
 
 def frame_name(line: str) -> str:
-    """Return the name of a logged frame, such as "SDO request: upload of 0x1000:00"; "" if the frame has no name."""
+    """Return the name of a logged frame, such as "SDO request: upload of 0x1000:00", or "" if the frame has no name."""
     _time, _direction, identifier, *data = line.split()
     service = service_of(int(identifier, 16))
     if service is None:

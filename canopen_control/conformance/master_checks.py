@@ -1,4 +1,4 @@
-"""Checks of a master, based on the frames that a virtual device receives: their table, and the findings of a run.
+"""Checks of a master by the frames that a virtual device receives: table of the checks, and findings of a run.
 
 `MASTER_CHECKS` declares the checks. Observers (`master_sdo`, `master_network`, `master_drive`) receive each frame
 before the device does, and record in `MasterFindings` what they found.
@@ -25,7 +25,7 @@ _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 
 
 class MasterCheck(NamedTuple):
-    """Check of a master: `expected` is the expected behaviour, `occasion` the reason given if it was not tested."""
+    """Check of a master; `occasion` is the reason in the report if the check had no occasion in the run."""
 
     id: str
     group: str
@@ -147,12 +147,11 @@ class MasterFindings:
         self._by_id = {check.id: _Finding() for check in MASTER_CHECKS}
 
     def record(self, direction: str, frame: CanFrame) -> None:
-        """Add a frame to the log."""
         seconds = self.now / 1e9
         self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
 
     def expect(self, good: bool, check_id: str, observed: str) -> None:
-        """Count an occasion of a check, and a failure unless `good`; the log is kept for the first failure."""
+        """Count an occasion of a check, and a failure unless `good`; the first failure keeps a copy of the log."""
         finding = self._by_id[check_id]
         finding.occasions += 1
         if good:
@@ -163,11 +162,10 @@ class MasterFindings:
             finding.frames = list(self.log)
 
     def note(self, check_id: str, text: str) -> None:
-        """Add a measured value or a remark to the result of a check."""
         self._by_id[check_id].notes.append(text)
 
     def results(self) -> list[CheckResult]:
-        """Return the results in the order of the table."""
+        """Return one result per check, in the order of `MASTER_CHECKS`."""
         return [self._result(check) for check in MASTER_CHECKS]
 
     def _result(self, check: MasterCheck) -> CheckResult:
@@ -186,25 +184,25 @@ class MasterFindings:
 
 
 class MasterObserver:
-    """Passive observer of the frames between a master and `node`, notified of each frame before the device is."""
+    """Passive observer of the frames between a master and a virtual device."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         self.node, self.findings = node, findings
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Process a frame from the bus."""
+        """Check a frame from the bus, before the device receives it."""
 
     def sent(self, frame: CanFrame) -> None:
-        """Process a frame sent by the device."""
+        """Check a frame that the device sends."""
 
     def tick(self, now: int) -> None:
-        """Check for frames that are overdue."""
+        """Detect overdue frames; called periodically."""
 
     def finish(self) -> None:
-        """Check the rules that need the whole run."""
+        """Check the rules about the whole run."""
 
 
 def present(node: VirtualNode, index: int) -> int:
-    """Return the present value of a number, 0 if the device does not have the object."""
+    """Return the current value of a number, or 0 if the device does not have the object."""
     value = node.get(index) if node.store.has(index) else 0
     return value if isinstance(value, int) else 0

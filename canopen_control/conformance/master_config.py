@@ -28,7 +28,7 @@ _MOST_COMMANDS = 10  # in a second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
-    """Whether an object is a PDO record in the ranges that begin at `bases`."""
+    """Whether an object is a record of one of the 512 PDOs from an index in `bases` on."""
     return any(base <= index < base + 0x200 for base in bases)
 
 
@@ -51,7 +51,6 @@ class ConfigurationObserver(MasterObserver):
     # -- frames
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check NMT commands, and SDO requests to a device that has not booted."""
         if frame.can_id == NMT_COB_ID:
             self._nmt(frame.data, now)
         elif frame.can_id == REQUEST_BASE + self.node.node_id:
@@ -62,7 +61,6 @@ class ConfigurationObserver(MasterObserver):
             self.guarded = True
 
     def sent(self, frame: CanFrame) -> None:
-        """Restart the observation at a boot-up message of the device."""
         if frame.can_id == ERROR_CONTROL_COB_ID + self.node.node_id and frame.data == b"\0":
             self.boots += 1
             if self._open and self.started is None:
@@ -102,12 +100,10 @@ class ConfigurationObserver(MasterObserver):
     # -- transfers
 
     def reading(self, mux: Mux) -> None:
-        """Record the index of an object that is read."""
         self.configured = True
         self._reads.add(mux[0])
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Check a write before the device processes it."""
         index, subindex = mux
         self.configured = True
         if not self._first:
@@ -131,7 +127,6 @@ class ConfigurationObserver(MasterObserver):
             self.findings.expect(not own, "MC15", f"{name_of(mux)} names node {node_id}, the device itself")
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Record whether a write has failed."""
         if code is None:
             if self._open.pop(mux, None) is not None:
                 self.findings.expect(True, "MC14", "")
@@ -163,7 +158,7 @@ class ConfigurationObserver(MasterObserver):
             expect(same or not valid, "MC11", f"{name_of(mux)} while the PDO is valid")
 
     def _mapping(self, mux: Mux, value: int) -> None:
-        """Check a write to a mapping record for the order of CiA 301, 7.5.2.36."""
+        """Check the order of writes to a mapping record (CiA 301, 7.5.2.36)."""
         record, subindex = mux
         expect = self.findings.expect
         disabled = not self._is_valid(record - 0x200) or record - 0x200 in self._disabled  # or the device refused it
@@ -187,13 +182,11 @@ class ConfigurationObserver(MasterObserver):
     # -- time
 
     def tick(self, now: int) -> None:
-        """Check the supervision of the device some time after NMT start."""
         if self.started is not None and not self._judged_start and now - self.started > _SETTLE_NS:
             self._judged_start = True
             heartbeat = self.node.store.number(_PRODUCER)
             self.findings.expect(heartbeat > 0 or self.guarded, "MC05", "0x1017 is 0, and no remote frame came")
 
     def finish(self) -> None:
-        """Check the supervision of the device even if the run ends soon after NMT start."""
         if self.started is not None:
             self.tick(max(self.findings.now, self.started + _SETTLE_NS + MS))

@@ -40,13 +40,13 @@ _UP = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 def window_of(node: VirtualNode) -> int:
-    """Return the largest distance from 0x6064 that does not count as a jump: the following error window."""
+    """Return the following error window, the largest distance from 0x6064 that does not count as a jump."""
     window = node.store.number(_WINDOW)
     return window if 0 < window < 1 << 31 else _FALLBACK_WINDOW
 
 
 class ControlObserver(MasterObserver):
-    """Observer of controlwords, modes and set-points, which it also passes to `reactions`."""
+    """Observer of controlwords, modes and set-points, which are also passed to `reactions`."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, reactions: ReactionObserver) -> None:
         super().__init__(node, findings)
@@ -60,7 +60,6 @@ class ControlObserver(MasterObserver):
         return self.node.drives[0].state
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check the objects in an RPDO."""
         if frame.is_remote or not self.node.drives:
             return
         for rpdo in rpdos_of(self.node, frame):
@@ -68,7 +67,6 @@ class ControlObserver(MasterObserver):
                 self._object(index, value, now)
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Check an object that the master writes by SDO."""
         entry = self.node.od.get(*mux)
         if not self.node.drives or entry is None or mux[1] or not 0x6000 <= mux[0] < 0x6800:
             return
@@ -79,11 +77,9 @@ class ControlObserver(MasterObserver):
         if isinstance(value, int):
             self._object(mux[0], value, self.findings.now)
 
-    def reading(self, mux: Mux) -> None:
-        """Ignore the start of an upload."""
+    def reading(self, mux: Mux) -> None: ...
 
-    def written(self, mux: Mux, code: int | None) -> None:
-        """Ignore the end of a download."""
+    def written(self, mux: Mux, code: int | None) -> None: ...
 
     def _object(self, index: int, value: int, now: int) -> None:
         if index == o.CONTROLWORD:
@@ -149,7 +145,6 @@ class ControlObserver(MasterObserver):
             self.findings.expect(not drive.statusword() & _ACKNOWLEDGED, "MW10", "bit 4 rose while bit 12 was 1")
 
     def tick(self, now: int) -> None:
-        """Report a fault reset bit that remains 1 for more than a second."""
         if self._rose_at is not None and now - self._rose_at > _BIT_7_NS:
             self.findings.expect(False, "MW03", "bit 7 still 1 after 1 s")
             self._rose_at = None
@@ -157,7 +152,7 @@ class ControlObserver(MasterObserver):
 
 @dataclass(slots=True)
 class Stage:
-    """Stage of the schedule: a fault of the device, and what the master did meanwhile. Times are in ns.
+    """Stage of the schedule: a fault of the device, and the master's actions during the fault. Times are in ns.
 
     `kind` determines the checks; `fault` and `also` are faults in `fault_table`. The fault lasts for `lasts`, and the
     reaction is awaited for a further time `after`. With `enables` the stage begins when the drive is enabled; with
@@ -213,7 +208,7 @@ _RESET_NOTICE_NS, _RETURN_NOTICE_NS = 5 * S, 6 * S
 
 
 class ReactionObserver(MasterObserver):
-    """Observer of the master's reaction to the faults in each stage; `stage` is the current stage or None."""
+    """Observer of the master's reaction to the faults of each stage; `stage` is None between stages."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings, boots: ConfigurationObserver) -> None:
         super().__init__(node, findings)
@@ -227,11 +222,10 @@ class ReactionObserver(MasterObserver):
 
     @property
     def enabled(self) -> bool:
-        """Whether the drive is in OPERATION ENABLED."""
         return bool(self.node.drives) and self.node.drives[0].state is State.OPERATION_ENABLED
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage, before its fault is injected."""
+        """Begin a stage; must be called before its fault is injected."""
         stage.begun, stage.enabled, stage.word = now, self.enabled, self._word
         stage.operational = self.node.nmt.state is NmtState.OPERATIONAL
         stage.configured = self.boots.configured
@@ -241,7 +235,6 @@ class ReactionObserver(MasterObserver):
     # -- frames and commands
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Record SDO requests and NMT commands to the device, and cyclic frames."""
         node, can_id = self.node, frame.can_id
         if can_id == REQUEST_BASE + node.node_id:
             self._noticed(now)
@@ -257,7 +250,6 @@ class ReactionObserver(MasterObserver):
         return (ERROR_CONTROL_COB_ID + node_id for node_id in self.node.consumer.watched())
 
     def _start(self, command: int) -> None:
-        """Check the NMT start after a spontaneous reset of the device."""
         stage = self.stage
         if stage is None or stage.kind != "reset" or command != NmtCommand.START:
             return
@@ -274,7 +266,7 @@ class ReactionObserver(MasterObserver):
                 self._contacts.append(now)
 
     def controlword(self, word: int, now: int) -> None:
-        """Record a controlword; the first changed controlword counts as a reaction of the master."""
+        """Record a controlword; the first change of the controlword counts as a reaction of the master."""
         self._word = word
         stage = self.stage
         if stage is None:
@@ -304,7 +296,7 @@ class ReactionObserver(MasterObserver):
         self._contacts.clear()
 
     def _commands_enable(self, stage: Stage, begin: int) -> tuple[int, int] | None:
-        """Return the first controlword after `begin` that newly enables the drive, and its time; None if none."""
+        """Return the first controlword after `begin` that newly enables the drive, and its time, or None."""
         before = stage.word or 0
         for word, time in stage.words:
             new = word & _ENABLE_BITS == _ENABLE_BITS != before & _ENABLE_BITS
@@ -314,7 +306,7 @@ class ReactionObserver(MasterObserver):
         return None
 
     def _not_enabled(self, stage: Stage, check_id: str) -> None:
-        """Check that a drive that was enabled at the beginning is not commanded to enable again."""
+        """Check that the master does not enable the drive again if it was enabled at the beginning of the stage."""
         if not stage.enabled:
             return
         commanded = self._commands_enable(stage, stage.begun)

@@ -28,7 +28,7 @@ _FEWEST = 50  # intervals for a figure
 
 
 class HeartbeatObserver(MasterObserver):
-    """Observer of guarding, and of the heartbeats of the nodes in 0x1016."""
+    """Observer of guarding, and of the heartbeats that 0x1016 monitors."""
 
     def __init__(self, node: VirtualNode, findings: MasterFindings) -> None:
         super().__init__(node, findings)
@@ -41,7 +41,6 @@ class HeartbeatObserver(MasterObserver):
         self._guarded: int | None = None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check an error control frame."""
         node_id = (frame.can_id & 0x7FF) - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
@@ -87,14 +86,12 @@ class HeartbeatObserver(MasterObserver):
         self.findings.expect(gap <= limit, "MH02", text)
 
     def sent(self, frame: CanFrame) -> None:
-        """Clear the recorded times when the device boots."""
         if frame.can_id == ERROR_CONTROL_COB_ID + self.node.node_id and frame.data == b"\0":
             self._started = self._guarded = None
             self._last.clear()
             self._announced.clear()
 
     def tick(self, now: int) -> None:
-        """Report a heartbeat of the master that has not begun, or has ended."""
         if self.node.nmt.state is not NmtState.OPERATIONAL:
             self._started = None
             return
@@ -112,7 +109,6 @@ class HeartbeatObserver(MasterObserver):
                 self.findings.expect(False, "MH02", f"no heartbeat of node {node_id} for {(now - last) / MS:.0f} ms")
 
     def finish(self) -> None:
-        """Compare the mean heartbeat period with the consumer time, and record the period."""
         for node_id, (number, total) in self._sums.items():
             mean, limit = total / number, self._limits[node_id]
             text = f"node {node_id}: a heartbeat every {mean / MS:.1f} ms"
@@ -132,7 +128,6 @@ class SyncObserver(MasterObserver):
         self._missing_since: int | None = None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check a SYNC and record its interval."""
         if frame.can_id != self.node.sync.cob_id:
             return
         overflow = self.node.store.number(_OVERFLOW)
@@ -155,7 +150,6 @@ class SyncObserver(MasterObserver):
             self._cyclic_ns = round(store.number(_INTERPOLATION, 1) * 10.0 ** (9 + exponent))
 
     def tick(self, now: int) -> None:
-        """Report a missing SYNC while synchronous PDOs are configured."""
         if self.node.nmt.state is not NmtState.OPERATIONAL or not self._has_synchronous():
             self._missing_since = None
             return
@@ -174,7 +168,6 @@ class SyncObserver(MasterObserver):
         return any(parameter.enabled and parameter.transmission_type <= 240 for parameter in parameters)
 
     def finish(self) -> None:
-        """Check and record the period and jitter of SYNC; a pause does not count as jitter."""
         gaps = sorted(self._gaps)
         if len(gaps) < _FEWEST:
             return
@@ -206,7 +199,6 @@ class PdoObserver(MasterObserver):
         self._times: dict[int, int] = {}
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check an RPDO or a remote frame for a TPDO."""
         self._follow_state(now)
         if frame.is_remote:
             self._remote(frame)
@@ -254,7 +246,6 @@ class PdoObserver(MasterObserver):
         self._times[rpdo.number] = now
 
     def tick(self, now: int) -> None:
-        """Update the NMT state, and record whether TPDOs are in operation."""
         self._follow_state(now)
         if self._state is NmtState.OPERATIONAL and any(
             tpdo.producer.parameters.enabled for tpdo in self.node.pdos.tpdos.values()
@@ -263,7 +254,7 @@ class PdoObserver(MasterObserver):
 
 
 def rpdos_of(node: VirtualNode, frame: CanFrame) -> Iterator[MappedRpdo]:
-    """Yield the device's valid RPDOs with the identifier of a frame."""
+    """Yield the valid RPDOs of the device with the identifier of a frame."""
     for rpdo in node.pdos.rpdos.values():
         parameters = rpdo.consumer.parameters
         if parameters.enabled and parameters.cob_id == frame.can_id:
@@ -271,7 +262,7 @@ def rpdos_of(node: VirtualNode, frame: CanFrame) -> Iterator[MappedRpdo]:
 
 
 def values_of(rpdo: MappedRpdo, frame: CanFrame) -> Iterator[tuple[int, int]]:
-    """Yield index and value of the mapped numbers in a frame; nothing if the frame is too short."""
+    """Yield the index and the value of each mapped number in a frame; none if the frame is too short."""
     if len(frame.data) >= rpdo.codec.length:
         values = rpdo.codec.unpack(frame.data[: rpdo.codec.length])
         for entry, value in zip(rpdo.entries, values, strict=True):
@@ -280,5 +271,5 @@ def values_of(rpdo: MappedRpdo, frame: CanFrame) -> Iterator[tuple[int, int]]:
 
 
 def _stops(rpdo: MappedRpdo, frame: CanFrame) -> bool:
-    """Whether a frame commands a drive to stop or to switch off: bit 3 of the controlword is 0."""
+    """Whether a frame commands a drive to stop or to switch off (bit 3 of the controlword is 0)."""
     return any(index == CONTROLWORD and not value & 8 for index, value in values_of(rpdo, frame))

@@ -1,4 +1,4 @@
-"""Run of the master checks: a virtual device on the master's bus goes through scheduled faults.
+"""Run of the master checks: scheduled faults of a virtual device on the master's bus.
 
 After the first frame from the master the device runs without faults for `FIRST_NS`, then steps through the stages of
 `master_drive.schedule`. Stages that do not fit into the time of the run are left out.
@@ -62,7 +62,7 @@ class _HeldAnswers:
         self._until: int | None = None
 
     def arm(self, *, on: bool) -> None:
-        """Delay the next SDO answer, or with `on` False do not."""
+        """Delay the next SDO answer; with `on` False, cancel the delay."""
         self._armed = on
 
     def request(self, frame: CanFrame, now: int) -> None:
@@ -91,7 +91,7 @@ class _HeldAnswers:
 
 
 class MasterJudge:
-    """Test of a CANopen master without I/O: a virtual device, and observers that check the frames on its bus."""
+    """Sans-IO test of a CANopen master: a virtual device, and observers that check the frames on its bus."""
 
     def __init__(self, node: VirtualNode, now: int) -> None:
         self.node, self.findings = node, MasterFindings()
@@ -116,7 +116,7 @@ class MasterJudge:
         node.set_reset_delay(_BOOT_NS, now)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check a frame from the bus, then pass the frame to the device."""
+        """Pass a frame from the bus to the observers, then to the device."""
         self.findings.now = now
         self._log("<", frame)
         self.contacts += self._is_for_device(frame)
@@ -134,7 +134,6 @@ class MasterJudge:
         return frame.can_id == REQUEST_BASE + node_id or any(rpdos_of(self.node, frame))
 
     def frames(self, now: int) -> list[CanFrame]:
-        """Return the frames that the device sends now."""
         self.findings.now = now
         frames = self._answers.pass_on(self.node.frames(), now)
         for frame in frames:
@@ -166,12 +165,11 @@ class MasterJudge:
                 self._switches.set(fault, False, now)
 
     def end(self, now: int) -> None:
-        """End the current stage."""
         self.findings.now = now
         self.reactions.end()
 
     def report(self, now: int) -> ConformanceReport:
-        """Check the rules that need the whole run, and return the report."""
+        """Run the checks that need the whole run, and return the report."""
         self.findings.now = now
         for observer in self.observers:
             observer.finish()
@@ -182,7 +180,7 @@ class MasterJudge:
         return ConformanceReport(self.node.node_id, identity, self.findings.results(), "master")
 
     def _log(self, direction: str, frame: CanFrame) -> None:
-        """Log a frame from or for the device; an RPDO only if its data have changed."""
+        """Log a frame from or to the device; an RPDO is logged only if its data have changed."""
         node_id, can_id = self.node.node_id, frame.can_id & 0x7FF
         services = (NMT_COB_ID, *(base + node_id for base in (REQUEST_BASE, ANSWER_BASE, ERROR_CONTROL_COB_ID, _EMCY)))
         if can_id in services:
@@ -193,7 +191,7 @@ class MasterJudge:
 
 
 class MasterRun:
-    """Run of the master checks on a port for `seconds` or to the end of the schedule; `report` gets stage titles."""
+    """Run of the master checks on a port, which ends after `seconds` or with the schedule."""
 
     def __init__(
         self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]
@@ -233,7 +231,7 @@ class MasterRun:
         self._timer.cancel()
 
     def report(self) -> ConformanceReport:
-        """Return the report; ConfigError if no frame for the device came, BusClosed if the bus was lost."""
+        """Return the report; raise ConfigError if no frame for the device arrived, or BusClosed if the bus was lost."""
         if self._lost is not None:
             raise self._lost
         if not self.judge.contacts:

@@ -49,18 +49,18 @@ class TransferListener(Protocol):
     """Receiver of decoded SDO transfers."""
 
     def reading(self, mux: Mux) -> None:
-        """Process the initiation of an upload."""
+        """Handle the start of an upload."""
 
     def writing(self, mux: Mux, data: bytes) -> None:
-        """Process a complete download before the device does."""
+        """Handle the complete data of a download, before the device processes them."""
 
     def written(self, mux: Mux, code: int | None) -> None:
-        """Process the end of a download; `code` is the abort code, None after a confirmation."""
+        """Handle the end of a download; `code` is the abort code, or None after a confirmation."""
 
 
 @dataclass(slots=True)
 class MasterTransfer:
-    """Active transfer; `requested_at` is the time of the last request, `answered` whether it was answered."""
+    """Transfer in progress; `requested_at` is the time of the last request, `answered` whether the device replied."""
 
     kind: str
     mux: Mux
@@ -77,7 +77,7 @@ class MasterTransfer:
 
 
 def name_of(mux: Mux) -> str:
-    """Return the address of an object as in reports, such as "0x1018:01"."""
+    """Return the address of an object as text, such as "0x1018:01"."""
     return f"0x{mux[0]:04X}:{mux[1]:02X}"
 
 
@@ -95,7 +95,6 @@ class SdoObserver(MasterObserver):
     # -- requests
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Check a request to the device."""
         if frame.can_id != REQUEST_BASE + self.node.node_id:
             return
         self.requests += 1
@@ -126,7 +125,6 @@ class SdoObserver(MasterObserver):
         return not data[0] & sub_commands.get(data[0] & COMMAND_MASK, 0)
 
     def _count(self, now: int) -> None:
-        """Check the number of unanswered requests per second."""
         self._unanswered = [time for time in self._unanswered if now - time < S]
         self._unanswered.append(now)
         if (
@@ -162,7 +160,7 @@ class SdoObserver(MasterObserver):
                 listener.reading(mux)
 
     def _abandoned(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
-        """Check a transfer that is replaced by another transfer before its end."""
+        """Check a transfer that another transfer replaces before its end."""
         gap, which = now - transfer.requested_at, f"{transfer.kind} of {name_of(transfer.mux)}"
         if not transfer.answered and transfer.stale:
             good = mux == transfer.mux or gap > 2 * S
@@ -192,7 +190,7 @@ class SdoObserver(MasterObserver):
         self._whole(transfer, sized=bool(sized))
 
     def _whole(self, transfer: MasterTransfer, *, sized: bool = True) -> None:
-        """Check the size of a complete download, and pass it to the listeners."""
+        """Check the size of a complete download, and pass the data to the listeners."""
         try:
             size = self.node.store.size_of(*transfer.mux)
         except SdoServerAbort:
@@ -231,7 +229,7 @@ class SdoObserver(MasterObserver):
             self._whole(transfer)
 
     def _block(self, transfer: MasterTransfer | None, data: bytes, now: int) -> None:
-        """Check a subcommand of a block transfer; its parameters are checked by the device itself."""
+        """Check a subcommand of a block transfer, except for its parameters, which the device checks."""
         if transfer is None or "block" not in transfer.kind:
             self.findings.expect(False, "MT11", f"command specifier {data[0]:02X} without its block transfer")
             return
@@ -259,7 +257,6 @@ class SdoObserver(MasterObserver):
     # -- answers
 
     def sent(self, frame: CanFrame) -> None:
-        """Update the transfer with an answer of the device."""
         transfer = self._transfer
         if frame.can_id != ANSWER_BASE + self.node.node_id or len(frame.data) != 8 or frame.is_remote:
             return
@@ -297,7 +294,7 @@ class SdoObserver(MasterObserver):
 
     @staticmethod
     def _sub_block(transfer: MasterTransfer, data: bytes) -> None:
-        """Begin the next sub-block, in which segments that the device has not acknowledged are repeated."""
+        """Begin the next sub-block, which repeats the segments that the device has not acknowledged."""
         if data[0] & 3 == _BLOCK_ACK and (lost := transfer.count - data[1]) > 0:
             del transfer.data[len(transfer.data) - SEGMENT_DATA * lost :]
             transfer.last = False
@@ -331,7 +328,6 @@ class SdoObserver(MasterObserver):
     # -- time
 
     def tick(self, now: int) -> None:
-        """Report a master that waits for an answer without a timeout."""
         transfer = self._transfer
         if transfer is not None and not transfer.answered and now - transfer.requested_at > _HANG_NS:
             text = f"nothing for 10 s after the {transfer.kind} of {name_of(transfer.mux)} that got no answer"

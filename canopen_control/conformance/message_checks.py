@@ -356,7 +356,7 @@ def _not_saved(node: CheckedNode) -> None:
 
 
 def _identifiers_refused(node: CheckedNode, index: int, subindex: int, identifiers: Iterable[int]) -> None:
-    """Download identifiers that must be refused; if one is accepted, restore the previous identifier at once."""
+    """Check that the device refuses each of `identifiers`; restore the previous one if a download is accepted."""
     accepted = []
     with node.kept(index, subindex) as value:
         for can_id in identifiers:

@@ -83,7 +83,7 @@ def _furthest(motion: Motion, samples: list[DriveSample]) -> int:
 
 
 def _about(seconds: float, expected: float) -> None:
-    """Check that a time is within a fifth of the expected time, plus the time of two samples."""
+    """Check that a time is within 20 % of the expected time, plus two sample periods."""
     good = abs(seconds - expected) <= 0.2 * expected + 0.02
     expect(good, f"{seconds * 1000:.0f} ms", f"{expected * 1000:.0f} ms")
 
@@ -355,7 +355,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: Motion, distances: int = 1) -> float:
-    """Return the duration in s of a motion at 0x6081, with a margin for other units of velocity."""
+    """Return the duration in s of a motion at 0x6081, with a margin for drives with other units of velocity."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
@@ -456,7 +456,7 @@ def _limit_shown(node: CheckedNode) -> None:
 
 @contextmanager
 def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[Motion]:
-    """Context with a homing method; the home offset is such that the methods without motion change no position."""
+    """Context with a homing method, and a home offset with which homing without motion keeps the position."""
     is_drive(node)
     with node.kept(o.HOMING_METHOD), ExitStack() as stack:
         try:

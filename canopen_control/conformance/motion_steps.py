@@ -97,7 +97,7 @@ def motion_of(node: CheckedNode) -> Motion:
 
 @contextmanager
 def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_share: float = 1.0) -> Iterator[Motion]:
-    """Context in which the drive is in `mode`, with ramps of `RAMP_S`; on exit the drive returns to its start position.
+    """Context with the drive in `mode` and ramps of `RAMP_S`; on exit the drive returns to its start position.
 
     `deceleration_share` is the ratio of 0x6084 to 0x6083.
     """
@@ -125,7 +125,7 @@ def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_shar
 
 
 def _return(node: CheckedNode, motion: Motion) -> None:
-    """Stop the shaft, and return to the start position in PP if the drive supports PP."""
+    """Stop the shaft, and return to the start position if the drive supports PP."""
     if has(node, o.TARGET_VELOCITY):
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
     control(node, ENABLE)
@@ -148,7 +148,7 @@ def _return(node: CheckedNode, motion: Motion) -> None:
 
 
 class DriveSample(NamedTuple):
-    """State of the drive at the time `seconds`."""
+    """State of the drive `seconds` after the start of the check's motion."""
 
     seconds: float
     position: int
@@ -157,7 +157,7 @@ class DriveSample(NamedTuple):
 
 
 def sample(node: CheckedNode, motion: Motion) -> DriveSample:
-    """Return the present state of the drive; raise CheckFailed if the shaft has moved too far."""
+    """Read the state of the drive; raise CheckFailed if the shaft has moved too far."""
     seconds = node.reactor.now() / 1e9
     position = signed(node, o.POSITION_ACTUAL)
     way = abs(position - motion.start)
@@ -169,7 +169,7 @@ def sample(node: CheckedNode, motion: Motion) -> DriveSample:
 def until(
     node: CheckedNode, motion: Motion, holds: Callable[[DriveSample], bool], seconds: float, expected: str
 ) -> list[DriveSample]:
-    """Return the samples up to the first for which `holds` is true; raise CheckFailed after the timeout."""
+    """Return the samples up to the first that fulfils `holds`; raise CheckFailed after the timeout."""
     samples = [sample(node, motion)]
     while not holds(samples[-1]):
         last = samples[-1]
@@ -182,7 +182,7 @@ def until(
 
 
 def watch(node: CheckedNode, motion: Motion, seconds: float) -> list[DriveSample]:
-    """Sample the state of the drive for `seconds`, and return the samples."""
+    """Return the samples of the next `seconds`."""
     samples = [sample(node, motion)]
     while samples[-1].seconds - samples[0].seconds < seconds:
         node.listen(STEP_S)
@@ -191,7 +191,7 @@ def watch(node: CheckedNode, motion: Motion, seconds: float) -> list[DriveSample
 
 
 def window(node: CheckedNode, motion: Motion) -> int:
-    """Return the largest distance that counts as a reached target: 0x6067, or at least a hundredth of the distance."""
+    """Return the position window 0x6067, or at least a hundredth of the distance of the motion."""
     value = _present(node, o.POSITION_WINDOW)
     return max(0 if value == 0xFFFFFFFF else value, abs(motion.distance) // 100, 2)
 
@@ -200,7 +200,7 @@ def window(node: CheckedNode, motion: Motion) -> int:
 
 
 def turn(node: CheckedNode, motion: Motion, velocity: int) -> list[DriveSample]:
-    """Command a velocity in PV, and wait until the shaft reaches it; return the samples."""
+    """Command a velocity in PV and return the samples until the shaft reaches it."""
     node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
     return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
 
@@ -216,7 +216,7 @@ def still(one: DriveSample, velocity: int) -> bool:
 
 
 def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
-    """Command a PP set-point, and reset bit 4; raise CheckFailed unless bit 12 acknowledges the set-point."""
+    """Command a PP set-point and reset bit 4; raise CheckFailed unless bit 12 acknowledges the set-point."""
     control(node, ENABLE | bits)
     node.put(o.TARGET_POSITION, 0, target & 0xFFFFFFFF, 4)
     control(node, ENABLE | NEW_SET_POINT | bits)
@@ -247,20 +247,19 @@ class Stream:
         self.fill(o.CONTROLWORD, ENABLE)
 
     def fill(self, index: int, value: int) -> None:
-        """Set the value of an object in the next frames, if the RPDO maps the object."""
+        """Set the value of an object in later frames, if the RPDO maps the object."""
         if index in self._places:
             shift, bits = self._places[index]
             mask = (1 << bits) - 1
             self._image = self._image & ~(mask << shift) | (value & mask) << shift
 
     def send(self, value: int) -> None:
-        """Send an RPDO with a new set-point."""
         self.value = value
         self.fill(self._index, value)
         self._node.send(self._record.can_id, self._image.to_bytes(self._record.length, "little"))
 
     def sync(self, late_ms: float = 0.0) -> None:
-        """Send the next SYNC when it is due, or `late_ms` later."""
+        """Send the next SYNC at its time, or `late_ms` later."""
         self.next_sync += PERIOD_MS * 1_000_000
         wait = self.next_sync + round(late_ms * 1e6) - self._node.reactor.now()
         if wait > 0:
@@ -268,7 +267,7 @@ class Stream:
         self._node.send(self._sync)
 
     def cycles(self, count: int, step: int) -> None:
-        """Send a number of set-points with a SYNC each; every set-point is `step` further than the previous one."""
+        """Send `count` set-points, each `step` after the previous one and followed by a SYNC."""
         for _ in range(count):
             self.send(self.value + step)
             self.sync()

@@ -42,7 +42,7 @@ def beating(node: CheckedNode, period_ms: int = _PERIOD_MS) -> Iterator[None]:
 
 
 def nmt_state(node: CheckedNode) -> NmtState | None:
-    """Return the NMT state in the next heartbeat of a node in the context `beating`, None if no heartbeat comes."""
+    """Return the NMT state in the next heartbeat, or None; requires the context `beating`."""
     return node.heartbeat(4 * _PERIOD_MS / 1000)
 
 
@@ -58,7 +58,7 @@ def _heartbeats(node: CheckedNode, seconds: float) -> list[tuple[int, CanFrame]]
 
 
 def emergency_id(node: CheckedNode) -> int:
-    """Return the identifier of the node's EMCY messages; raise NotApplicable if EMCY is switched off."""
+    """Return the COB-ID of the node's EMCY messages; raise NotApplicable if EMCY is disabled."""
     value = node.number(0x1014)
     if value >> 31:
         raise NotApplicable("0x1014 switches EMCY off")
@@ -72,7 +72,7 @@ def emergencies(node: CheckedNode, can_id: int, seconds: float) -> list[int]:
 
 
 def boot(node: CheckedNode, command: NmtCommand = NmtCommand.RESET_NODE) -> float:
-    """Reset the node and return the time to its boot-up message in s; raise CheckFailed without a boot-up message."""
+    """Reset the node and return the time in s to its boot-up message; raise CheckFailed if there is none."""
     seconds = node.reset(command)
     if seconds is None:
         raise CheckFailed("no boot-up message within 10 s", f"{ERROR_CONTROL_COB_ID + node.node_id:03X} 00")
@@ -262,13 +262,13 @@ def _heartbeats_after_boot(node: CheckedNode) -> None:
 
 
 def _foreign(node: CheckedNode) -> int:
-    """Return a node id other than that of the device, for heartbeats sent by a check."""
+    """Return a node id other than the device's, for the heartbeats that a check sends."""
     return 126 if node.node_id != 126 else 125
 
 
 @contextmanager
 def _watching(node: CheckedNode, timeout_ms: int = 100) -> Iterator[int]:
-    """Context in which the device monitors the heartbeat of another node id, which is yielded."""
+    """Context in which the device monitors the heartbeat of another node; yields the id of that node."""
     other = _foreign(node)
     with node.kept(0x1016, 1):
         node.put(0x1016, 1, other << 16 | timeout_ms, 4)
@@ -341,7 +341,7 @@ def _start_with_error(node: CheckedNode) -> None:
 
 
 def _guard(node: CheckedNode) -> int:
-    """Return the answer to a remote frame of guarding; raise NotApplicable without an answer."""
+    """Return the answer to a node guarding request; raise NotApplicable without an answer."""
     frame = node.ask_remote(ERROR_CONTROL_COB_ID + node.node_id, 0.2)
     if frame is None or len(frame.data) != 1:
         raise NotApplicable("the device does not answer a remote frame of guarding")
@@ -397,7 +397,7 @@ def _lss(node: CheckedNode) -> None:
 
 
 def _ask_lss(node: CheckedNode, command: int, value: int = 0, *, tail: bytes = b"") -> bytes | None:
-    """Send a frame as LSS master; return the slave's answer, None if there is none."""
+    """Send a frame as LSS master and return the slave's answer, or None if there is none."""
     return node.exchange(MASTER_COB_ID, lss_frame(command, value, tail=tail).data, SLAVE_COB_ID, 0.2)
 
 

@@ -46,7 +46,7 @@ _CONTROLWORD, _HALT, _MODE = 0x6040, 0x0100, 0x6060
 
 @dataclass(frozen=True, slots=True)
 class PdoRecord:
-    """PDO of the device, with the index of its communication record, its COB-ID, and its mapping entries."""
+    """PDO of the device: index of its communication record, COB-ID, and mapping entries."""
 
     index: int
     cob_id: int
@@ -59,17 +59,15 @@ class PdoRecord:
 
     @property
     def length(self) -> int:
-        """Length of the PDO in bytes."""
         return (sum(parse_mapping_entry(entry)[2] for entry in self.entries) + 7) // 8
 
     @property
     def mapping(self) -> int:
-        """Index of the mapping record."""
         return self.index + 0x200
 
 
 def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
-    """Return the PDOs of one direction among its first eight records, including invalid PDOs."""
+    """Return the PDOs of one direction among its first eight records, including disabled PDOs."""
     records = []
     for index in range(base, base + _SEARCHED):
         try:
@@ -92,7 +90,7 @@ def first_pdo(node: CheckedNode, base: int = RPDO) -> PdoRecord:
 
 
 def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
-    """Return the data of an RPDO with the present values of the mapped objects; NotApplicable if unreadable."""
+    """Return RPDO data with the current values of the mapped objects; raise NotApplicable if one cannot be read."""
     image, shift = 0, 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -106,7 +104,7 @@ def present_values(node: CheckedNode, record: PdoRecord) -> bytes:
 def reconfigured(
     node: CheckedNode, record: PdoRecord, values: dict[int, int], *, cob_id: int | None = None
 ) -> Iterator[None]:
-    """Context in which a PDO is valid with other values of its communication record; `values` are by subindex."""
+    """Context with an enabled PDO whose communication parameters are replaced by `values` (by subindex)."""
     index = record.index
     with node.kept(index, 1):
         node.put(index, 1, record.cob_id | _OFF, 4)
@@ -125,7 +123,7 @@ def reconfigured(
 
 @contextmanager
 def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
-    """Context in which a PDO is invalid and its mapping can be written; on exit both are restored."""
+    """Context in which a PDO is disabled and its mapping can be written; on exit both are restored."""
     mapping = record.mapping
     before = _all_entries(node, mapping)
     with node.kept(record.index, 1):
@@ -152,7 +150,7 @@ def _all_entries(node: CheckedNode, mapping: int) -> list[int]:
 
 
 def _mappable(node: CheckedNode, record: PdoRecord) -> None:
-    """Raise NotApplicable if the EDS describes the mapping as constant."""
+    """Raise NotApplicable if the mapping is constant in the EDS."""
     entry = None if node.eds is None else node.eds.od.get(record.mapping, 0)
     if entry is not None and not entry.writable:
         raise NotApplicable(f"the mapping 0x{record.mapping:04X} is constant in the EDS")
@@ -163,7 +161,7 @@ def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, C
 
 
 def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
-    """Send SYNC messages; return the numbers (from 1) of those followed by frames, each with the count of frames."""
+    """Send `count` SYNCs; return the numbers (from 1) of the SYNCs followed by frames, with the count of frames."""
     sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if _has(node, 0x1019) else 0
     node.listen(SYNC_PERIOD_S)
     turns = []
@@ -241,7 +239,7 @@ def _default_mapping(node: CheckedNode) -> None:
 
 
 def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
-    """Return communication values, by subindex, of an event-driven TPDO without inhibit time and event timer."""
+    """Return the communication parameters (by subindex) of an event-driven TPDO without inhibit time and timer."""
     values = {2: 255}
     for subindex in (3, 5):
         with suppress(NotApplicable):
@@ -609,7 +607,7 @@ def _mapped_operational(node: CheckedNode) -> None:
 
 
 def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int]:
-    """Return RPDO data that differ in one object, and the object's index and subindex; the change moves nothing."""
+    """Return RPDO data that differ in one object without causing motion, and the object's index and subindex."""
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -621,7 +619,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int
 
 
 def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, applied: bool) -> None:
-    """Send an RPDO and check whether the value is applied; then restore the old value."""
+    """Check whether the device applies the value in an RPDO; then restore the old value."""
     record = first_pdo(node)
     before = node.read(*address)
     node.send(record.can_id, frame)

@@ -18,7 +18,7 @@ _CONTROL = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
 
 
 def report_lines(report: ConformanceReport) -> Iterator[str]:
-    """Yield lines for the failures and notes, and at the end the number of results by verdict."""
+    """Yield lines for the failures and notes, then the number of results by verdict."""
     for result in report.results:
         if result.verdict in (FAILED, ERROR):
             yield f"{result.id} {result.verdict} ({result.level}, CiA {result.group} {result.clause}): {result.title}"
@@ -30,7 +30,7 @@ def report_lines(report: ConformanceReport) -> Iterator[str]:
 
 
 def junit(report: ConformanceReport) -> bytes:
-    """Return JUnit XML in the form of pytest's xunit2; an unmet recommendation is output text instead of a failure."""
+    """Return JUnit XML in pytest's xunit2 form; a failed recommendation is output text instead of a failure."""
     failures = [result for result in report.results if result.verdict == FAILED and result.level == "must"]
     counts = {
         "tests": str(len(report.results)),

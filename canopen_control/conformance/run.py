@@ -77,7 +77,7 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceReport:
-    """Results of a run; `subject` is "device" or "master"; `node_id` is the node id of the device in both cases."""
+    """Results of a run; `subject` is "device" or "master", `node_id` that of the device in both cases."""
 
     node_id: int
     identity: dict[str, str]
@@ -91,18 +91,17 @@ class ConformanceReport:
 
     @property
     def failed(self) -> bool:
-        """Whether a mandatory check failed or could not be made."""
+        """Whether a mandatory check failed or ended with an error."""
         return any(
             result.level == CheckLevel.MUST.value and result.verdict in (FAILED, ERROR) for result in self.results
         )
 
     def count(self, verdict: str) -> int:
-        """Return the number of results with the given verdict."""
         return sum(result.verdict == verdict for result in self.results)
 
 
 def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
-    """Return the checks of a document (`level`; "all": every document) that `allowed` permits, in order."""
+    """Return the checks of a document (`level`; "all" for every document) that `allowed` permits, in order."""
     chosen = [check for check in CHECKS if level in ("all", check.group) and check.touch in allowed]
     return sorted(chosen, key=lambda check: ORDER.index(check.touch))
 
@@ -110,7 +109,7 @@ def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
 def run_checks(
     node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> ConformanceReport:
-    """Run `checks` and return the report; ConfigError if the node does not answer, BusError if the bus is lost.
+    """Run `checks` and return the report; raise ConfigError if the node does not answer, BusError if the bus is lost.
 
     `progress` is called with the number of completed checks and the number of all checks.
     """
@@ -155,7 +154,7 @@ def _identity(node: CheckedNode) -> dict[str, str]:
 
 
 def _refuse_confusion(node: CheckedNode) -> None:
-    """Raise ConfigError if two nodes answer with the same id, or if the EDS is that of another device."""
+    """Raise ConfigError if two nodes answer with the same id, or if the EDS describes another device."""
     if all(node.answers(0.05) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
         raise ConfigError(
             f"two nodes on {node.port.channel} answer as node {node.node_id}; disconnect one of them, and give it "
@@ -182,7 +181,7 @@ _LATE_S = 5.0  # time in which a device that answers late may answer
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
-    """Return why the device does not answer: it is late, has another node id, is absent, or the bus is flooded."""
+    """Return why the device does not answer: late start, another node id, absence, or a flooded bus."""
     node.listen(1.0)  # answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, _upload(0x1000, 0), ANSWER + node.node_id, _LATE_S) is not None:
@@ -203,7 +202,7 @@ def _upload(index: int, subindex: int) -> bytes:
 
 
 def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
-    """Return those parts of another node's identity that the node answers."""
+    """Return the fields of another node's identity that this node reports as well."""
     identity = {}
     for name, index, subindex in _IDENTITY:
         data = node.exchange(REQUEST + other, _upload(index, subindex), ANSWER + other)
@@ -213,7 +212,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
 
 
 def _floods(node: CheckedNode) -> str:
-    """Return a text about the identifiers received too often, "" if there are none."""
+    """Return a text about identifiers received too often, or "" if there are none."""
     answers = ANSWER + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
     return ", ".join(f"0x{can_id & 0x1FFFFFFF:03X} came {rate} times in a second" for can_id, rate in often.items())
@@ -315,5 +314,4 @@ def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: boo
     return _result(check, PASSED, notes=notes)
 
 
-def _nothing(_session: CheckedNode) -> None:
-    """Do nothing, in place of checks that are made by the run itself."""
+def _nothing(_session: CheckedNode) -> None: ...

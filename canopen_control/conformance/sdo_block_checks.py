@@ -69,7 +69,7 @@ def _segments(node: CheckedNode, data: bytes, seconds: float = 0.1) -> list[byte
 
 
 def _object(node: CheckedNode) -> tuple[int, bytes]:
-    """Return the index and the value of the longest of the objects 0x1000 and 0x1008 to 0x100A."""
+    """Return index and value of the longest object among 0x1000 and 0x1008 to 0x100A."""
     values = {}
     for index in (0x1000, 0x1008, 0x1009, 0x100A):
         try:

@@ -50,7 +50,7 @@ def _upload(index: int, subindex: int = 0) -> bytes:
 
 
 def _segmented(node: CheckedNode) -> tuple[int, int]:
-    """Return the index of an object whose upload is segmented, and the announced length; NotApplicable if none is."""
+    """Return index and announced length of an object with segmented upload; raise NotApplicable if there is none."""
     for index in _STRINGS:
         answer = node.ask(_upload(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
@@ -317,7 +317,7 @@ def _every_object(node: CheckedNode) -> None:
 
 
 def _read_badly(node: CheckedNode, entry: Entry) -> str:
-    """Return a text about an upload of the object that fails or has a wrong length, "" if the upload is right."""
+    """Return how the upload of an object fails or deviates in length, or "" if the upload is correct."""
     if not entry.readable or entry.obj_flags & _UNREAD:
         return ""
     name = f"0x{entry.index:04X}:{entry.subindex:02X}"

@@ -60,7 +60,7 @@ _ADDED: Final = tuple(
 
 
 class BagMessages:
-    """Factory for ROS 2 Jazzy messages, whose classes rosbags creates, those of control_msgs from their definitions."""
+    """Factory for ROS 2 Jazzy messages, with classes created by rosbags."""
 
     def __init__(self) -> None:
         try:
@@ -75,7 +75,7 @@ class BagMessages:
         self.array = array
 
     def make(self, kind: str, *values: Any) -> Any:  # noqa: ANN401 - rosbags makes the classes at run time
-        """Return a message of the type `package/Name` with the field values in order."""
+        """Return a message of the type `package/Name`, with the field values in order."""
         return self.store.types[kind.replace("/", "/msg/")](*values)
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - as above
@@ -91,15 +91,12 @@ class BagMessages:
         return [] if part[0][0].name == "NAME" else self.floats(())
 
     def time(self, unix_s: float) -> Any:  # noqa: ANN401 - as above
-        """Return a ROS time stamp."""
         return self.make("builtin_interfaces/Time", *stamp_of(unix_s))
 
     def header(self, unix_s: float, frame: str) -> Any:  # noqa: ANN401 - as above
-        """Return a message header with a stamp and a frame name."""
         return self.make("std_msgs/Header", self.time(unix_s), frame)
 
     def vector(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:  # noqa: ANN401 - as above
-        """Return a Vector3 message."""
         return self.make("geometry_msgs/Vector3", float(x), float(y), float(z))
 
     def twist(self, linear: float, angular: float, lateral: float = 0.0) -> Any:  # noqa: ANN401 - as above
@@ -111,7 +108,6 @@ class BagMessages:
         return name
 
     def floats(self, values: Iterable[float]) -> Any:  # noqa: ANN401 - a numpy array
-        """Return a numpy array of floats."""
         return self.array(list(values), dtype=float)
 
 
@@ -124,7 +120,7 @@ _LATCHED: Final = ("/tf_static", "/robot_description")
 
 
 class BagWriter:
-    """Writer of a bag in the new folder `path`; `state` and `event` get the messages of the API's stream.
+    """Writer of a bag in the new folder `path`; `state` and `event` write messages of the API's stream.
 
     `controllers` and `urdf` are the answers to the API's requests `controllers` and `description`. ConfigError if
     rosbags is missing or `path` exists.
@@ -150,7 +146,7 @@ class BagWriter:
         self.close()
 
     def close(self) -> None:
-        """Complete the bag; a second call does nothing."""
+        """Complete the bag; a second call has no effect."""
         writer, self._writer = self._writer, None
         if writer is not None:
             with telling(self._path, _CUT):
@@ -231,7 +227,7 @@ class BagWriter:
         return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
 
     def _commands(self, state: StateSample) -> None:
-        """Write the commands of forward controllers that have changed; nan for a joint without a known command."""
+        """Write the changed commands of forward controllers, with nan for a joint without a known command."""
         for name, view in self._controllers.items():
             joints = [state.joints.get(joint) for joint in view.joints]
             values = [None if joint is None else joint.command for joint in joints]
@@ -277,11 +273,11 @@ class BagWriter:
     # -- bag
 
     def _new(self, samples: dict[str, S], use: str = "sample") -> dict[str, S]:
-        """Return the samples that are new since the last call for this `use`, so that each sample is written once."""
+        """Return the samples that are new since the previous call for this `use`, so that each is written once."""
         return {name: sample for name, sample in samples.items() if self._is_new(f"{use} of {name}", sample.time)}
 
     def _is_new(self, topic: str, value: object) -> bool:
-        """Whether a value differs from the last value passed for the topic."""
+        """Whether a value differs from the last value for the topic."""
         if topic in self._last and self._last[topic] == value:
             return False
         self._last[topic] = value

@@ -93,7 +93,7 @@ _VALUES: Mapping[tuple[int, str], Mapping[int, str]] = {
 
 
 def dbc_text(network: NetworkDescription) -> str:
-    """Return the text of a DBC file; ConfigError if cantools is not installed."""
+    """Return the text of a DBC file; raise ConfigError if cantools is not installed."""
     try:
         from cantools.database.can import Database
     except ImportError:
@@ -123,7 +123,7 @@ class _Signal:
 
 @dataclass(slots=True)
 class _Message:
-    """Message with one identifier; `receiver` is the receiver of all its signals."""
+    """Message with one identifier and the receiver of all its signals."""
 
     can_id: int
     name: str
@@ -140,7 +140,6 @@ class _Message:
 
 
 def _distinct(messages: Iterable[_Message]) -> list[_Message]:
-    """Make the names of the messages unique."""
     distinct: list[_Message] = []
     for message in messages:
         message.name = _unused(message.name, {message.name for message in distinct})
@@ -297,7 +296,7 @@ def _identifier(text: str) -> str:
 
 
 def _plain_number(value: float) -> float:
-    """Return a whole number as int, which the file shows without a decimal point."""
+    """Convert a whole number to int, because the file shows an int without a decimal point."""
     return int(value) if value.is_integer() else value
 
 
@@ -310,5 +309,5 @@ def _unused(name: str, names: set[str]) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a text that every tool can read: ASCII, without quotes, backslashes and line breaks."""
+    """Convert a text to plain ASCII without quotes, backslashes and line breaks."""
     return text.encode("ascii", "replace").decode().replace("\\", "/").replace('"', "'").replace("\n", " ")

@@ -93,7 +93,7 @@ class LearnedPdos:
             self._held[mapping, slot] = mapping_entry(mapped.mapped)
 
     def learn(self, value: SignalValue) -> tuple[PdoDescription, int | None] | None:
-        """Record a value of the node; return a PDO that is now known, with its former CAN identifier, else None."""
+        """Record a value of the node; return a now known PDO with its former CAN identifier, else None."""
         which = _pdo_of(value.index)
         if which is None or not isinstance(value.value, int):
             return None
@@ -128,7 +128,7 @@ class LearnedPdos:
         return DescribedPdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
 
     def _type(self, index: int, subindex: int, bits: int) -> DataType:
-        """Return the data type by the EDS, else by CiA 402 for a drive, else the unsigned type of that width."""
+        """Return the data type from the EDS, else from CiA 402 for a drive, else the unsigned type of that width."""
         in_eds = self._node.od is not None and (index, subindex) in self._node.od
         profile = TYPES.get((objects.axis_of(index)[0], subindex), ()) if self._node.is_drive else ()
         by_profile = next((candidate for candidate in profile if candidate.bits == bits), None)
@@ -159,7 +159,7 @@ _STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage 
 
 
 def lss_text(data: bytes, *, from_master: bool) -> str:
-    """Return the text of an LSS frame of the master or a slave; an unknown command is given by its number."""
+    """Describe an LSS frame of the master or a slave; an unknown command is given by its number."""
     if not data:
         return "malformed: no data"
     data = data.ljust(8, b"\0")
@@ -277,13 +277,13 @@ class DecodedFrame:
 
     @property
     def who(self) -> str:
-        """Name of the node, or "node N" without a name; "" if the frame has no node."""
+        """Name of the node, "node N" without a name, or "" without a node."""
         return self.node or ("" if self.node_id is None else f"node {self.node_id}")
 
 
 @dataclass(slots=True)
 class _Decoded:
-    """Result of a handler; `node_id`, if not None, replaces the node id that follows from the identifier."""
+    """Result of a handler; a `node_id` replaces the node id from the identifier."""
 
     text: str
     values: tuple[SignalValue, ...] = ()
@@ -316,7 +316,7 @@ class _Node:
         self.usual_gap = 0  # usual interval of the slower heartbeats in ns; 0: unknown
 
     def silence(self, time: int) -> int:
-        """Record a heartbeat; return the length of a silence before it in ns, 0 if the interval was usual."""
+        """Record a heartbeat; return the length of a preceding silence in ns, or 0 after a usual interval."""
         gap, self.beat = (0 if self.beat is None else time - self.beat), time
         if self.usual_gap and gap > max(_SILENT_GAPS * self.usual_gap, _SHORTEST_SILENCE_NS):
             return gap
@@ -324,7 +324,7 @@ class _Node:
         return 0
 
     def booted(self, time: int) -> None:
-        """Reset the usual heartbeat interval after a boot-up."""
+        """Forget the usual heartbeat interval at a boot-up."""
         self.beat, self.usual_gap = time, 0
 
 
@@ -379,7 +379,7 @@ class Decoder:
         return route, route.handler(frame)
 
     def _predefined(self, can_id: int) -> _Route:
-        """Return the route of an identifier by the predefined connection set; 11-bit identifiers are cached."""
+        """Return the route of an identifier in the predefined connection set, cached for 11-bit identifiers."""
         if can_id & EXTENDED_FLAG or can_id > 0x7FF:
             return _EXTENDED
         service, node_id = service_of(can_id) or (None, BROADCAST)
@@ -510,7 +510,7 @@ def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes)
 
 
 def _shown_fault(values: tuple[SignalValue, ...]) -> FaultEvent:
-    """Return the fault in the statusword of a PDO, with the error code if the PDO contains that too."""
+    """Return the fault in the statusword of a PDO, with the error code if the PDO contains one."""
     by_object = {objects.axis_of(value.index)[0]: value.value for value in values}
     word, code = by_object.get(objects.STATUSWORD), by_object.get(objects.ERROR_CODE)
     return FaultEvent(

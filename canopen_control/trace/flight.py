@@ -1,4 +1,4 @@
-"""Flight recorder: a process that keeps the last minute of a robot in memory and writes it to a file after a fault.
+"""Flight recorder: process that keeps the last minute of a robot in memory and writes a file after a fault.
 
 ``python -m canopen_control.trace.flight --name ROBOT --bus NAME=CHANNEL ...``
 
@@ -89,7 +89,7 @@ class FlightRecorder:
 
     @property
     def _wall_offset_ns(self) -> int:
-        """Offset from the reactor's time to Unix time by the current system clock, as the robot stamps its events.
+        """Offset in ns from the reactor's time to Unix time, by the current system clock.
 
         Therefore the times are right even if the recorder was started before the clock was set, as at a boot without a
         battery.
@@ -158,7 +158,7 @@ class FlightRecorder:
         self._reactor.call_soon(self._read)  # frames received while the requests were answered
 
     def _take_earlier_events(self, status: Status) -> None:
-        """Record events from before the start of this process; the stream may repeat the newest of them."""
+        """Record events from before the start of this process, which the stream may repeat."""
         lines = set(self._events.lines())
         self._repeated = {text_of(event) for event in status.events}
         for event in status.events:
@@ -166,14 +166,14 @@ class FlightRecorder:
                 self._on_event(event)
 
     def _refresh(self) -> None:
-        """Request the robot's status and the world of virtual drives, for the next file."""
+        """Request the robot's status and the world of virtual drives for the next file."""
         self._record_world()
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._status = self._robot.ask(GetStatus())
 
     def _record_world(self) -> None:
-        """Record the world of virtual drives; without an answer the last known world is kept."""
+        """Record the world of virtual drives, or keep the last known world without an answer."""
         nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
                  for node in layout.nodes]  # fmt: skip
         self._world = shapes_of_world(nodes) or self._world
@@ -226,7 +226,7 @@ class FlightRecorder:
             self._plan()
 
     def _write_aside(self, reason: RobotEvent) -> None:
-        """Fork a copy of this process that writes the file; its result is later reported to the robot."""
+        """Write the file in a forked copy of this process, whose result is later reported to the robot."""
         ours, theirs = os.pipe()
         child = os.fork()
         if child == 0:
@@ -252,7 +252,7 @@ class FlightRecorder:
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:
-        """Write the file in this process; return a sentence with the path, or with the reason of a failure."""
+        """Write the file in this process; return a sentence with the path or with the reason of a failure."""
         from canopen_control.trace.flight_file import FlightMeta, candump_lines, save
 
         now, offset = self._reactor.now(), self._wall_offset_ns
@@ -279,7 +279,7 @@ class FlightRecorder:
         return f"flight recording: {path} (a page of it: canopen-control report)"
 
     def _send_event(self, sentence: str) -> None:
-        """Send a text to the robot as an event; if the robot is gone, add it to `unsent`."""
+        """Send a text to the robot as an event, or add it to `unsent` if the robot has ended."""
         if self._robot is not None:
             with contextlib.suppress(CanopenError):
                 self._robot.notify(PublishEvent(kind="flight", text=sentence))
@@ -297,7 +297,7 @@ class FlightRecorder:
         self._reactor.call_at(now + AFTER_NS, ended)
 
     def finish(self) -> None:
-        """Write the pending file, if any, and close everything; a second call does nothing."""
+        """Write the pending file, if any, and close everything; a second call has no effect."""
         if self._finished:
             return
         self._finished = True
@@ -313,7 +313,7 @@ class FlightRecorder:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record the robot named by the arguments until it ends; return the exit code 0."""
+    """Record the robot named in the arguments until it ends, and return the exit code 0."""
     parser = argparse.ArgumentParser(prog="canopen_control.trace.flight", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--name", required=True, help="the robot")
     parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")

@@ -1,4 +1,4 @@
-"""File of a flight recorder: one zip that can be attached to a bug report and opened without this package.
+"""File of a flight recorder: a zip archive for bug reports that can be read without this package.
 
     meta.json     `FlightMeta`: robot, `reason` and time, `buses` {name: channel}, `layout` and `status` of the robot
     can.log       all frames of the window in candump's log format; the interface is the name of the bus in bus.yml
@@ -87,7 +87,7 @@ class FrameRing:
         self._size = 0  # bytes of all complete segments
 
     def add(self, bus: int, records: bytes, times: Sequence[int]) -> None:
-        """Append records with their times, which must be in order and not before earlier times of this bus."""
+        """Append records with their times, which must be in order for each bus."""
         segment, now = self._newest.get(bus), times[-1]
         if segment is None or now - segment.begin >= _SEGMENT_NS or self._is_long(segment):
             segment = self._begin_segment(bus, times[0], now)
@@ -100,7 +100,7 @@ class FrameRing:
         return self._size + sum(map(_size_of, self._newest.values()))
 
     def frames(self, since: int) -> Iterator[KeptFrame]:
-        """Yield the frames of all buses at `since` or later, in order of time."""
+        """Yield the frames of all buses from the time `since` on, in order of time."""
         buses = {segment.bus for segment in self._segments}
         return heapq.merge(*(self._frames_of(bus, since) for bus in sorted(buses)), key=operator.itemgetter(0))
 
@@ -124,7 +124,7 @@ class FrameRing:
         return newest
 
     def _forget(self, now: int) -> None:
-        """Release the oldest segments outside of the window or above the limit, but not the last segment."""
+        """Release the oldest segments outside of the window or above the limit, except the last segment."""
         while len(self._segments) > 1 and (
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):
@@ -140,7 +140,7 @@ def _size_of(segment: _Segment) -> int:
 
 
 class LineRing:
-    """Buffer for text lines as bytes, within `limit` bytes and `window_ns`; None as the window means any age.
+    """Buffer for text lines as bytes, within `limit` bytes and `window_ns` (None for any age).
 
     Old lines are released one by one.
     """
@@ -151,7 +151,6 @@ class LineRing:
         self.size = 0
 
     def add(self, line: bytes, now: int) -> None:
-        """Append a line and release old lines."""
         lines = self._lines
         lines.append((now, line))
         self.size += len(line)
@@ -159,7 +158,7 @@ class LineRing:
             self.size -= len(lines.popleft()[1])
 
     def lines(self, since: int = 0) -> Iterator[bytes]:
-        """Yield the lines added at `since` or later, the oldest first."""
+        """Yield the lines from the time `since` on, the oldest first."""
         for added, line in self._lines:
             if added >= since:
                 yield line
@@ -201,7 +200,7 @@ class FlightFormat(Document, frozen=True, kw_only=True):
 
 
 class FlightMeta(FlightFormat, frozen=True, kw_only=True):
-    """Metadata of a flight recording; `reason` is the fault, and `written` and `begin` (of the window) are Unix s.
+    """Metadata of a flight recording; `written` and `begin` (of the window) are Unix s.
 
     `unheard` are buses that could not be opened, `frames_lost` counts frames that arrived too fast, `faults_left_out`
     faults without a file of their own. `status` is None if the robot never answered. `world` is the world of a
@@ -225,7 +224,7 @@ class FlightMeta(FlightFormat, frozen=True, kw_only=True):
 
 @dataclass(slots=True)
 class FlightFile:
-    """Content of a flight recording; `frames` are in order of time, `eds` contains the EDS texts by file name.
+    """Content of a flight recording; `frames` are in order of time, `eds` are EDS texts by file name.
 
     `unread_lines` is the number of log lines without a frame; `notes` are sentences about other missing parts.
     """
@@ -241,7 +240,7 @@ class FlightFile:
 
 
 def candump_lines(frames: Iterable[KeptFrame], buses: Iterable[str], wall_offset_ns: int) -> Iterator[str]:
-    """Yield a candump line for each frame; `buses` are the names by number, the offset converts to Unix time.
+    """Yield a candump line for each frame; `wall_offset_ns` converts the times to Unix time.
 
     Times are strictly increasing, even if frames of two buses arrived in the same microsecond.
     """
@@ -262,7 +261,7 @@ def save(
     states: Iterable[bytes],
     requests: Iterable[bytes] = (),
 ) -> Path:
-    """Write a recording of `meta.reason` to `folder`, and delete the oldest files there; ConfigError or DiskFull."""
+    """Write a recording to `folder` and delete the oldest recordings; raise ConfigError or DiskFull if that fails."""
     with telling(folder, "no recording was written"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = _free_path(folder, meta)
@@ -279,7 +278,7 @@ def write_flight(
     states: Iterable[bytes],
     requests: Iterable[bytes],
 ) -> None:
-    """Write a recording to `path`, which exists only when complete; ConfigError or DiskFull if that fails."""
+    """Write a recording to `path`, which exists only when complete; raise ConfigError or DiskFull if that fails."""
     part = path.with_suffix(".part")
     try:
         with telling(path, _LOST):
@@ -301,7 +300,7 @@ def write_flight(
 
 
 def _bytes_of(path: str) -> bytes:
-    """Return the content of an EDS file; empty if the file cannot be read any more."""
+    """Return the content of an EDS file, or b"" if the file is unreadable."""
     try:
         return Path(path).read_bytes()
     except OSError:
@@ -313,7 +312,7 @@ def _eds_paths(meta: FlightMeta) -> set[str]:
 
 
 def _free_path(folder: Path, meta: FlightMeta) -> Path:
-    """Return an unused path named after time and reason, so that the names of a folder sort by time."""
+    """Return an unused path with time and reason, so that names sort by time."""
     stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta.written))
     why = [word[:40] for word in (meta.reason.kind, meta.reason.node) if word]
     words = "-".join(re.sub(r"\W+", "_", word, flags=re.ASCII) for word in why)
@@ -330,7 +329,7 @@ def _forget_oldest(folder: Path) -> None:
 
 
 def newest(folder: Path) -> Path | None:
-    """Return the newest recording in a folder; None if there is none."""
+    """Return the newest recording in a folder, or None."""
     return max(folder.glob("*.zip"), default=None)
 
 
@@ -340,7 +339,7 @@ def is_flight_file(path: Path) -> bool:
 
 
 def read_flight(path: Path) -> FlightFile:
-    """Read a flight recording; ConfigError with a sentence if the file is invalid.
+    """Read a flight recording; raise ConfigError if the file is invalid.
 
     Log lines without a frame are counted in `unread_lines`.
     """
@@ -348,12 +347,12 @@ def read_flight(path: Path) -> FlightFile:
 
 
 def read_samples(path: Path) -> list[StateSample]:
-    """Read the state samples of a recording with all their data; ConfigError as for `read_flight`."""
+    """Read the state samples of a recording with all their data; raise ConfigError if the file is invalid."""
     return _opened(path, lambda archive, _meta: _lines(archive, _STATES, StateSample))
 
 
 def read_meta(path: Path) -> FlightMeta:
-    """Read only the metadata of a recording; ConfigError as for `read_flight`."""
+    """Read only the metadata of a recording; raise ConfigError if the file is invalid."""
     return _opened(path, lambda _archive, meta: meta)
 
 
@@ -376,7 +375,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a member of the archive; FlightFileError if it unpacks to more than a recorder writes."""
+    """Return a member of the archive; raise FlightFileError if its size exceeds a recorder's limit."""
     limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
     if archive.getinfo(name).file_size > limit:
         raise _too_large(name, limit)
@@ -407,7 +406,7 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
-    """Return the samples with the data of controllers; without these if an earlier version stored them differently."""
+    """Return the samples, without the data of controllers if an earlier version stored these differently."""
     samples = _lines(archive, _STATES, TimedSnapshot)  # mandatory
     try:
         return list(_lines(archive, _STATES, StateSample))

@@ -1,4 +1,4 @@
-"""Trigger of a flight recorder: a file is written after a fault and the reaction to it, but not for every fault.
+"""Trigger of a flight recorder: a file follows a fault and the reaction to the fault, at a limited rate.
 
 A fault is an event of level error, or an event that reports a lost bus. The file is written `AFTER_NS` after the last
 fault, so that it contains the reaction, but at most `LONGEST_NS` after the first fault. The next file follows `GAP_NS`
@@ -31,7 +31,7 @@ def is_fault(event: RobotEvent) -> bool:
 
 
 def is_sum(event: RobotEvent) -> bool:
-    """Whether an event summarises events that were reported before."""
+    """Whether an event summarises earlier events."""
     return event.since not in (None, event.time)
 
 
@@ -58,20 +58,20 @@ class RecordingTrigger:
         self._last = now
 
     def next_deadline(self) -> int | None:
-        """Return the time at which `due` must be called; None without a fault."""
+        """Return the time at which `due` must be called, or None without a fault."""
         if self._reason is None:
             return None
         return max(min(self._last + AFTER_NS, self._first + LONGEST_NS), self._not_before)
 
     def due(self, now: int) -> RobotEvent | None:
-        """Return the fault that a file must be written about now, only once; None if no file is due."""
+        """Return the fault for which a file must be written now, once per file, or None."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return None
         return self._take(now)
 
     def end(self, now: int) -> RobotEvent | None:
-        """Return the fault that has no file yet, at the end of the recording; None without such a fault."""
+        """Return the fault without a file at the end of the recording, or None."""
         return None if self._reason is None else self._take(now)
 
     def _take(self, now: int) -> RobotEvent | None:

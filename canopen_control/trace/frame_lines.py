@@ -34,7 +34,7 @@ _STANDARD = 0x7FF
 
 @dataclass(slots=True)
 class Filter:
-    """Filter of decoded frames; empty fields select all frames.
+    """Filter of decoded frames; an empty field selects all frames.
 
     `changes` omits a periodic frame with the same data as the previous frame of its identifier; `events` also omits
     frames that are not marked as notable, as a warning or as an error.
@@ -48,7 +48,7 @@ class Filter:
     _last: dict[int, bytes] = field(default_factory=dict)
 
     def wants(self, decoded: DecodedFrame) -> bool:
-        """Whether the frame passes; a filter for changes or events remembers the data of the frame."""
+        """Whether the frame passes; with `changes` or `events`, the data of the frame are remembered."""
         if self.nodes and decoded.node_id not in self.nodes:
             return False
         if self.services and decoded.service not in self.services:
@@ -70,7 +70,7 @@ class Filter:
 
 
 def parse_services(text: str) -> frozenset[str]:
-    """Parse a list of services, as in ``pdo,sdo``; the ValueError names the valid services."""
+    """Parse a list of services such as ``pdo,sdo``; the ValueError lists the valid services."""
     names = {_ALIASES.get(part, part) for part in text.lower().replace(" ", "").split(",") if part}
     if unknown := sorted(names - set(SERVICES)):
         raise ValueError(f"no service {unknown[0]!r}; there are: {', '.join(SERVICES)}")
@@ -78,7 +78,7 @@ def parse_services(text: str) -> frozenset[str]:
 
 
 def parse_ids(text: str) -> range:
-    """Parse an identifier or a range, as in ``181``, ``0x181`` or ``180-1FF``; always hexadecimal.
+    """Parse a hexadecimal identifier or range, such as ``181``, ``0x181`` or ``180-1FF``.
 
     ValueError if the text is invalid.
     """
@@ -100,7 +100,7 @@ def _identifier(text: str) -> int:
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
-    """Return the node ids of names or numbers, "master" included; the ConfigError lists the names."""
+    """Return the node ids of names or numbers, including "master"; the ConfigError lists the names."""
     node_ids = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)
@@ -130,7 +130,7 @@ _NS = 1_000_000_000
 
 
 def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
-    """Write a CSV row for each value, and for each frame without values; return the number of rows."""
+    """Write a CSV row per value, or one per frame without values; return the number of rows."""
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS)
     count = 0
@@ -150,7 +150,7 @@ def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
 
 
 def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: TextIO) -> int:
-    """Write a CSV row for each PDO, with a column for each of `signals`, empty if the frame lacks the signal.
+    """Write a CSV row per PDO with a column for each of `signals`, empty if the frame lacks the signal.
 
     Return the number of rows.
     """
@@ -192,7 +192,7 @@ _SHORTEST_NODE = 8
 
 
 class LineWriter:
-    """Formatter for the lines of a trace; times are relative to the first frame, or local times with `absolute`."""
+    """Formatter for the lines of a trace, with times relative to the first frame, or local with `absolute`."""
 
     def __init__(self, network: NetworkDescription, *, absolute: bool = False, colour: bool = False) -> None:
         self._absolute, self._colour = absolute, colour
@@ -221,7 +221,7 @@ class LineWriter:
 
 
 def identifier_text(can_id: int) -> str:
-    """Return an identifier in hexadecimal with three or eight digits; for an error frame, the error classes."""
+    """Return an identifier as three or eight hexadecimal digits, or the classes of an error frame."""
     width = 8 if can_id & (EXTENDED_FLAG | ERROR_FLAG) else 3
     return f"{can_id & 0x1FFFFFFF:0{width}X}"
 
@@ -233,7 +233,7 @@ def _data(decoded: DecodedFrame) -> str:
 
 
 class ValueDocument(Document, frozen=True):
-    """Object in a frame; a `value` of bytes is in hexadecimal, and a number that JSON cannot represent is None."""
+    """Object in a frame; bytes are in hexadecimal, and a number that JSON cannot represent is None."""
 
     index: int
     subindex: int

@@ -52,7 +52,7 @@ def batches(
     clock: Callable[[], float] = time.monotonic,
     on_event: Callable[[BusEvent], object] | None = None,
 ) -> Iterator[list[RecordedFrame]]:
-    """Yield the frames received since the last result; on a silent bus an empty list four times a second.
+    """Yield the frames received since the previous batch, or an empty list every 0.25 s on a silent bus.
 
     Ends after `seconds`, or never; BusClosed when the bus is lost. `on_event` gets channel events that are not frames,
     after the frames received before them.

@@ -62,12 +62,12 @@ class DescribedPdoObject:
 
     @property
     def mapped(self) -> MappedObject:
-        """Mapped object without its name, for a `PdoCodec`."""
+        """Mapped object for a `PdoCodec`, without the name."""
         return MappedObject(self.index, self.subindex, self.bits, self.data_type)
 
     @property
     def is_dummy(self) -> bool:
-        """Whether the object is a data type of the dummy mapping, which fills a gap."""
+        """Whether the object is a data type that fills a gap (dummy mapping of CiA 301)."""
         return self.index <= 7 and not self.subindex
 
 
@@ -113,7 +113,7 @@ class NodeDescription:
 
     @property
     def emcy_cob_id(self) -> int:
-        """COB-ID of the node's EMCY: 0x1014 in the EDS, else that of the predefined connection set."""
+        """COB-ID of the node's EMCY: 0x1014 in the EDS, else the identifier of the predefined connection set."""
         entry = self.od.get(_EMCY_ENTRY) if self.od is not None else None
         value = entry.value if entry is not None else None
         return can_id_of(value) if isinstance(value, int) and value & 0x7FF else EMCY_COB_ID + self.node_id
@@ -134,7 +134,7 @@ class NetworkDescription:
     notes: tuple[str, ...] = ()
 
     def name_of(self, node_id: int) -> str:
-        """Return the name of a node, "master" for the master; "" without a name."""
+        """Return the name of a node, "master" for the master, or "" without a name."""
         node = self.nodes.get(node_id)
         if node is not None:
             return node.name
@@ -147,7 +147,7 @@ class NetworkDescription:
 
 
 def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
-    """Return the name of an entry by the EDS, preceded by the name of its array or record; "" if unknown."""
+    """Return the name of an entry in the EDS, preceded by the name of its array or record, or "" if unknown."""
     if od is None:
         return ""
     entry, info = od.get(index, subindex), od.objects.get(index)
@@ -223,7 +223,7 @@ def _object_of_layout(entry: MappedEntry) -> DescribedPdoObject:
 
 
 def address_text(index: int, subindex: int) -> str:
-    """Return an address as text, such as ``0x6041:00``."""
+    """Return an address such as ``0x6041:00``."""
     return f"0x{index:04X}:{subindex:02X}"
 
 
@@ -269,7 +269,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Yield the same description for every node id, or one description if the file is a DCF with a node id."""
+    """Yield the same description for every node id, or only one for a DCF with a node id."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

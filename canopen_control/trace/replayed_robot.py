@@ -34,7 +34,7 @@ _LONGEST_S: Final = 1.0  # maximum pause between two samples: gaps in a recordin
 
 
 class ReplayedRobot:
-    """Server that replays the `samples` and `events` of a recording under a robot name; `speed` multiplies the rate.
+    """Server that replays the `samples` and `events` of a recording; `speed` multiplies the rate.
 
     `over` is True after the last sample.
     """
@@ -140,5 +140,5 @@ class ReplayedRobot:
         )
 
     def _nodes(self) -> NodeListing:
-        """Return the buses without nodes, because nodes that answer now are not the recorded ones."""
+        """Return the buses without nodes, because nodes on the bus today are not the recorded nodes."""
         return NodeListing({name: BusPlace(channel, 1) for name, channel in self._meta.buses.items()}, [])

@@ -59,7 +59,7 @@ _SMALL: Final = 0.02  # fraction of the previous maximum speed that counts as st
 
 
 class Spans:
-    """Builder of the time spans of states: call `see` for each sample, and `end` at the end."""
+    """Builder of the time spans of states; `see` adds a sample."""
 
     def __init__(self) -> None:
         self._since: list[tuple[float, str | None]] = []  # times at which the state changed
@@ -69,13 +69,12 @@ class Spans:
         return bool(self._since)
 
     def see(self, time: float, state: str | None) -> None:
-        """Record the state at a time."""
         if not self._since or self._since[-1][1] != state:
             self._since.append((time, state))
         self._last = time
 
     def end(self, time: float) -> list[Span]:
-        """Return the spans, of which the last ends at `time`."""
+        """Return the spans, the last of which ends at `time`."""
         ends = [*(begin for begin, _ in self._since), max(time, self._last)][1:]
         return [Span(begin, end, state) for (begin, state), end in zip(self._since, ends, strict=True)]
 
@@ -102,7 +101,7 @@ def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeF
 
 
 def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
-    """Return the motion of the joints; the drive's mode gives the quantity of the command, by default velocity."""
+    """Return the motion of the joints; the drive's mode selects the commanded quantity, by default velocity."""
     modes = _modes(states)
     tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
     joints: dict[str, JointFacts] = {}
@@ -124,7 +123,6 @@ def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointF
 
 
 def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
-    """Return the last known mode of operation of each joint."""
     modes = {}
     for sample in states:
         for node in sample.nodes.values():
@@ -133,7 +131,7 @@ def _modes(states: Iterable[TimedSnapshot]) -> dict[str, str]:
 
 
 def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFacts | None:
-    """Return the cycle period, the counts during these samples, and the histogram of lateness; None without data.
+    """Return cycle period, counts during the samples, and histogram of lateness, or None without data.
 
     The bins are those of `status --json`; with fewer than two samples the counts are those of the whole run.
     """
@@ -154,7 +152,7 @@ def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFac
 
 
 def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
-    """Return the time in s from `time` to the standstill of each moving joint; None if the recording does not show one.
+    """Return the time in s from `time` to the standstill of each moving joint, or None without a standstill.
 
     A joint that stands for `_STOOD_S`, or to the end of the recording, has stopped; later motion is ignored.
     """
@@ -212,7 +210,7 @@ class _Drive(NamedTuple):
 
 
 class FrameReader:
-    """Evaluation of frames in their order, for bus loads, node states, frames around the fault, and notable events."""
+    """Evaluation of frames in order: bus loads, node states, frames around the fault, and notable events."""
 
     def __init__(self, networks: Mapping[str, NetworkDescription], begin: float, fault: float | None) -> None:
         self._networks, self._begin, self._fault = networks, begin, fault
@@ -263,7 +261,7 @@ class FrameReader:
                     drive.axes.setdefault(axis, Spans()).see(time, name)
 
     def _note(self, time_ns: int, decoded: DecodedFrame) -> None:
-        """Record a frame as an event; a repeated frame, such as a fault in every statusword, is recorded once."""
+        """Record a frame as an event; a repeated frame, such as a fault in every statusword, counts once."""
         note_key = (decoded.can_id, decoded.text)
         if note_key in self._reported:
             return
@@ -294,7 +292,7 @@ class FrameReader:
 
     @property
     def last_words(self) -> list[FrameFacts]:
-        """Last frame of each node up to the fault, or the end; the node that was silent longest is first."""
+        """Last frame of each node up to the fault or the end, with the longest silence first."""
         return [_line(frame) for frame in sorted(self._last.values(), key=lambda last: last.time)]
 
     def buses(self) -> dict[str, BusFacts]:
@@ -315,11 +313,11 @@ class FrameReader:
         return facts
 
     def _covered(self, number: int, width: float) -> float:
-        """Return the part of a time bin, in s, that the recording covers; the last bin is rarely complete."""
+        """Return the recorded part of a time bin in s; the last bin is rarely complete."""
         return min((number + 1) * width, self._end) - max(number * width, 0.0)
 
     def nodes(self) -> dict[str, NodeFacts]:
-        """Return node states as `node_spans` does, with axes as "axis N"; a node that became silent is unknown."""
+        """Return node states with axes as "axis N"; a node that became silent is unknown."""
         facts: dict[str, NodeFacts] = {}
         for (bus, node_id), drive in sorted(self._drives.items()):
             last_time = self._last_times.get((bus, node_id), self._end)
@@ -360,7 +358,7 @@ def _line(frame: _Decoded) -> FrameFacts:
 
 
 def _from_node(decoded: DecodedFrame) -> bool:
-    """Whether the node itself sent the frame, by the service and its direction."""
+    """Whether the node itself sent the frame, by service and direction."""
     if decoded.service == "pdo":
         return decoded.subject.startswith("TPDO")
     return decoded.service in ("hb", "emcy") or decoded.subject == "SDO response"
@@ -372,7 +370,7 @@ def read_frames(
     begin: float,
     fault: float | None,
 ) -> FrameReader:
-    """Evaluate all frames in order; `fault` is its time in s from `begin`, None without a fault."""
+    """Evaluate all frames in order; `fault` is its time in s from `begin`, or None."""
     reader = FrameReader(networks, begin, fault)
     for frame in frames:
         reader.read(*frame)
@@ -384,7 +382,7 @@ def read_frames(
 
 
 def measured(states: Iterable[TimedSnapshot]) -> list[MeasuredFacts]:
-    """Return minimum, maximum and last of each measured value that was ever known; a publication counts once."""
+    """Return minimum, maximum and last of each measured value that was ever known."""
     last_times: dict[str, float] = {}
     facts: dict[tuple[str, str], MeasuredFacts] = {}
     for state in states:
@@ -463,7 +461,7 @@ def _bounds(file: FlightFile) -> tuple[float, float]:
 
 
 def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts | None:
-    """Return the first fault in the window, else the reason of the file; None if that is no fault."""
+    """Return the first fault in the window, else the reason of the file, or None if that is not a fault."""
     inside = (event for event in events if event.at >= 0)
     return next((event for event in (*inside, reason) if is_fault(event)), None)
 
@@ -471,7 +469,7 @@ def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts
 def _merged(
     sampled: dict[str, NodeFacts], received: dict[str, NodeFacts], states: Sequence[TimedSnapshot]
 ) -> dict[str, NodeFacts]:
-    """Merge node states from samples and frames; for axes the frames count, if they contain the states."""
+    """Merge node states from samples and frames, with precedence for axis states in frames."""
     if not sampled:
         return received
     axes = {(node.bus, node.node_id): node.axes for node in received.values()}

@@ -19,7 +19,7 @@ _MOST = 4  # maximum number of further faults listed
 
 
 def clock(unix_s: float, *, date: bool = False) -> str:
-    """Return the local time of day with milliseconds, with `date` also the date."""
+    """Return the local time of day with milliseconds, optionally with the date."""
     text = time.strftime("%Y-%m-%d %H:%M:%S" if date else "%H:%M:%S", time.localtime(unix_s))
     return f"{text}.{int(unix_s * 1000) % 1000:03d}"
 
@@ -102,7 +102,7 @@ def _true_pose(facts: ReportFacts) -> Iterator[str]:
 
 
 def _gaps(facts: ReportFacts) -> Iterator[str]:
-    """Yield sentences about missing data, so that nobody takes their absence for normal operation."""
+    """Yield sentences about missing data, whose absence could be mistaken for normal operation."""
     gaps = facts.gaps
     if gaps.unheard:
         yield f"Not listened to: {', '.join(gaps.unheard)}; its frames are not in here."
@@ -124,7 +124,7 @@ Column: TypeAlias = list[float | None]
 
 
 class Span(Document, frozen=True, rename={"begin": "from", "end": "to"}):
-    """Time span of a state; `state` is None if the state is unknown."""
+    """Time span of a state; `state` is None if unknown."""
 
     begin: float
     end: float
@@ -141,7 +141,7 @@ class NodeFacts(Document, frozen=True):
 
 
 class JointFacts(Document, frozen=True):
-    """Motion of a joint over `time`; `quantity` is that of the command, `error` is the command minus the actual value.
+    """Motion of a joint over `time`; `error` is command minus actual value of `quantity`.
 
     `tracking` is the last tracking quality that the master measured, None if the joint was not commanded.
     """
@@ -158,7 +158,7 @@ class JointFacts(Document, frozen=True):
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):
-    """Timing of the cycle; `late_counts[i]` cycles were at most `late_edges_s[i]` late, those of the last bin later."""
+    """Timing of the cycle; `late_counts[i]` cycles were at most `late_edges_s[i]` late, the last bin later."""
 
     period_s: float
     count: int
@@ -206,7 +206,7 @@ class BusFacts(Document, frozen=True):
 
 
 class MeasuredFacts(Document, frozen=True):
-    """Minimum, maximum and last value of a quantity that a controller has measured during the recording."""
+    """Minimum, maximum and last value of a quantity that a controller measured during the recording."""
 
     controller: str
     what: str
@@ -257,7 +257,7 @@ class ReportFacts(Document, frozen=True, kw_only=True):
 
     @property
     def fault_at(self) -> float | None:
-        """Time of the fault in the recording; None without a fault."""
+        """Time of the fault in the recording, or None without a fault."""
         return None if self.fault is None else self.fault.at
 
 

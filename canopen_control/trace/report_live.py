@@ -30,7 +30,10 @@ _NS: Final = 1_000_000_000
 
 
 def watch(name: str | None, seconds: float) -> FlightFile:
-    """Record the robot `name`, or the only running one, for `seconds` or until it ends; ConfigError without a robot."""
+    """Record the robot `name`, or the only running one, until `seconds` elapse or the robot ends.
+
+    Raise ConfigError if there is no robot.
+    """
     with RobotClient.connect(name) as robot, Reactor() as reactor:
         layout, status = robot.ask(GetLayout()), robot.ask(GetStatus())
         channels = {bus: bus_layout.channel for bus, bus_layout in layout.buses.items()}

@@ -71,7 +71,7 @@ def _grid(axis: TimeAxis, height: float) -> Iterator[str]:
 
 
 def _fault(axis: TimeAxis, height: float) -> Iterator[str]:
-    """Yield the line that marks the fault, to be drawn over everything else."""
+    """Yield the line that marks the fault, to be drawn over all other elements."""
     if axis.fault is not None and axis.begin <= axis.fault <= axis.end:
         x = axis.x(axis.fault)
         yield f'<line class="fault" x1="{x:.1f}" x2="{x:.1f}" y1="0" y2="{height}"/>'
@@ -83,7 +83,7 @@ def _svg(title: str, height: float, parts: Sequence[str]) -> str:
 
 
 def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: TimeAxis) -> str:
-    """Draw states over time, with a label and spans per row; the CSS class of a state is ``s-`` and its name."""
+    """Draw the states of each row over time; the CSS class of a state is ``s-`` and its name."""
     height = _ROW * len(rows)
     parts = list(_grid(axis, height))
     for number, (label, spans) in enumerate(rows):
@@ -116,7 +116,7 @@ def lines(
     *,
     from_zero: bool = False,
 ) -> str:
-    """Draw values over time as lines, for series of (CSS class, values); "" without any value."""
+    """Draw values over time as lines, for series of (CSS class, values), or return "" without values."""
     values_shown = [value for _, values in series for value in values if value is not None]
     if not values_shown:
         return ""
@@ -148,7 +148,7 @@ def _bounds(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[list[float], list[float | None]]:
-    """Return the points; of too many points only the minimum and maximum of each interval, in order of time."""
+    """Return the points, reduced to the minimum and maximum of each interval if there are too many."""
     if len(time) <= _POINTS:
         return list(time), list(values)
     stretch = math.ceil(2 * len(time) / _POINTS)
@@ -232,7 +232,7 @@ _FILLS: Final = "".join(
 
 
 def page_of(facts: ReportFacts) -> str:
-    """Return the HTML page for the facts of a recording."""
+    """Format the facts of a recording as an HTML page."""
     title = f"{facts.robot or 'CAN recording'}, {clock(facts.end, date=True)}"
     sections = (
         _summary,
@@ -311,7 +311,7 @@ def _joints(facts: ReportFacts) -> Iterator[str]:
 
 
 def _tracking(facts: ReportFacts) -> Iterator[str]:
-    """Yield the tracking quality of each joint, as the master measured it last."""
+    """Yield the last tracking quality of each joint that the master measured."""
     rows = []
     for name, joint in facts.joints.items():
         if (tracking := joint.tracking) is not None:

@@ -1,4 +1,4 @@
-"""SDO transfers of one node as a listener sees them, with segments and blocks (CiA 301, 7.2.4.3).
+"""SDO transfers of one node as seen by a listener, with segments and blocks (CiA 301, 7.2.4.3).
 
 The protocol is not checked. A frame that does not fit the transfer is described as such, and the next initiate frame
 starts a new transfer, because a listener may have started late or lost frames. Up to `LIMIT` bytes of a transfer are
@@ -75,7 +75,7 @@ class SdoConversation:
         self._last = 0  # sequence number of the block's last segment
 
     def receive(self, data: bytes, *, from_client: bool) -> SdoText:
-        """Return the description of a frame; a frame truncated after its last used byte is padded."""
+        """Describe a frame; a frame truncated after its last used byte is padded."""
         if not data:
             return SdoText("malformed: no data")
         data = data.ljust(8, b"\0")

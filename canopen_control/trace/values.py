@@ -1,4 +1,4 @@
-"""Values of objects as text, for instance of a statusword, a COB-ID or a mapping entry.
+"""Values of objects as text, such as a statusword, a COB-ID or a mapping entry.
 
 The number is always shown, followed by the text. Objects of the communication profile are those of CiA 301 (7.5.2);
 objects from 0x6000 on are those of CiA 402-2, only for a node that is a drive.
@@ -59,7 +59,7 @@ def is_faulty(state: State | None) -> bool:
 
 
 def statusword_text(statusword: int, mode: int | None = None) -> str:
-    """Return text such as ``0x0637 OPERATION ENABLED, target reached``; `mode` decides about bits 10, 12 and 13."""
+    """Return text such as ``0x0637 OPERATION ENABLED, target reached``; `mode` selects bits 10, 12 and 13."""
     state = decode_statusword(statusword)
     name = "undefined state" if state is None else state.name.replace("_", " ")
     return ", ".join((f"0x{statusword & 0xFFFF:04X} {name}", *_status_flags(statusword, state, mode)))
@@ -87,7 +87,7 @@ def _status_flags(statusword: int, state: State | None, mode: int | None) -> Ite
 
 
 def controlword_text(controlword: int, previous: int = 0, state: State | None = None, mode: int | None = None) -> str:
-    """Return text such as ``0x000F ENABLE OPERATION``; `mode` decides about the mode-specific bits.
+    """Return text such as ``0x000F ENABLE OPERATION``; `mode` selects the mode-specific bits.
 
     `previous` is the previous controlword, `state` the last state of the drive.
     """
@@ -105,14 +105,14 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
 
 
 def bytes_text(data: bytes) -> str:
-    """Return bytes in hexadecimal; for many bytes the first ones and the number of bytes."""
+    """Return bytes in hexadecimal; long data are abbreviated to the first bytes and the number of bytes."""
     if len(data) <= _SHOWN_BYTES:
         return data.hex(" ") or "no bytes"
     return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
 
 
 def decoded(data: bytes, data_type: DataType | None) -> Value:
-    """Decode bytes by data type; return the bytes if they do not fit the type, a number if the type is None."""
+    """Decode bytes by data type, as a number without a type; return the bytes if they do not fit the type."""
     if data_type is None:
         return int.from_bytes(data, "little") if len(data) in _NUMBER_SIZES else bytes(data)
     try:
@@ -149,14 +149,14 @@ class NodeWords:
         self._axes: dict[int, AxisWords] = {}
 
     def name(self, index: int, subindex: int) -> str:
-        """Return the name of an object by the EDS, else by CiA 402 for a drive; "" if unknown."""
+        """Return the name of an object in the EDS, else in CiA 402 for a drive, or "" if unknown."""
         name = entry_name(self._od, index, subindex)
         if name or not self._is_drive:
             return name
         return objects.object_name(index) or ""
 
     def take_change(self) -> ValueChange:
-        """Return the most important change in the values of all axes since the last call."""
+        """Return the most important change in the values of all axes since the previous call."""
         greatest = max((axis.change for axis in self._axes.values()), default=ValueChange.NONE)
         for axis in self._axes.values():
             axis.change = ValueChange.NONE
@@ -183,7 +183,6 @@ class NodeWords:
         return ""
 
     def mapping(self, _subindex: int, value: int) -> str:
-        """Return a PDO mapping entry as text."""
         index, subindex, bits = parse_mapping_entry(value)
         name = f"dummy {DUMMY_TYPES[index].name}" if index in DUMMY_TYPES else self.name(index, subindex)
         return f"0x{value:08X} (0x{index:04X}:{subindex:02X} {name}, {bits} bits)" if value else "0 (nothing)"
