@@ -52,7 +52,6 @@ class TypedEnds:
         self._ask, self._say = ask, report
 
     def before(self, text: str) -> None:
-        """Show the description of the next square, and wait until the user presses Enter."""
         self._say(text)
         self._line("  put the base at its start, keep clear, and press Enter: it drives ")
 
@@ -78,7 +77,6 @@ class FiledEnds:
         self._ends, self._say = list(ends), report
 
     def before(self, text: str) -> None:
-        """Report the description of the next square; it starts at once."""
         self._say(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
@@ -162,14 +160,14 @@ def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) ->
 
 
 class BaseLink:
-    """Connection to the robot whose base is calibrated; `controller` is the name of the diff drive controller."""
+    """Connection to the robot with the base to calibrate; `controller` is the name of the diff drive controller."""
 
     def __init__(self, robot: RobotClient, controller_name: str | None = None) -> None:
         self._robot = robot
         self.controller = choose_base(robot.ask(ListControllers()), controller_name).name
 
     def wheel_values(self) -> WheelValues:
-        """Return the wheel values of the controller; raise ConfigError if it has a multiplier for both radii."""
+        """Return the wheel values; raise ConfigError for a controller with a multiplier for both radii."""
         params = {
             parameter.name: parameter.plain for parameter in self._robot.ask(GetParameters(controller=self.controller))
         }
@@ -195,7 +193,7 @@ class BaseLink:
         )
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Set the multipliers of the controller, retrying until the base stands; raise RemoteError on a refusal."""
+        """Set the multipliers of the controller, with retries while the base moves; raise RemoteError on a refusal."""
         values = tuple(
             ParameterValue(name=name, kind="double", value=value) for name, value in zip(FACTORS, factors, strict=True)
         )
@@ -211,7 +209,7 @@ class BaseLink:
                 return
 
     def true_pose(self) -> TruePose | None:
-        """Return the true pose of the base; None if the robot is not simulated, so that it is unknown."""
+        """Return the true pose of a simulated base; None for a real base."""
         with self._watching():
             for state in self._states():
                 return state.true_pose

@@ -44,7 +44,6 @@ class Direction(enum.Enum):
 
     @property
     def word(self) -> str:
-        """Name of the direction for texts: "clockwise" or "counter-clockwise"."""
         return "counter-clockwise" if self is Direction.CCW else "clockwise"
 
 
@@ -162,7 +161,7 @@ def _mean(runs: Sequence[SquareRun]) -> tuple[float, float]:
 def _scatter(
     by_direction: dict[Direction, list[SquareRun]], means: dict[Direction, tuple[float, float]]
 ) -> float | None:
-    """Return three standard deviations of the runs about the mean of their direction; None with one run each."""
+    """Return three standard deviations of the runs about the mean of their direction; None for single runs."""
     freedom = sum(len(runs) - 1 for runs in by_direction.values())
     if freedom == 0:
         return None
@@ -239,7 +238,7 @@ class SquarePath:
 
     @property
     def done(self) -> bool:
-        """Whether the base has reached the end of the square and stands."""
+        """Whether the base is at standstill at the end of the square."""
         return self._phase is _Phase.DONE
 
     def twist(self, pose: Planar, now: float) -> tuple[float, float]:

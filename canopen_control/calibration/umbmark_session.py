@@ -52,20 +52,19 @@ class Ends(Protocol):
     """Source of the true end positions of the squares."""
 
     def before(self, text: str) -> None:
-        """Return when the next square may begin; `text` describes it."""
+        """Announce the next square, described by `text`, and return when it may begin."""
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
         """Return the true end position of the base, in m ahead and to the left of the start of the square."""
 
 
 class TrueEnds:
-    """Source of true end positions for a simulated base: the true pose of the simulation."""
+    """Source of true end positions for a simulated base: the true poses of the simulation."""
 
     def __init__(self, report: Callable[[str], object]) -> None:
         self._say = report
 
     def before(self, text: str) -> None:
-        """Report the description of the next square; it starts at once."""
         self._say(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:

@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 
 def finite(value: float) -> float | None:
-    """Return the value, or None if it is nan or infinite."""
+    """Return `value`, or None if it is nan or infinite."""
     return value if math.isfinite(value) else None
 
 
 class StateCopy:
-    """Copy of selected state interface values, refreshed by `take`; the content of a broadcaster's messages.
+    """Snapshot of selected state interface values, from which a broadcaster builds its samples.
 
     `layout` maps joint and interface name to the source of the value; None stands for a constant 0.0.
     """
@@ -57,7 +57,6 @@ class StateCopy:
 
     @property
     def joints(self) -> list[str]:
-        """Joint names, in the order of the layout."""
         return list(self._joints)
 
     def take(self) -> None:
@@ -82,17 +81,17 @@ class WheelGeometrySource(Protocol):
     """Provider of wheel dimensions in m from the robot description; None means an unknown dimension."""
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance between the left and the right wheels, which are given by joint name."""
+        """Return the distance in m between the left and the right wheel joints; None if it is unknown."""
         ...
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the radius of the wheels, which are given by joint name."""
+        """Return the common radius in m of the wheels at these joints; None if it is unknown."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class DriveGeometry:
-    """Wheel geometry and frames that a base controller assumes, which `check` compares with the description.
+    """Wheel geometry and frame names from a base controller's parameters, which `check` compares with the URDF.
 
     Lengths are in m, and a separation of 0 is unknown; `radius_key` and `separation_key` are the parameters that set
     them. `frozen` are the twist axes whose limits keep the speed constant.
@@ -133,7 +132,7 @@ def is_moving(commands: Sequence[CommandInterface]) -> bool:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class EnableStatus:
-    """Default enable status, for interfaces without drives.
+    """Enable status of command interfaces; this default is for interfaces without drives.
 
     It explains why interfaces do not follow commands, and groups the interfaces that stop together. For drives see
     `runtime.enable_status.DriveEnableStatus`.
@@ -144,11 +143,11 @@ class EnableStatus:
         return NotEnabled(f"{joint_names(waiting)}: not enabled, so no command is taken")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
-        """Return a text that names the joints that are not enabled, and what to do."""
+        """Return a message with the joints that are not enabled and the remedy."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
     def stop_groups(self, ends: Ends) -> Sequence[Ends]:
-        """Return the command interfaces in groups that stop together; here all of them are in one group."""
+        """Return the command interfaces in stop groups; by default all are in one group."""
         return (ends,)
 
 
@@ -248,7 +247,7 @@ class Controller:
         self.update_rate = params.read(self.reads).update_rate
 
     def on_set(self, params: Params) -> None:
-        """Apply changed `settable` parameters, in any state; raise ConfigError and change nothing if they are invalid.
+        """Apply changed `settable` parameters, in any state; raise ConfigError, with no change, for invalid values.
 
         An override reads all of them, as `on_configure` does, before it changes anything.
         """
@@ -286,7 +285,7 @@ class Controller:
         zero_targets(self.commands)
 
     def forget(self, now: int) -> None:
-        """Clear the command: motion targets become 0.0, joints with a position command hold the actual position."""
+        """Clear the command: zero velocity, effort and acceleration targets, and hold the actual position."""
         self.on_deactivate(now)
         for command in self.commands:
             if command.quantity == POSITION:
@@ -294,12 +293,12 @@ class Controller:
         self.on_activate(self.commands, self.states, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Clear the commands of some interfaces; here of all, because only an `independent` controller can do less."""
+        """Clear the commands of these interfaces, or of all if the controller is not `independent`."""
         del commands
         self.forget(now)
 
     def on_cleanup(self) -> None:
-        """Discard the configuration; the base class has none."""
+        """Discard the configuration; the base class does nothing."""
 
     def update(self, now: int, period: float) -> ReturnType:
         """Execute one control step; `now` is in ns, `period` is the time since the previous step in s."""
@@ -330,7 +329,7 @@ class Controller:
     # ------------------------------------------------------------------------------------------------ for overrides
 
     def published(self, wall_offset_ns: int) -> float:
-        """Return the time of the last publication as Unix time in s, for the `time` of a sample."""
+        """Return the Unix time of the last publication in s, for the field `time` of a sample."""
         return (self.stamp + wall_offset_ns) / 1e9
 
     def refusal(self, reason: str) -> ControlError:
@@ -352,7 +351,7 @@ class Controller:
 
     @property
     def describe_stop(self) -> str:
-        """Clause that says what the joints do after a command has ended."""
+        """Clause for messages about the joints after the end of a command, such as "its targets are 0"."""
         stands = all(command.quantity in MOVING for command in self.commands)
         return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
 

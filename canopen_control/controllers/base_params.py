@@ -57,11 +57,10 @@ class TwistAxisLimits:
 
     @property
     def freezes(self) -> bool:
-        """Whether the jerk limit is 0, so that the axis can only keep its speed."""
+        """Whether the jerk limit is 0, which keeps the axis at constant speed."""
         return self.max_jerk == 0.0
 
     def limits(self) -> VelocityLimits:
-        """Convert the parameters to the type that the limiter uses."""
         return VelocityLimits(
             self.min_velocity,
             self.max_velocity,
@@ -91,7 +90,7 @@ class BaseParams(CommonParams):
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield checks as pairs: whether the parameters fail the check, and the error text; here none."""
+        """Yield pairs of a flag, True for a failed check, and the error text; the base class has no checks."""
         return iter(())
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:
@@ -100,7 +99,7 @@ class BaseParams(CommonParams):
         return prefix + self.odom_frame_id, prefix + self.base_frame_id
 
     def frame_prefix(self, namespace: str) -> str:
-        """Return the prefix of frame names for a namespace; here always empty."""
+        """Return the prefix of frame names for a namespace; empty by default."""
         del namespace
         return ""
 
@@ -116,7 +115,6 @@ class PrefixedParams(BaseParams):
     tf_frame_prefix: str = setting("", help="prefix of the frame names; empty: the namespace")
 
     def frame_prefix(self, namespace: str) -> str:
-        """Return the prefix of frame names, as `tf_prefix` does; empty if prefixes are disabled."""
         return tf_prefix(self.tf_frame_prefix, namespace, enable=self.tf_frame_prefix_enable)
 
 
@@ -138,7 +136,7 @@ def refuse(name: str, checks: Iterable[tuple[bool, str]]) -> None:
 
 
 def tf_prefix(prefix: str, namespace: str, *, enable: bool = True) -> str:
-    """Return the prefix of frame names: `prefix` with its first `~` replaced by the namespace, else the namespace."""
+    """Return the prefix of frame names: `prefix` with its first `~` as the namespace, or the namespace alone."""
     if not enable:
         return ""
     text = prefix.replace("~", namespace, 1) if prefix else namespace

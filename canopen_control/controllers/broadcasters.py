@@ -123,7 +123,6 @@ class BatteryParams(CommonParams):
         return [f"{battery}/{first}", *names]
 
     def mistakes(self) -> Iterator[str]:
-        """Yield an error text for each invalid parameter."""
         if bool(self.sensor_name) == bool(self.batteries):
             both = "both 'sensor_name' and 'batteries'" if self.batteries else "no 'batteries'"
             yield f"{both}; give it under ros__parameters: batteries: [main_battery]"
@@ -182,20 +181,18 @@ _COVARIANCE: Final = 9
 
 @dataclass(frozen=True)
 class SensorParams(CommonParams):
-    """Common parameters of sensor broadcasters: the <sensor> of the description, and the frame of its values."""
+    """Common parameters of sensor broadcasters: the <sensor> of the description, and the frame id."""
 
     sensor_name: str = setting("", help="`<sensor>` of the description whose interfaces have the names of ros2_control")
     frame_id: str = setting("", help="frame id of the message headers")
 
     def mistakes(self) -> Iterator[str]:
-        """Yield an error text for each invalid parameter."""
         if not self.sensor_name:
             yield "no 'sensor_name'; give it under ros__parameters: sensor_name: imu"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: imu_link"
 
     def check(self, name: str) -> None:
-        """Raise RobotConfigError with all errors in the parameters, if any; `name` is the controller."""
         refuse_all(name, self.mistakes())
 
 
@@ -219,7 +216,6 @@ class ImuParams(SensorParams):
     )
 
     def mistakes(self) -> Iterator[str]:
-        """Yield an error text for each invalid parameter."""
         yield from super().mistakes()
         for quantity in ("orientation", "angular_velocity", "linear_acceleration"):
             covariance = getattr(self, f"static_covariance_{quantity}")
@@ -229,7 +225,7 @@ class ImuParams(SensorParams):
 
 @dataclass(frozen=True)
 class RangeParams(SensorParams):
-    """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster, in rad and m; the variance is in m^2."""
+    """Parameters of range_sensor_broadcaster/RangeSensorBroadcaster; units are rad, m and m^2."""
 
     radiation_type: int = setting(0, low=0, high=1, help="0: ultrasound, 1: infrared")
     field_of_view: float = setting(
@@ -275,7 +271,6 @@ class ForceTorqueParams(SensorParams):
         return [self.interface_names.get(axis, "") for axis in AXES]
 
     def mistakes(self) -> Iterator[str]:
-        """Yield an error text for each invalid parameter."""
         named = any(self.interface_names.values())
         if bool(self.sensor_name) == named:
             both = "both 'sensor_name' and interface_names" if named else "neither 'sensor_name' nor interface_names"
@@ -332,7 +327,6 @@ class PoseParams(CommonParams):
         return (self.tf.child_frame_id or self.pose_name or None) if self.tf.enable else None
 
     def mistakes(self) -> Iterator[str]:
-        """Yield an error text for each invalid parameter."""
         named = any(self.interface_names.values())
         if bool(self.pose_name) == named:
             both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
@@ -344,7 +338,6 @@ class PoseParams(CommonParams):
         yield from (f"interface_names.{name}{nearest(name, POSE)}" for name in self.interface_names if name not in POSE)
 
     def check(self, name: str) -> None:
-        """Raise RobotConfigError with all errors in the parameters, if any; `name` is the controller."""
         refuse_all(name, self.mistakes())
 
 
@@ -370,7 +363,7 @@ _IMU: Final = (
 
 
 class SensorBroadcaster(Controller):
-    """Base class of broadcasters that copy state interfaces in a fixed order; "" marks an absent interface."""
+    """Base class of broadcasters of a fixed list of state interfaces, in which "" marks an absent interface."""
 
     is_broadcaster: ClassVar[bool] = True
 
@@ -382,11 +375,9 @@ class SensorBroadcaster(Controller):
         self._values: list[float] = []
 
     def state_interface_names(self) -> list[str]:
-        """Return the state interfaces to read, without the absent ones."""
         return [name for name in self._names if name]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces, and copy their values for the first publication."""
         super().on_activate(commands, states, now)
         by_name = {state.name: state for state in states}
         self._values = [math.nan] * len(self._names)
@@ -394,7 +385,6 @@ class SensorBroadcaster(Controller):
         self.update(now, 0.0)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states for the next publication."""
         del period
         for place, source in self._sources:
             self._values[place] = source.value
@@ -402,7 +392,6 @@ class SensorBroadcaster(Controller):
         return OK
 
     def _set_up(self, params: SensorParams | PoseParams, names: list[str]) -> None:
-        """Check the parameters, and store them with the state interface names."""
         params.check(self.name)
         self.update_rate, self.frame_id, self._names = params.update_rate, params.frame_id, names
 
@@ -420,12 +409,10 @@ class IMUSensorBroadcaster(SensorBroadcaster):
     params: ImuParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = params.read(ImuParams)
         self._set_up(self.params, [f"{self.params.sensor_name}/{quantity}" for quantity in _IMU])
 
     def sample(self, wall_offset_ns: int) -> ImuSample:
-        """Return the measurement of the last update, with the configured covariances."""
         params = self.params
         return ImuSample(
             time=self.published(wall_offset_ns),
@@ -448,12 +435,10 @@ class RangeSensorBroadcaster(SensorBroadcaster):
     params: RangeParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = params.read(RangeParams)
         self._set_up(self.params, [f"{self.params.sensor_name}/range"])
 
     def sample(self, wall_offset_ns: int) -> RangeSample:
-        """Return the distance of the last update, with the properties of the sensor."""
         params = self.params
         return RangeSample(
             time=self.published(wall_offset_ns),
@@ -479,13 +464,11 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         self._scales: list[tuple[float, float]] = []
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         settings = params.read(ForceTorqueParams)
         self._set_up(settings, settings.names)
         self._scales = [(settings.offset.get(axis, 0.0), settings.multiplier.get(axis, 1.0)) for axis in AXES]
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states for the next publication, with offsets and multipliers applied."""
         super().update(now, period)
         for place, source in self._sources:
             offset, factor = self._scales[place]
@@ -493,7 +476,6 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         return OK
 
     def sample(self, wall_offset_ns: int) -> WrenchSample:
-        """Return the forces and torques of the last update."""
         return WrenchSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
@@ -514,7 +496,6 @@ class PoseBroadcaster(SensorBroadcaster):
     params: PoseParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = settings = params.read(PoseParams)
         settings.check(self.name)
         self._set_up(settings, settings.names)
@@ -524,7 +505,6 @@ class PoseBroadcaster(SensorBroadcaster):
             )
 
     def sample(self, wall_offset_ns: int) -> PoseSample:
-        """Return the pose of the last update, with its frames."""
         return PoseSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
@@ -555,13 +535,11 @@ class BatteryStateBroadcaster(SensorBroadcaster):
     params: BatteryParams
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = settings = read_params(params, self.name)
         self.update_rate = settings.update_rate
         self._names = [name for battery in settings.names for name in settings.measured(battery)]
 
     def sample(self, wall_offset_ns: int) -> BatteriesSample:
-        """Return the battery states of the last update."""
         size = len(QUANTITIES)
         batteries = [
             _reading(name, own, self._known(place * size, (place + 1) * size))
@@ -594,7 +572,6 @@ def _reading(name: str, own: BatteryFacts, values: Sequence[float | None]) -> Ba
 
 
 def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
-    """Combine the states of all batteries into one state, by means, sums or maxima of the known values."""
     technologies = {battery.power_supply_technology for battery in batteries}
     return BatteryReading(
         name="",
@@ -615,13 +592,11 @@ def _together(batteries: Sequence[BatteryReading]) -> BatteryReading:
 
 
 def _sum(values: Sequence[float | None]) -> float | None:
-    """Return the sum of the known values, or None if no value is known."""
     numbers = [value for value in values if value is not None]
     return math.fsum(numbers) if numbers else None
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean of the known values, or None if no value is known."""
     numbers = [value for value in values if value is not None]
     return math.fsum(numbers) / len(numbers) if numbers else None
 
@@ -643,7 +618,7 @@ class StateParams(CommonParams):
 
 
 class _StateBroadcaster(Controller):
-    """Base class of broadcasters of selected state interfaces; `chosen` are the default interfaces."""
+    """Base class of broadcasters of selected state interfaces, by default of the interfaces `chosen`."""
 
     title: ClassVar[str] = "GPIO and diagnostics"
     reads: ClassVar[type[StateParams]] = StateParams
@@ -656,18 +631,15 @@ class _StateBroadcaster(Controller):
         self._copy = StateCopy({})
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters."""
         self.params = params.read(StateParams)
         self.update_rate = self.params.update_rate
 
     def state_interface_names(self) -> list[str]:
-        """Return the configured interfaces of the configured joints; if either is empty, `ALL_STATES`."""
         if self.params.joints and self.params.interfaces:
             return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Select the state interfaces to publish; raise ControlError if there are none."""
         super().on_activate(commands, states, now)
         layout: dict[str, dict[str, StateInterface | None]] = {}
         for state in filter(self._is_selected, states):
@@ -685,7 +657,6 @@ class _StateBroadcaster(Controller):
         return state.interface in (interfaces or self.chosen) or bool(joints and not interfaces)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states for the next publication."""
         del period
         self._copy.take()
         self.stamp = now
@@ -699,7 +670,6 @@ class GpioBroadcaster(_StateBroadcaster):
     tells: ClassVar[type[Sample] | None] = GpioSample
 
     def sample(self, wall_offset_ns: int) -> GpioSample:
-        """Return the inputs and outputs of the last update."""
         return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
 
 
@@ -711,7 +681,6 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
     tells: ClassVar[type[Sample] | None] = DiagnosticsSample
 
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
-        """Return the health of every joint, evaluated from the values of the last update."""
         judged = [
             JointDiagnosis(joint, *self._diagnose(values), values) for joint, values in self._copy.by_joint().items()
         ]

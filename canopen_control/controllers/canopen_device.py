@@ -37,7 +37,6 @@ class CanopenProxyController(Controller):
     offers: ClassVar[tuple[str, ...]] = (NODE_SERVICES,)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameter `joint`; raise RobotConfigError if it is missing."""
         settings = params.read(DeviceParams)
         if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
@@ -45,6 +44,6 @@ class CanopenProxyController(Controller):
 
 
 class Cia402DeviceController(CanopenProxyController):
-    """Controller that offers the services of one drive: those of a node, and CiA 402 states and modes."""
+    """Controller that offers the services of one drive: the services of a node, and CiA 402 states and modes."""
 
     offers: ClassVar[tuple[str, ...]] = (DRIVE_SERVICES,)

@@ -61,24 +61,24 @@ States = Sequence["StateInterface"]
 
 
 class Limited(metaclass=ABCMeta):
-    """Base class of commands that are limited together; the full check runs only if `passes` is False."""
+    """Base class of limiters for commands that are limited together; `enforce` runs only if `passes` is False."""
 
     __slots__ = ()
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """Return whether a short check proves the commands within all limits; False requires the full check."""
+        """Return True if a short check shows that all commands are within the limits; else `enforce` must run."""
         return False
 
     @abstractmethod
     def enforce(self, period: float, clock: float) -> str | None:
-        """Limit the commands to their allowed values; when limiting begins, return a text with commands and limits.
+        """Clamp the commands to the limits, and return a report of newly limited commands, else None.
 
         `clock` is the sum of all periods up to and including this cycle, in s.
         """
 
 
 class JointCommands(Limited):
-    """Commands of one joint, which share a limiter; every command goes through the full check."""
+    """Limiter of the commands of one joint; every command goes through the full check."""
 
     __slots__ = (
         "_actual",
@@ -102,7 +102,6 @@ class JointCommands(Limited):
         self._starts = [math.nan, math.nan]
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """Return whether the joint has no command (and no soft limits); see `Limited`."""
         if self._joint.soft is not None:
             return False
         for _, command in self._commands:
@@ -114,7 +113,6 @@ class JointCommands(Limited):
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """Limit the commands of the joint by the full check; see `Limited`."""
         actual, desired, limiter = self._actual, self._desired, self._limiter
         for at, state in self._states:
             actual[at] = state.value
@@ -136,7 +134,7 @@ class JointCommands(Limited):
         return sentence
 
     def _begin(self, actual: list[float], before: list[float]) -> None:
-        """Set the start values to the last commands, else the measured state; clamp the measured position."""
+        """Set the start values to the last commands or the measured state, and clamp the measured position."""
         limits, here = self._limits, actual[POS]
         self._starts[POS] = before[POS] if math.isfinite(before[POS]) else here
         if here < limits.min_position or here > limits.max_position:
@@ -146,7 +144,7 @@ class JointCommands(Limited):
         self._starts[VEL] = before[VEL]
 
     def _changed(self, at: int, value: float, period: float) -> float:
-        """Return a position or velocity command that differs from the start value by at most one rate-limited step."""
+        """Clamp a position or velocity command to one rate-limited step from the start value."""
         most = (self._limits.max_velocity if at == POS else self._limits.max_acceleration) * period
         start = self._starts[at]
         return min(max(value, start - most), start + most) if math.isfinite(start) else value
@@ -156,7 +154,7 @@ class JointCommands(Limited):
     def _limit_text(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
-        """Return a text about the limits that changed the desired value to `value`, or None if limiting goes on."""
+        """Return a report of the limits that changed the command, or None within `QUIET_S` of another limit."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
@@ -224,7 +222,6 @@ class JointPosition(JointCommands):
         self._speed = _state(states, VELOCITY)
 
     def passes(self, period: float) -> bool:
-        """Return whether a short check proves the position command within all limits; see `Limited`."""
         command, before, rate = self._command, self._before, self._rate
         value = command.value
         if self._slope != math.inf:
@@ -240,7 +237,6 @@ class JointPosition(JointCommands):
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """Limit the position command by the full check; see `Limited`."""
         before = self._limiter.before
         before[POS] = self._before
         text = super().enforce(period, clock)
@@ -262,7 +258,6 @@ class JointVelocity(JointCommands):
         self._speed = _state(states, VELOCITY)
 
     def passes(self, period: float) -> bool:
-        """Return whether a short check proves the velocity command within all limits; see `Limited`."""
         command, rate, before, change = self._command, self._rate, self._before, self._slope * period
         value = command.value
         if value != value or command.owner is None:
@@ -281,7 +276,6 @@ class JointVelocity(JointCommands):
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """Limit the velocity command by the full check; see `Limited`."""
         before = self._limiter.before
         before[VEL] = self._before
         text = super().enforce(period, clock)
@@ -290,7 +284,7 @@ class JointVelocity(JointCommands):
 
 
 class JointSeveral(Limited):
-    """Limiters of a joint that has several commands and no soft limits; every command is limited by itself."""
+    """Limiter of a joint with several commands and no soft limits; each command has its own limiter."""
 
     __slots__ = ("_parts",)
 
@@ -298,14 +292,12 @@ class JointSeveral(Limited):
         self._parts = parts
 
     def passes(self, period: float) -> bool:
-        """Return whether all commands of the joint pass their short checks; see `Limited`."""
         for part in self._parts:  # noqa: SIM110 - `all` would make a generator in the cycle
             if not part.passes(period):
                 return False
         return True
 
     def enforce(self, period: float, clock: float) -> str | None:
-        """Limit the commands of the joint that do not pass their short check; see `Limited`."""
         sentence: str | None = None
         for part in self._parts:
             if period > 0.0 and part.passes(period):  # a repeated check gives the same result
@@ -316,7 +308,7 @@ class JointSeveral(Limited):
 
 
 class PlainCommand(Limited):
-    """Limiter of a command with another quantity than the `QUANTITIES`, by the bounds of its interface."""
+    """Limiter of a command outside `QUANTITIES`, which applies only the bounds of the command interface."""
 
     __slots__ = ("_command", "_limited_at")
 
@@ -324,7 +316,6 @@ class PlainCommand(Limited):
         self._command, self._limited_at = command, -math.inf
 
     def enforce(self, period: float, clock: float) -> str | None:  # noqa: ARG002 - the verb of all of them
-        """Clamp the command to the bounds of its interface; see `Limited`."""
         command, target = self._command, self._command.value
         if command.owner is None or command.minimum <= target <= command.maximum or math.isnan(target):
             return None
@@ -341,7 +332,7 @@ _KINDS: Final[Mapping[str, type[JointCommands]]] = MappingProxyType({POSITION: J
 
 
 def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: States) -> Limited:
-    """Return the limiter with the shortest check that suffices for the commands of a joint."""
+    """Return the limiter with the cheapest check for the commands of a joint."""
     if joint.soft is not None:
         return JointCommands(joint, limits, commands, states)
     parts = [_KINDS.get(command.interface, JointCommands)(joint, limits, [command], states) for command in commands]
@@ -353,7 +344,7 @@ _NO_BOUNDS: Final = InterfaceInfo("")
 
 
 class CommandLimits:
-    """Limiters for all commands of the joints in a robot description."""
+    """Limiters of all commands to the joints of a robot description."""
 
     def __init__(self, description: UrdfDescription, registry: InterfaceRegistry) -> None:
         self._limited: list[Limited] = []
@@ -383,7 +374,7 @@ class CommandLimits:
                 self._limited.append(limited_joint(joint, limits, limitable, states))
 
     def enforce(self, period: float) -> str | None:
-        """Limit all commands; `period` is in s. Return a text about commands whose limiting begins, else None."""
+        """Limit all commands; `period` is in s. Return a report of newly limited commands, else None."""
         self._clock = clock = self._clock + period
         judged = period > 0.0
         texts: list[str] | None = None
@@ -430,6 +421,6 @@ def _smaller(info: InterfaceInfo) -> float:
 
 
 def _accelerations(info: InterfaceInfo) -> tuple[float, float]:
-    """Return the maximum acceleration and deceleration: `max` and |`min`|; a single bound is used for both."""
+    """Return the maximum acceleration and deceleration from `max` and |`min`|; a single bound is used for both."""
     faster, slower = info.maximum, abs(info.minimum)
     return (faster if math.isfinite(faster) else slower), (slower if math.isfinite(slower) else faster)

@@ -54,7 +54,7 @@ class CommandTimeout:
         self.given, self.live = now, True
 
     def runs_out(self, now: int) -> bool:
-        """Return whether the command has just expired; True only once per command. `now` is in ns."""
+        """Return True once when the command has expired; `now` is in ns."""
         if not self.live or not self.limit_ns or now - self.given <= self.limit_ns:
             return False
         self.live = False
@@ -68,7 +68,7 @@ class CommandTimeout:
 
 
 def timeout_ns(timeout: float | None, interfaces: Iterable[str]) -> int:
-    """Return the timeout in ns of commands to these interfaces, 0 if unlimited; `timeout` is the YAML value in s."""
+    """Return the timeout in ns for commands to these interfaces, 0 if unlimited; `timeout` is the YAML value in s."""
     if timeout is None:
         timeout = DEFAULT_LIFE_S if MOVING.intersection(interfaces) else 0.0
     return round(timeout * 1e9)

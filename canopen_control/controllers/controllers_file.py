@@ -58,7 +58,7 @@ class ControllerConfig:
 
 @dataclass(frozen=True)
 class ControllersFile:
-    """Contents of ros2_controllers.yaml: the controllers in the order of the file, the manager's parameters, warnings.
+    """Contents of ros2_controllers.yaml: controllers in the order of the file, manager parameters, and warnings.
 
     `update_rate` is in Hz. `line` and `namespace` are those of the manager's block, `manager_lines` the lines of its
     parameters. `shared` are the keys of a block for all nodes (`/**`).
@@ -147,7 +147,7 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Declared:
-    """Controller that the manager's block declares.
+    """Controller that is declared in the controller_manager block.
 
     Besides its type, the block may contain `further` parameters, parameter files, fallbacks and node options.
     """
@@ -215,7 +215,7 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
 
 
 def _variables_in(text: str) -> list[tuple[str, int]]:
-    """Return the variables that have no value, as pairs of name and first line, without duplicates."""
+    """Return the variables without a value, as pairs of name and first line, without duplicates."""
     lines = enumerate(LINE_END.split(text), 1)
     uses = [(match[0], number) for number, line in lines for match in _VARIABLE.finditer(line.partition("#")[0])]
     return list({name: (name, number) for name, number in reversed(uses)}.values())[::-1]
@@ -232,7 +232,7 @@ def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
 
 
 def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
-    """Collect the parameter blocks of all layouts by controller name, and warn about blocks that belong to none."""
+    """Collect the parameter blocks of all layouts by controller name; warn about blocks without a controller."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
         inner = value.get(PARAMETERS)
@@ -251,7 +251,7 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
 
 
 def _nested(node: Node) -> Node:
-    """Return the blocks nested beside the parameters of a block, as under `/**`, which is also a namespace."""
+    """Return the blocks next to `ros__parameters` in a block such as `/**`, which is also a namespace."""
     pairs = {key.text: (key, value) for key, value in node.pairs() if value.get(PARAMETERS) is not None}
     return Node.mapping(like(node), pairs)
 
@@ -268,7 +268,7 @@ def is_within(pattern: str, namespace: str) -> bool:
 
 
 def _is_namespace(name: str, value: Node) -> bool:
-    """Return whether a block contains only mappings and no type, so that its name is a namespace."""
+    """Return whether a block contains only mappings and no type, which means that its name is a namespace."""
     below = {node.kind for _, node in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 
@@ -375,7 +375,7 @@ def _check_fallbacks(declared: dict[str, _Declared], controllers: dict[str, Cont
 
 
 def from_file(place: Node, text: str, name: str) -> Node:
-    """Return the parameters of controller `name` in a `params_file`, whose path is `text`.
+    """Return the parameters of controller `name` in the `params_file` with the path `text`.
 
     A relative path begins at the folder of the file that names it. Errors are reported at `place`.
     """
@@ -416,7 +416,7 @@ _KEYS: Final = {"type": ("string",), "params_file": _TEXTS, "fallback_controller
 
 @dataclasses.dataclass(frozen=True)
 class SpawnerArguments:
-    """Settings that a spawner has made for one controller."""
+    """Parameters that a spawner has set for one controller."""
 
     type: str = ""
     params_file: tuple[str, ...] = ()
@@ -424,7 +424,7 @@ class SpawnerArguments:
     node_options_args: tuple[str, ...] = ()
 
     def changed(self, key: str, texts: tuple[str, ...]) -> SpawnerArguments:
-        """Return a copy in which the setting `key`, one of `_KEYS`, has the value `texts`."""
+        """Return a copy with the values `texts` for the setting `key`, one of `_KEYS`."""
         if key == "type":
             return dataclasses.replace(self, type=texts[0])
         if key == "params_file":
@@ -435,7 +435,7 @@ class SpawnerArguments:
 
 
 class SpawnedControllers:
-    """Settings that spawners have made for all controllers.
+    """Parameters that spawners have set for all controllers.
 
     The resulting controllers are added to `control`, the contents of the robot's file.
     """
@@ -446,7 +446,7 @@ class SpawnedControllers:
         self.arguments: dict[str, SpawnerArguments] = {}
 
     def set(self, parameters: Sequence[ParameterValue]) -> None:
-        """Apply all parameters named `CONTROLLER.KEY`, or none and raise ControlError or RobotConfigError."""
+        """Set parameters named `CONTROLLER.KEY`; if one is invalid, set none and raise an error."""
         arguments_by_name = dict(self.arguments)
         for parameter in parameters:
             name, _, key = parameter.name.rpartition(".")

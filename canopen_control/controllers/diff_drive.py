@@ -64,7 +64,7 @@ class Odometry(PlanarPose):
         return self._angular.mean
 
     def resize(self, separation: float, left_radius: float, right_radius: float) -> None:
-        """Set other wheel dimensions in m for the following steps; the pose is unchanged."""
+        """Replace the wheel dimensions, in m, for later steps; the pose is unchanged."""
         self._left *= left_radius / self._left_radius
         self._right *= right_radius / self._right_radius
         self._separation, self._left_radius, self._right_radius = separation, left_radius, right_radius
@@ -79,7 +79,6 @@ class Odometry(PlanarPose):
         self.started = False
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Set the pose, in m and rad, and reset the mean velocities."""
         super().set_pose(x, y, heading)
         self._linear.clear()
         self._angular.clear()
@@ -142,10 +141,9 @@ def wheel_velocities(
 
 
 class DiffDriveController(MobileBase):
-    """Controller that moves a base with left and right wheels according to twists.
+    """Controller of a differential drive base, which is commanded by twists.
 
-    `odometry` is published at `publish_rate`; the limited twist is published on `~/cmd_vel_out` if the parameters
-    enable it.
+    The odometry is published at `publish_rate`, and the limited twist on `~/cmd_vel_out` if the parameters enable it.
     """
 
     title: ClassVar[str] = "Diff drive"
@@ -173,17 +171,15 @@ class DiffDriveController(MobileBase):
         self._pair: tuple[StateInterface, StateInterface] | None = None  # of a base with one wheel on each side
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel geometry of the parameters, without multipliers, which are calibration factors."""
+        """Return the nominal wheel geometry, without the multipliers, which are calibration factors."""
         params, (odom, base) = self.params, self.frame_ids()
         sizes = (params.wheel_separation, params.wheel_radius)
         return DriveGeometry(params.left, params.right, *sizes, odom, base, params.enable_odom_tf, params.frozen)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry; None before the first publication."""
         return self.odometry_sample(wall_offset_ns, self.params.publish_limited_velocity)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and reset the odometry to the origin."""
         settings = read_params(params, self.geometry, lambda text: self.report("parameter", text))
         self.params = settings
         self._wheels = (settings.separation, settings.left_radius, settings.right_radius)
@@ -197,7 +193,6 @@ class DiffDriveController(MobileBase):
         )
 
     def on_set(self, params: Params) -> None:
-        """Apply changed limits, timeout and publication parameters; multipliers only at standstill."""
         settings = read_params(params, self.geometry)
         wheels = (settings.separation, settings.left_radius, settings.right_radius)
         if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
@@ -207,41 +202,33 @@ class DiffDriveController(MobileBase):
         self.odometry.resize(*wheels)
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity interface of every wheel, left wheels first."""
         return [f"{wheel}/{VELOCITY}" for wheel in self.joints]
 
     def state_interface_names(self) -> list[str]:
-        """Return the position or velocity interface of every wheel; an empty list in open loop."""
         return self.wheel_states(self.params.position_feedback)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start without a command; the pose is kept, and the next sample is the odometry baseline."""
         super().on_activate(commands, states, now)
         self._left_states, self._right_states = states[: self._side], states[self._side :]
         self._pair = (states[0], states[1]) if len(states) == 2 and self._side == 1 else None
 
     @property
     def begun(self) -> bool:
-        """Whether the odometry has its baseline."""
         return self.odometry.started
 
     def stop_following(self) -> None:
-        """Ignore motion until the next sample, which becomes the odometry baseline."""
         self.odometry.stop()
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the mean velocities of the odometry: forward in m/s, 0.0 sideways, yaw rate in rad/s."""
         return self.odometry.linear, 0.0, self.odometry.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute the wheel velocities of both sides from a twist."""
         separation, left_radius, right_radius = self._wheels
         left, right = wheel_velocities(twist[0], twist[1], separation, left_radius, right_radius)
         for index in range(self._side):
             self.targets[index], self.targets[self._side + index] = left, right
 
     def follow(self, now: int) -> bool:
-        """Update the odometry from the wheels, or from the command in open loop; return False if a state is nan."""
         if self.params.open_loop:
             self.odometry.update_open_loop(self.limited[0], self.limited[1], now)
             return True

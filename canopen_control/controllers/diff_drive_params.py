@@ -27,7 +27,7 @@ NAN: Final = math.nan
 
 @dataclass(frozen=True)
 class SwitchedLimits(TwistAxisLimits):
-    """Limits of `linear.x` or `angular.z`; nan means unlimited, as does a false `has_*_limits` for its group."""
+    """Limits of `linear.x` or `angular.z`; a false `has_*_limits` disables its group, nan a single limit."""
 
     has_velocity_limits: bool = setting(True, help="whether to apply the velocity limits")
     has_acceleration_limits: bool = setting(True, help="whether to apply the acceleration limits")
@@ -35,11 +35,9 @@ class SwitchedLimits(TwistAxisLimits):
 
     @property
     def freezes(self) -> bool:
-        """Whether an active jerk limit of 0 keeps the speed of the axis constant."""
         return self.has_jerk_limits and super().freezes
 
     def limits(self) -> VelocityLimits:
-        """Convert the enabled limits to the type that the limiter uses."""
         limits = super().limits()
         if not self.has_velocity_limits:
             limits = replace(limits, min_velocity=NAN, max_velocity=NAN)
@@ -87,12 +85,10 @@ class DiffDriveParams(PrefixedParams):
 
     @property
     def left(self) -> tuple[str, ...]:
-        """Joints of the left wheels."""
         return (self.left_wheel_names,) if isinstance(self.left_wheel_names, str) else self.left_wheel_names
 
     @property
     def right(self) -> tuple[str, ...]:
-        """Joints of the right wheels."""
         return (self.right_wheel_names,) if isinstance(self.right_wheel_names, str) else self.right_wheel_names
 
     @property

@@ -44,34 +44,29 @@ class ForwardCommandController(Controller):
 
     @property
     def timed_out(self) -> bool:
-        """Whether the last command has timed out, and no new command has been accepted since."""
+        """Whether the last command has expired without a newer command."""
         return self._timed_out
 
     def on_configure(self, params: Params) -> None:
-        """Read joints, interface_name and command_timeout; an empty or repeated joint list is a RobotConfigError."""
         settings = params.read(ForwardParams)
         if not settings.interface_name:
             raise RobotConfigError(_missing(self.name, "interface_name", "velocity"))
         self._set_up(settings, settings.joints, settings.interface_name, settings.command_timeout)
 
     def on_set(self, params: Params) -> None:
-        """Apply a changed command_timeout, also to the current command."""
         interfaces = [name.rpartition("/")[2] for name in self._names]
         self._set_life(params.read(self.reads, self.renames).command_timeout, interfaces)
 
     def command_interface_names(self) -> list[str]:
-        """Return the command interfaces, in the order of the values of a command."""
         return list(self._names)
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces, and discard earlier commands."""
         super().on_activate(commands, states, now)
         self._timed_out = False
         self.life.end()
         self._values = [math.nan] * len(commands)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store one finite number per interface, or refuse all of them; `now` in ns restarts the timeout."""
         del stamp  # Float64MultiArray has none
         self.checked(values, self._names)
         for command, value in zip(self.commands, values, strict=True):
@@ -82,7 +77,6 @@ class ForwardCommandController(Controller):
         self.life.give(now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Stop the joints of some interfaces; the other joints continue."""
         del now
         zero_targets(commands)
         for index, command in enumerate(self.commands):
@@ -92,7 +86,6 @@ class ForwardCommandController(Controller):
                     command.value = math.nan
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the values of the command, until the command expires."""
         del period
         life = self.life
         if not life.live:
@@ -107,7 +100,6 @@ class ForwardCommandController(Controller):
         return OK
 
     def _runs_out(self, now: int) -> bool:
-        """Return whether the command has just expired."""
         return self.life.runs_out(now)
 
     def _stop(self, now: int) -> None:
@@ -147,7 +139,6 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = MultiParams
 
     def on_configure(self, params: Params) -> None:
-        """Read joint, interface_names and command_timeout; raise RobotConfigError if a name is missing."""
         settings = params.read(MultiParams)
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
@@ -165,23 +156,22 @@ class _JointGroupController(ForwardCommandController):
     reads: ClassVar[type[GroupParams | SingleParams | MultiParams]] = GroupParams
 
     def on_configure(self, params: Params) -> None:
-        """Read joints and command_timeout; raise RobotConfigError for an empty or repeated joint list."""
         settings = params.read(GroupParams)
         self._set_up(settings, settings.joints, self.fixed_interface, settings.command_timeout)
 
 
 class JointGroupVelocityController(_JointGroupController):
-    """Forwards velocities to several joints (velocity_controllers/JointGroupVelocityController)."""
+    """Controller that forwards velocities to several joints (velocity_controllers)."""
 
 
 class JointGroupPositionController(_JointGroupController):
-    """Forwards positions to several joints (position_controllers/JointGroupPositionController)."""
+    """Controller that forwards positions to several joints (position_controllers)."""
 
     fixed_interface = POSITION
 
 
 class JointGroupEffortController(_JointGroupController):
-    """Forwards efforts to several joints (effort_controllers/JointGroupEffortController)."""
+    """Controller that forwards efforts to several joints (effort_controllers)."""
 
     fixed_interface = EFFORT
 
@@ -198,7 +188,6 @@ class _JointController(ForwardCommandController):
     renames: ClassVar[dict[str, str]] = {f"pid.{gain}": "" for gain in _GAINS}
 
     def on_configure(self, params: Params) -> None:
-        """Read joint and command_timeout; raise RobotConfigError if the joint is missing."""
         settings = params.read(SingleParams, self.renames)
         if not settings.joint:
             raise RobotConfigError(_missing(self.name, "joint", "left_wheel_joint"))
@@ -206,17 +195,17 @@ class _JointController(ForwardCommandController):
 
 
 class JointVelocityController(_JointController):
-    """Forwards a velocity to one joint (velocity_controllers/JointVelocityController of ROS 1)."""
+    """Controller that forwards a velocity to one joint (velocity_controllers of ROS 1)."""
 
 
 class JointPositionController(_JointController):
-    """Forwards a position to one joint (position_controllers/JointPositionController of ROS 1)."""
+    """Controller that forwards a position to one joint (position_controllers of ROS 1)."""
 
     fixed_interface = POSITION
 
 
 class JointEffortController(_JointController):
-    """Forwards an effort to one joint (effort_controllers/JointEffortController of ROS 1)."""
+    """Controller that forwards an effort to one joint (effort_controllers of ROS 1)."""
 
     fixed_interface = EFFORT
 
@@ -248,7 +237,6 @@ class TargetController(ForwardCommandController):
     topic: ClassVar[str | None] = TARGET
 
     def on_configure(self, params: Params) -> None:
-        """Read joint and command_timeout; raise RobotConfigError if the joint is missing."""
         settings = params.read(SingleParams)
         if not settings.joint:
             raise RobotConfigError(f"{self.name}: no 'joint'; give it under {self.name}: ros__parameters: joint: NAME")
@@ -256,7 +244,6 @@ class TargetController(ForwardCommandController):
         self._set_life(settings.command_timeout, tuple(MOVING))
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store one finite number, or refuse it if the drive's mode has no target; `now` in ns restarts the timeout."""
         if self.commands and self.commands[0].quantity == TARGET:
             joint = self.joints[0]
             how = f"canopen-control axis mode {joint} PV"
@@ -264,10 +251,8 @@ class TargetController(ForwardCommandController):
         super().set_command(values, now, stamp)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the target, as the quantity of the drive's current mode."""
         self.interface = self.commands[0].quantity
         return super().update(now, period)
 
     def _runs_out(self, now: int) -> bool:
-        """Return whether a velocity or effort command has just expired; position commands do not expire."""
         return self.commands[0].quantity in MOVING and super()._runs_out(now)

@@ -97,7 +97,7 @@ class GpioParams(CommonParams):
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
-        """Return the value of an output after its commands end, nan to keep it; `hardware` is the default, or None."""
+        """Return the value of an output after the end of its commands; nan keeps it, `hardware` is the default."""
         default = 0.0 if hardware is None else hardware
         return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
@@ -177,7 +177,6 @@ class GpioCommandController(Controller):
         self._copy = StateCopy({})
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         settings = read_params(params, self.name, self.description_joints or ())
         self.params, self.update_rate, self.joints = settings, settings.update_rate, settings.gpios
         self._names = settings.outputs
@@ -187,15 +186,12 @@ class GpioCommandController(Controller):
             self.report(ENDLESS, text)
 
     def command_interface_names(self) -> list[str]:
-        """Return the command interfaces of the outputs, in the order of the parameters."""
         return list(self._names)
 
     def state_interface_names(self) -> list[str]:
-        """Return the selected state interfaces; `ALL_STATES` if a GPIO has no selection."""
         return [ALL_STATES] if self.params.unnamed_gpios else self.params.inputs
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Select the states to publish; raise ControlError if an interface or GPIO does not exist."""
         super().on_activate(commands, states, now)
         input_names, whole_gpios = self.params.inputs, self.params.unnamed_gpios
         inputs = {state.name: state for state in states if state.name in input_names or state.joint in whole_gpios}
@@ -214,18 +210,17 @@ class GpioCommandController(Controller):
         self.life.end()
 
     def on_deactivate(self, now: int) -> None:
-        """Set the commanded outputs to their safe values, also after the release of the interfaces."""
+        """Set the commanded outputs to their safe values, which apply after the release too."""
         for command, safe in zip(self.commands, self._safe, strict=True):
             command.release_value = safe
         self.forget(now)
 
     def forget(self, now: int) -> None:
-        """End the commands, and set the commanded outputs to their safe values."""
         self.life.end(self.life.ended_by)
         self.forget_some(self.commands, now)
 
     def forget_some(self, commands: Sequence[CommandInterface], now: int) -> None:
-        """Set some outputs to their safe values, and end their commands; outputs without a command are unchanged."""
+        """Set these outputs to their safe values; outputs without a command are unchanged."""
         del now
         index = 0
         for command in self.commands:
@@ -236,14 +231,12 @@ class GpioCommandController(Controller):
             index += 1  # noqa: SIM113 - enumerate makes a tuple per output in the cycle
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store a value for every output, in the order of the parameters; `now` in ns restarts the timeout."""
         del stamp
         self._refuse_unless_active()
         self.checked(values, self._names)
         self.set_named(dict(zip(self._names, values, strict=True)), now)
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Store values of some outputs, by "gpio/interface"; raise ControlError, storing none, if one is invalid."""
         self._refuse_unless_active()
         for name in values:
             if name not in self._names:
@@ -261,18 +254,16 @@ class GpioCommandController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether every commanded output has its safe value, or keeps its value when commands end."""
+        """Return whether the end of the commands would change no output."""
         del values
         pairs = zip(self._values, self._safe, strict=True)
         return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in pairs)
 
     @property
     def describe_stop(self) -> str:
-        """Clause that says what the outputs do after the commands have ended."""
         return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Write the commanded values, check the timeout, and copy the states for the next publication."""
         del period
         if self.life.runs_out(now):
             self.report(
@@ -289,7 +280,6 @@ class GpioCommandController(Controller):
         return OK
 
     def sample(self, wall_offset_ns: int) -> GpioSample:
-        """Return the inputs and outputs of the last update."""
         return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
 
     def _refuse_unless_active(self) -> None:

@@ -78,11 +78,10 @@ class GripperParams(CommonParams):
 
     @property
     def limits(self) -> list[str]:
-        """Command interfaces that limit effort and velocity, as far as they are configured."""
+        """Configured command interfaces that limit effort and velocity."""
         return [name for name in (self.max_effort_interface, self.max_velocity_interface) if name]
 
     def mistake(self) -> str | None:
-        """Return an error text if the parameters are invalid, else None."""
         if not self.joint:
             return "no 'joint'; give it under ros__parameters: joint: finger_joint"
         if missing := [kind for kind in (POSITION, VELOCITY) if kind not in self.state_interfaces]:
@@ -94,14 +93,14 @@ class GripperParams(CommonParams):
 
 @dataclass(frozen=True)
 class ParallelGripperParams(GripperParams):
-    """Parameters of parallel_gripper_action_controller/GripperActionController, with another default effort."""
+    """Parameters of parallel_gripper_action_controller/GripperActionController, with its default effort."""
 
     max_effort: float = setting(10.0, low=0.0)
 
 
 @dataclass(frozen=True)
 class EffortGripperParams(GripperParams):
-    """Parameters of effort_controllers/GripperActionController; `gains` are those of the position loop."""
+    """Parameters of effort_controllers/GripperActionController, with the `gains` of the position loop."""
 
     gains: LoopGains = derived(LoopGains())  # noqa: RUF009 - it is frozen
 
@@ -146,7 +145,6 @@ class PositionGripperActionController(Controller):
         self._is_limited = False
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and set up the detection of success and stall."""
         self.params = settings = read_params(params, self.name, self.reads)
         self.update_rate, self.joints, self.interface = settings.update_rate, (settings.joint,), self.commanded
         self._is_limited = self.commanded == EFFORT or bool(settings.max_effort_interface)
@@ -155,15 +153,12 @@ class PositionGripperActionController(Controller):
         )
 
     def command_interface_names(self) -> list[str]:
-        """Return the command interfaces of the joint and of its effort and velocity limits."""
         return [f"{self.params.joint}/{self.commanded}", *self.params.limits]
 
     def state_interface_names(self) -> list[str]:
-        """Return the configured state interfaces of the joint."""
         return [f"{self.params.joint}/{interface}" for interface in self.params.state_interfaces]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces; nothing is written before the first goal."""
         super().on_activate(commands, states, now)
         self._target, self._way = math.nan, GripStatus.MOVING
         self.life.end()
@@ -171,13 +166,11 @@ class PositionGripperActionController(Controller):
         self.stamp = now
 
     def on_deactivate(self, now: int) -> None:
-        """Abort the goal; an effort target becomes 0.0, a position target stays."""
         self._end(GoalState.ABORTED, f"{self.name} was deactivated; activate it and send the goal again")
         super().on_deactivate(now)
         self._target = math.nan
 
     def forget(self, now: int) -> None:
-        """Abort the goal, and hold the joint at its position."""
         del now
         why, client = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
         self._end(GoalState.ABORTED, f"{why}, so the goal of {client} was taken back; send it again once that is over")
@@ -187,7 +180,6 @@ class PositionGripperActionController(Controller):
     # -------------------------------------------------------------------------------------------------- goals
 
     def grip(self, goal: GripperGoal, now: int) -> None:
-        """Start a goal in the next cycle, aborting the previous goal; raise ControlError for an invalid goal."""
         params = self.params
         effort = params.max_effort if not goal.max_effort else goal.max_effort
         velocity = params.max_velocity if not goal.max_velocity else goal.max_velocity
@@ -200,12 +192,10 @@ class PositionGripperActionController(Controller):
         self.life.give(now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Raise ControlError, because a gripper controller accepts only goals."""
         del values, now, stamp
         raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """Cancel the active goal, or only the goal `only` if it is active, and hold the joint."""
         if self.goal is not None and only in (None, self.goal):
             self._end(GoalState.CANCELED, "the goal was cancelled" if why is None else f"the goal was cancelled: {why}")
             self._hold()
@@ -235,7 +225,7 @@ class PositionGripperActionController(Controller):
             self.report("max_effort", text)
 
     def _end(self, state: GoalState, text: str, way: GripStatus = GripStatus.MOVING) -> None:
-        """End the active goal, if any, with a result; report an end that is not a success."""
+        """End the active goal, if any, with a result, and report a failure."""
         goal, self.goal = self.goal, None
         if goal is not None:
             goal.end(state, text, self._at, self._effort, way)
@@ -246,7 +236,6 @@ class PositionGripperActionController(Controller):
     # -------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Check the progress of the goal, and write the commands."""
         self._read()
         if self.goal is not None:
             self._update_status(now)
@@ -257,7 +246,6 @@ class PositionGripperActionController(Controller):
         return OK
 
     def sample(self, wall_offset_ns: int) -> GripperSample:
-        """Return the actual and the desired state of the last update."""
         return GripperSample(
             time=self.published(wall_offset_ns),
             joint=self.params.joint,
@@ -295,7 +283,6 @@ class PositionGripperActionController(Controller):
                 self._hold()
 
     def _write(self, period: float) -> None:
-        """Write the target position and the limits of the last goal, if there is a target."""
         del period
         if not math.isnan(self._target):
             self.commands[0].value = self._target
@@ -310,7 +297,7 @@ class PositionGripperActionController(Controller):
             self.commands[place].value = self._limits[1]
 
     def _hold(self) -> None:
-        """Hold the joint: without a position command, the hardware holds the actual position."""
+        """Release the position command, so that the hardware holds the actual position."""
         self._target = self.commands[0].value = math.nan
 
 
@@ -337,13 +324,11 @@ class EffortGripperActionController(PositionGripperActionController):
         self._loop = Pid(EffortGripperParams().gains.pid())
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, including the gains of the position loop."""
         super().on_configure(params)
         if isinstance(self.params, EffortGripperParams):
             self._loop = Pid(self.params.gains.pid())
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces, and reset the position loop."""
         super().on_activate(commands, states, now)
         self._loop.reset()
 
@@ -353,7 +338,6 @@ class EffortGripperActionController(PositionGripperActionController):
             raise self.refusal("would not move: max_effort is 0; give one with the goal, or among the parameters")
 
     def _write(self, period: float) -> None:
-        """Write the effort of the position loop, limited by the goal; 0.0 without a target or known position."""
         if math.isnan(self._target):
             self.commands[0].value = 0.0
             self._loop.reset()

@@ -56,7 +56,7 @@ class GripStatus(enum.Enum):
 
 
 class StallDetector:
-    """Detector of success and stall of a gripper, called once per cycle; `timeout` is in s."""
+    """Detector of success and stall of a gripper goal, updated once per cycle; `timeout` is in s."""
 
     def __init__(self, tolerance: float, slowest: float, timeout: float) -> None:
         self._tolerance, self._slowest, self._timeout_ns = tolerance, slowest, round(timeout * 1e9)

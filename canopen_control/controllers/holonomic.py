@@ -36,7 +36,7 @@ HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicBase(MobileBase):
-    """Base whose commands are wheel velocities only; `wheels` are the kinematics with pose and wheel speeds."""
+    """Base class of controllers with omni or mecanum wheels; `wheels` are the kinematics with the pose."""
 
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")
@@ -46,19 +46,16 @@ class HolonomicBase(MobileBase):
         self._drive = wheels
 
     def move_by(self, wheels: HolonomicKinematics) -> None:
-        """Replace the kinematics; the base then has the pose of the new kinematics."""
+        """Replace the kinematics, including the pose."""
         self.pose = self._drive = wheels
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity interface of every wheel, in the order of the parameters."""
         return [f"{joint}/{VELOCITY}" for joint in self.joints]
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the velocities of the last odometry step: forward and left in m/s, yaw rate in rad/s."""
         return self._drive.forward, self._drive.left, self._drive.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute the wheel velocities from a twist."""
         self._drive.command(twist[0], twist[1], twist[2])
         for index in range(len(self.targets)):
             self.targets[index] = self._drive.wheels[index]
@@ -85,7 +82,7 @@ class OmniKinematics(HolonomicKinematics):
         self._speeds = [0.0] * count
 
     def begin(self, positions: Sequence[float]) -> None:
-        """Set the wheel positions in rad that are the baseline of the odometry."""
+        """Set the odometry baseline to these wheel positions in rad."""
         for index in range(len(self.wheels)):
             self._positions[index] = positions[index]
 
@@ -99,12 +96,12 @@ class OmniKinematics(HolonomicKinematics):
         return self.update_velocity(self._speeds, dt)
 
     def update_velocity(self, speeds: Sequence[float], dt: float) -> bool:
-        """Integrate the wheel speeds in rad/s; `dt` in s may have any value, even a negative one. Return True."""
+        """Integrate the wheel speeds in rad/s over `dt` s, which may be negative; return True."""
         self.fit(speeds)
         return self.update_open_loop(self.forward, self.left, self.angular, dt)
 
     def update_open_loop(self, forward: float, left: float, angular: float, dt: float) -> bool:
-        """Integrate a commanded twist in m/s and rad/s instead of measurements (open loop); return True."""
+        """Integrate a commanded twist in m/s and rad/s over `dt` s; return True."""
         self.forward, self.left, self.angular = forward, left, angular
         self.shift(forward * dt, left * dt, angular * dt)
         return True
@@ -124,12 +121,10 @@ class OmniWheelDriveController(HolonomicBase):
         self._reading: list[float] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel radius and the frames of the parameters; sides and separation are unknown."""
         params, (odom, base) = self.params, self.frame_ids()
         return DriveGeometry((), (), 0.0, params.wheel_radius, odom, base, params.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = read_checked(params, OmniParams)
         count = len(settings.wheel_names)
         self.kinematics = OmniKinematics(
@@ -141,26 +136,21 @@ class OmniWheelDriveController(HolonomicBase):
         self.set_up(settings, settings.cmd_vel_timeout, count, open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Apply a changed timeout and changed odometry options from the next update on."""
         settings = read_checked(params, OmniParams)
         self.take(settings, settings.cmd_vel_timeout)
         self.params = settings
 
     def state_interface_names(self) -> list[str]:
-        """Return the position or velocity interface of every wheel; an empty list in open loop."""
         return self.wheel_states(self.params.position_feedback)
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry; None before the first publication."""
         return self.odometry_sample(wall_offset_ns)
 
     def begin(self) -> None:
-        """Set the actual wheel positions as the baseline of the odometry."""
         self._read()
         self.kinematics.begin(self._reading)
 
     def advance(self, dt: float) -> None:
-        """Integrate the measured wheel motion of the last `dt` s into the pose."""
         self._read()
         if self.params.position_feedback:
             self.kinematics.update_position(self._reading, dt)
@@ -168,7 +158,6 @@ class OmniWheelDriveController(HolonomicBase):
             self.kinematics.update_velocity(self._reading, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the limited twist over `dt` s into the pose."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], self.limited[2], dt)
 
     def _read(self) -> None:
@@ -233,7 +222,6 @@ class MecanumDriveController(HolonomicBase):
         self._reference = [0.0, 0.0, 0.0]
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel radius, sides and frames of the parameters; the separation is unknown."""
         params, (odom, base) = self.params, self.frame_ids()
         front_left, front_right, rear_right, rear_left = params.commanded
         frozen = tuple(axis for axis, limit in zip(HOLONOMIC, params.limits, strict=True) if limit.freezes)
@@ -243,7 +231,6 @@ class MecanumDriveController(HolonomicBase):
         )
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = read_checked(params, MecanumParams)
         self.kinematics = MecanumKinematics(settings.radius, settings.reach, settings.offset)
         self.move_by(self.kinematics)
@@ -251,23 +238,19 @@ class MecanumDriveController(HolonomicBase):
         self.set_up(settings, settings.reference_timeout, len(self.joints), settings.limits)
 
     def on_set(self, params: Params) -> None:
-        """Apply changed limits, a changed timeout and odometry options from the next update on."""
         settings = read_checked(params, MecanumParams)
         self.take(settings, settings.reference_timeout, settings.limits)
         self.params = settings
 
     def state_interface_names(self) -> list[str]:
-        """Return the velocity interface of every measured joint, in the order of the commands."""
         return [f"{joint}/{VELOCITY}" for joint in self.params.measured]
 
     def advance(self, dt: float) -> None:
-        """Integrate the measured wheel speeds of the last `dt` s into the pose."""
         for index in range(len(self._speeds)):
             self._speeds[index] = self.states[index].value
         self.kinematics.update(self._speeds, dt)
 
     def snapshot(self) -> None:
-        """Copy the pose, the wheel speeds and the requested twist for the publication."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
@@ -275,7 +258,6 @@ class MecanumDriveController(HolonomicBase):
             self._reference[index] = self.desired[index]
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry, wheel speeds and requested twist; None before the first publication."""
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None

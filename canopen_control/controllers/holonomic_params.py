@@ -48,7 +48,6 @@ class OmniParams(PrefixedParams):
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         names = self.wheel_names
         yield (
             len(names) < LEAST_WHEELS,
@@ -124,12 +123,12 @@ class MecanumParams(PrefixedParams):
 
     @property
     def commanded(self) -> tuple[str, ...]:
-        """Joints that are commanded, in the order of `WHEELS`."""
+        """Commanded joints, in the order of `WHEELS`."""
         return tuple(getattr(self, key) for key in COMMANDED)
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Joints whose velocities are measured, in the order of `WHEELS`; by default the commanded joints."""
+        """Joints with velocity feedback, in the order of `WHEELS`; by default the commanded joints."""
         names = (getattr(self, f"{wheel}_wheel_state_joint_name") for wheel in WHEELS)
         return tuple(name or joint for name, joint in zip(names, self.commanded, strict=True))
 
@@ -144,7 +143,6 @@ class MecanumParams(PrefixedParams):
         return self.offset_x, self.offset_y, self.offset_angle
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         for wheel, joint in zip(WHEELS, self.commanded, strict=True):
             yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
         joints = [joint for joint in self.commanded if joint]

@@ -46,7 +46,6 @@ class JointStateBroadcaster(Controller):
         self._copy = StateCopy({})
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and determine topics and frame."""
         self.params = params.read(BroadcasterParams, RENAMES)
         self.update_rate = self.params.update_rate
         self.publishes, self.frame_id = self._topics(), self.params.frame_id
@@ -57,13 +56,11 @@ class JointStateBroadcaster(Controller):
         return tuple(f"{prefix}{topic}" for topic in ("joint_states", *dynamic))
 
     def state_interface_names(self) -> list[str]:
-        """Return the configured interfaces of the configured joints; if either is empty, `ALL_STATES`."""
         if self.params.joints and self.params.interfaces:
             return [f"{joint}/{interface}" for joint in self.params.joints for interface in self.params.interfaces]
         return [ALL_STATES]
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Determine the joints to publish and their order; raise ControlError if no state interface exists."""
         super().on_activate(commands, states, now)
         if not states:
             raise ControlError(
@@ -94,12 +91,10 @@ class JointStateBroadcaster(Controller):
         return (*joints, *extras)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Copy the states for the next publication."""
         del period
         self._copy.take()
         self.stamp = now
         return OK
 
     def sample(self, wall_offset_ns: int) -> JointStatesSample:
-        """Return the states of the last update, with the joints of a JointState message."""
         return JointStatesSample(time=self.published(wall_offset_ns), names=self.names, joints=self._copy.by_joint())

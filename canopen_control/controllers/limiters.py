@@ -1,4 +1,4 @@
-"""Command limiters that behave as those of ros2_control and control_toolbox, with one common interface.
+"""Command limiters with the behaviour of ros2_control and control_toolbox, and one common interface.
 
 | upstream | class | limits | compared with |
 |---|---|---|---|
@@ -37,11 +37,11 @@ NAN: Final = math.nan
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Limiter(Generic[S]):
-    """Base class of limiters; `S` is the limited type: a list of numbers by axis or quantity, or a trajectory point."""
+    """Base class of limiters; `S` is the limited type, such as a list of numbers or a trajectory point."""
 
     @abstractmethod
     def enforce(self, actual: S, desired: S, period: float) -> bool:
-        """Clamp `desired` in place and return whether it was changed; `period` in s."""
+        """Clamp `desired` in place, and return whether a value was changed; `period` is in s."""
 
     @abstractmethod
     def reset(self) -> None:
@@ -79,7 +79,7 @@ def _or(value: float, default: float) -> float:
 
 
 class RateLaw:
-    """Limits of one number for `RateLimiter`, with derived defaults; `free` means that there are none.
+    """Limits of one number for `RateLimiter`, with derived defaults; `free` means that nothing is limited.
 
     Raises ValueError if a minimum is above its maximum.
     """
@@ -106,7 +106,7 @@ class RateLaw:
             raise ValueError("Invalid second derivative limits")
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Return `v`, limited by all bounds; `v0` and before it `v1` are the last limited values; `dt` is in s."""
+        """Apply all limits to `v`; `v0` is the last limited value, `v1` the value before, `dt` is in s."""
         if self._has_j:
             v = self.limit_jerk(v, v0, v1, dt)
         if self._has_a:
@@ -185,7 +185,6 @@ class RateLimiter(Limiter["list[float]"]):
                 self.last[at] = actual[at]
 
     def reset(self) -> None:
-        """Reset the history to the initial values."""
         self.last[:] = self._earlier[:] = self._rest
 
 
@@ -213,7 +212,7 @@ NEAR: Final = 0.002  # rad or m outside the range within which a velocity may st
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class JointLimiter(Limiter["list[float]"]):
-    """Limiter of one joint's commands; `before` are the previous commands, nan if there is none since `reset`."""
+    """Limiter of one joint's commands; `before` are the previous commands, nan after `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
         self.limits = limits
@@ -221,7 +220,6 @@ class JointLimiter(Limiter["list[float]"]):
         self._low = self._high = 0.0
 
     def reset(self) -> None:
-        """Discard the previous commands; the next command is compared with the joint's state."""
         self.before[:] = NOTHING
 
     def enforce(self, actual: list[float], desired: list[float], period: float) -> bool:
@@ -245,7 +243,7 @@ class JointLimiter(Limiter["list[float]"]):
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """If there are no previous commands, start from the measured state, or else from the desired values."""
+        """Without previous commands, start from the measured state or else from the desired values."""
         before = self.before
         for limited in before:
             if limited == limited:  # is not nan
@@ -255,7 +253,7 @@ class JointLimiter(Limiter["list[float]"]):
                 before[at] = desired[at] if math.isnan(actual[at]) else actual[at]
 
     def _bound(self, at: int, target: float, actual: list[float], period: float) -> None:
-        """Set `_low` and `_high`, the range of a quantity; bounds in the wrong order are exchanged."""
+        """Set `_low` and `_high` to the allowed range of a quantity; swap bounds in the wrong order."""
         if at == POS:
             self._bound_position(actual, period)
         elif at == VEL:
@@ -373,7 +371,6 @@ class SoftLimiter(JointLimiter):
             self._fastest = math.copysign(_RETURN, self._fastest)
 
     def _start(self, actual: float) -> float:
-        """Return the previous position command if there is one, else the joint's actual position."""
         before = self.before[POS]
         return before if math.isfinite(before) else actual
 
@@ -436,7 +433,7 @@ class PointLimiter(Limiter["Point"]):
         self._places = self._speeds = False  # whether the desired point has positions and velocities
 
     def enforce(self, actual: Point, desired: Point, period: float) -> bool:
-        """Clamp the desired point in place and return whether it was changed; `period` is in s.
+        """Clamp the desired point in place, and return whether a value was changed; `period` is in s.
 
         Nothing is done without the actual positions of all joints, or without desired positions or velocities of all
         joints.

@@ -93,7 +93,7 @@ class CommandLimiter(Protocol):
     """Limiter of all commands of a cycle, such as `CommandLimits` or the speed cap of a preflight check."""
 
     def enforce(self, period: float) -> str | None:
-        """Limit all commands; `period` is in s. Return a text about commands whose limiting begins, else None."""
+        """Limit all commands, and return a report of newly limited commands, else None; `period` is in s."""
 
 
 class ControllerManager:
@@ -143,7 +143,7 @@ class ControllerManager:
         fallbacks: Sequence[str] = (),
         node_options: Sequence[str] = (),
     ) -> Controller:
-        """Create an unconfigured controller of a known type; raise ControlError for an unknown type or a used name.
+        """Create an unconfigured controller; raise ControlError for an unknown type or a name in use.
 
         `params` are stored for `configure`. `fallbacks` are the controllers that are activated when the update of this
         controller fails; they must be configured by then. `node_options` are the arguments of its ROS node.
@@ -258,14 +258,14 @@ class ControllerManager:
     # -------------------------------------------------------------------------------------------------- parameters
 
     def parameters(self, name: str) -> Parameters:
-        """Return the parameters of a controller; before its configuration, those of the file. Raises UnknownName."""
+        """Return the parameters of a controller, or those in its file before it is configured."""
         controller, params = self.get(name), self._params[name]
         if params.source is None:
             return given_in(params)
         return declared_by(params.source, controller.settable, update_rate=controller.update_rate or self.update_rate)
 
     def set_parameters(self, name: str, parameters: Sequence[ParameterValue]) -> None:
-        """Set parameters of a configured controller: all of them, or none and raise ControlError or ConfigError.
+        """Set parameters of a configured controller; if one is invalid, set none and raise an error.
 
         The values apply until the controller is unloaded, also when it is configured again.
         """
@@ -296,7 +296,7 @@ class ControllerManager:
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
     def leave_out(self, names: Sequence[str]) -> None:
-        """Report unknown controller names that a best-effort switch ignores."""
+        """Report unknown controller names that a best-effort switch has ignored."""
         self._report(
             "left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list"
         )
@@ -339,7 +339,7 @@ class ControllerManager:
         source: str = "",
         holder: object = None,
     ) -> None:
-        """Pass a command to a controller; raise ControlError if it is refused, NotEnabled without enabled drives.
+        """Pass a command to a controller; raise ControlError for a refusal, NotEnabled without enabled drives.
 
         `values` are all values, or some by interface names; times are in ns. `source` names the sender; the command
         ends with the connection `holder`, unless it commands standstill. A refusal is reported once, until a command is
@@ -360,7 +360,7 @@ class ControllerManager:
         controller.life.source, controller.life.holder = source, holder
 
     def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:
-        """Call `take` to pass a command to a controller with enabled drives; report the first refusal."""
+        """Pass a command to a controller with enabled drives by `take`, and report the first refusal."""
         name = controller.name
         try:
             self._require_enabled(controller)

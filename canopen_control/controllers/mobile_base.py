@@ -44,7 +44,7 @@ _STEPS: Final = 2  # previous steps that the limits of acceleration and jerk dep
 
 
 class LimitedTwist:
-    """Requested and limited twist, by axis in m/s and rad/s; the requested twist is nan if there is none."""
+    """Requested and limited twist, by axis in m/s and rad/s; the requested twist may be nan (none)."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = tuple(axes)
@@ -55,14 +55,14 @@ class LimitedTwist:
         self._quiet = 0  # consecutive steps with a desired and a limited value of zero
 
     def set_limits(self, controller: str, limits: Sequence[TwistAxisLimits]) -> None:
-        """Set the limits of each axis; raise RobotConfigError and change nothing if a minimum is above its maximum."""
+        """Set the limits of each axis; raise RobotConfigError, with no change, for invalid limits."""
         axes = zip(self._axes, limits, strict=True)
         self._limiter.laws = [_law(controller, axis, params.limits()) for axis, params in axes]
         self._quiet = 0
 
     @property
     def known(self) -> bool:
-        """Whether a twist is requested, possibly a zero twist."""
+        """Whether a twist is requested; it may be zero."""
         return not math.isnan(sum(self.desired))
 
     @property
@@ -72,7 +72,7 @@ class LimitedTwist:
 
     @property
     def is_standstill(self) -> bool:
-        """Whether zero is requested, and requested and limited twist have been zero for more than two steps."""
+        """Whether requested and limited twist have been zero for more than two steps."""
         return self._quiet > _STEPS and not any(self.desired)
 
     def limit(self, period: float) -> None:
@@ -113,7 +113,7 @@ _AT_ONCE: Final = -1  # before any cycle
 
 
 class OdometryPublication:
-    """Copy of pose, velocities and limited twist for publication; `count` is the number of publications."""
+    """Snapshot of the odometry for publication; `count` is the number of publications."""
 
     def __init__(self, axes: int) -> None:
         self.count = 0
@@ -239,7 +239,7 @@ class MobileBase(Controller):
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
-        """Apply the parameters that are common to all bases, at configuration; `commands` is the number of commands."""
+        """Apply the common parameters of all bases at configuration; `commands` is the number of commands."""
         self._open_loop = open_loop
         self.take(params, timeout, limits)
         self.update_rate, self.publish_rate = params.update_rate, publish_rate
@@ -247,7 +247,7 @@ class MobileBase(Controller):
         self.targets = [0.0] * commands
 
     def take(self, params: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
-        """Apply the parameters that may change at run time: timeout in s, limits of the axes, and odometry options."""
+        """Apply the parameters that may change at run time: timeout in s, axis limits and odometry options."""
         if limits:
             self._twist.set_limits(self.name, limits)
         self._odometry_params = params
@@ -265,7 +265,7 @@ class MobileBase(Controller):
         """Compute `targets`, one value per command interface, from a twist."""
 
     def begin(self) -> None:
-        """Set the current wheel positions as the baseline of the odometry; the base class does nothing."""
+        """Set the odometry baseline to the current wheel positions; the base class does nothing."""
 
     def advance(self, dt: float) -> None:
         """Integrate the wheel motion of the last `dt` s into the pose.
@@ -284,7 +284,7 @@ class MobileBase(Controller):
         """Return the current velocities: forward and to the left in m/s, yaw rate in rad/s."""
 
     def follow(self, now: int) -> bool:
-        """Update the odometry; return False if wheel states are needed and unknown. `now` is in ns."""
+        """Update the odometry; return False if wheel states are needed but unknown. `now` is in ns."""
         if not (self._open_loop or self.states_known()):
             return False
         dt = self.elapsed(now)
@@ -304,7 +304,7 @@ class MobileBase(Controller):
         return self._followed != _NEVER
 
     def stop_following(self) -> None:
-        """Ignore motion until the next sample, which becomes the new baseline of the odometry."""
+        """Suspend the odometry until the next sample, which becomes the new baseline."""
         self._followed = _NEVER
 
     def elapsed(self, now: int) -> float:
@@ -332,7 +332,6 @@ class MobileBase(Controller):
 
     @property
     def publications(self) -> int:
-        """Number of odometry publications so far."""
         return self._publication.count
 
     @property
@@ -353,10 +352,6 @@ class MobileBase(Controller):
         self.pose.set_pose(x, y, heading)
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:
-        """Return the pose in `ahead` s at the current velocities; None before the odometry has begun.
-
-        A negative `ahead` is in the past.
-        """
         if not self.begun:
             return None
         forward, left, angular = self.velocities()
@@ -376,22 +371,20 @@ class MobileBase(Controller):
     # ----------------------------------------------------------------------------------------------------- lifecycle
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return the reference interfaces of the twist, which another controller may claim."""
         return self._references
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start without a twist; the pose is kept."""
         super().on_activate(commands, states, now)
         self.stop_following()
         self._reset(now)
 
     def on_deactivate(self, now: int) -> None:
-        """Stop the wheels at once: the drives use their own deceleration; position commands stay."""
+        """Stop the wheels at once, with the deceleration of the drives; position commands stay."""
         super().on_deactivate(now)
         self._reset(now)
 
     def forget(self, now: int) -> None:
-        """Stop the wheels at once, and hold positions; the limits of the next twist start from standstill."""
+        """Stop the wheels at once, hold positions, and reset the limits to standstill."""
         zero_targets(self.commands)
         for command in self.commands:
             if command.interface == POSITION:
@@ -439,7 +432,6 @@ class MobileBase(Controller):
     # --------------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one control step; `period` is the time in s for the limits."""
         if not self.begun:
             fill(self.limited, 0.0)
             self.follow(now)
@@ -459,7 +451,7 @@ class MobileBase(Controller):
         return OK
 
     def _take_reference(self, now: int) -> None:
-        """Update the requested twist: that of a chained controller, the last command, or zero after a timeout."""
+        """Update the requested twist from the chain or the last command; request zero after a timeout."""
         life = self.life
         if self._take_chain():
             self._was_chained = True
@@ -480,7 +472,7 @@ class MobileBase(Controller):
             self._brake()
 
     def _take_chain(self) -> bool:
-        """Use the reference interfaces as requested twist; return False if no other controller has claimed them."""
+        """Use the claimed reference interfaces as requested twist; return False if none is claimed."""
         for reference in self._references:
             if reference.owner is not None:
                 break
@@ -494,12 +486,11 @@ class MobileBase(Controller):
         return True
 
     def _brake(self) -> None:
-        """Request a zero twist."""
         fill(self.desired, 0.0)
         self.braking = True
 
     def _rest(self, now: int) -> ReturnType:
-        """Update the odometry while there has been no twist; missing feedback is no error."""
+        """Update the odometry before the first twist; missing feedback is not an error."""
         fill(self.limited, 0.0)
         zero_targets(self.commands)
         if self.follow(now):
@@ -509,7 +500,7 @@ class MobileBase(Controller):
         return OK
 
     def _without_feedback(self) -> ReturnType:
-        """Stop and wait if a drive is disabled, else report the missing feedback and return ERROR."""
+        """Wait at standstill if a drive is disabled, else report the missing feedback and return ERROR."""
         if all(command.enabled for command in self.commands):
             unknown = [state.name for state in self.states if not math.isfinite(state.value)]
             self.report("feedback", f"{', '.join(unknown)} is not a number")
@@ -524,7 +515,7 @@ class MobileBase(Controller):
             self.snapshot()
 
     def _write(self, *, is_standstill: bool) -> None:
-        """Write the commands of the limited twist; stop all wheels if a value is outside the range of its drive.
+        """Write the commands for the limited twist; if a value is out of range of its drive, stop all wheels.
 
         `is_standstill` means that the limited twist is zero, so that no command needs to be computed if the commands
         are velocities.
@@ -544,7 +535,7 @@ class MobileBase(Controller):
         self._too_fast = False
 
     def _stop_wheels(self, target: float) -> None:
-        """Stop all wheels, because `target` is outside the range of one drive, and report this once."""
+        """Stop all wheels because `target` is out of range of a drive, and report the first time."""
         zero_targets(self.commands)
         if not self._too_fast:
             self._too_fast = True

@@ -79,17 +79,17 @@ class Params:
 
     @property
     def warnings(self) -> list[str]:
-        """Texts of all warnings about the files so far."""
+        """Texts of all warnings in the files."""
         return [str(warning) for problems in self.files for warning in problems.warnings]
 
     def line(self, name: str) -> int:
-        """Return the line of a parameter by its dotted name, or 0 if it is absent."""
+        """Return the line of a parameter by its dotted name, 0 for an absent parameter."""
         key = self.flat.keys().get(name)
         return 0 if key is None else key.line
 
     @property
     def files(self) -> list[Problems]:
-        """Problem lists of the files with these parameters: the file of the block, and every `params_file`."""
+        """Problem lists of all files with these parameters, including every `params_file`."""
         files = {id(self.flat.problems): self.flat.problems}
         files.update((id(key.problems), key.problems) for key, _ in self.flat.pairs())
         return list(files.values())
@@ -156,7 +156,7 @@ def _plain_node(value: Any, where: str, problems: Problems) -> Node:  # noqa: AN
 
 
 def flattened(node: Node) -> Node:
-    """Return a mapping from dotted names to values; of duplicates, the last is used, with a warning."""
+    """Return a mapping from dotted names to values; the last of duplicate names is used, with a warning."""
     pairs: dict[str, tuple[Node, Node]] = {}
 
     def add(prefix: str, mapping: Node) -> None:
@@ -211,7 +211,7 @@ COMMAND_TIMEOUT_HELP: Final = (
 
 @dataclass(frozen=True)
 class GroupParams(CommonParams):
-    """Parameters of the group controllers; `command_timeout` is in s, see the module of this name for default and 0."""
+    """Parameters of the group controllers; `command_timeout` is in s, see the module `command_timeout`."""
 
     joints: tuple[str, ...] = setting((), help="joints, in the order of the values of a command")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -306,7 +306,7 @@ class LoopGains:
 
     @property
     def clamps_integral(self) -> bool:
-        """Whether the integral itself is limited, as in ROS 1; here False."""
+        """Whether the integral itself is limited, as in ROS 1; False by default."""
         return False
 
     def pid(self) -> Gains:

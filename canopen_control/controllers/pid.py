@@ -66,7 +66,7 @@ class Gains:
 
 
 class Pid:
-    """PID loop of which `compute` executes one step; `integral` includes the integral gain."""
+    """PID loop; `compute` executes one step, and `integral` includes the integral gain."""
 
     def __init__(self, gains: Gains) -> None:
         self.command = self.error = self.error_rate = self.integral = 0.0
@@ -74,7 +74,7 @@ class Pid:
         self.set_gains(gains)
 
     def set_gains(self, gains: Gains) -> None:
-        """Use other gains from the next step on; the integral is unchanged."""
+        """Replace the gains; the integral is unchanged."""
         self.gains = gains
         self._p, self._i, self._d = gains.p, gains.i, gains.d
         self._i_min, self._i_max, self._u_min, self._u_max = gains.i_min, gains.i_max, gains.u_min, gains.u_max

@@ -43,12 +43,10 @@ class _Dof:
         self.error = self.error_rate = math.nan
 
     def take(self, gains: DofGains) -> None:
-        """Use other gains and options from the next cycle on."""
         self.pid.set_gains(gains.pid())
         self.keep, self.forward, self.wraps = gains.save_i_term, gains.feedforward_gain, gains.angle_wraparound
 
     def clear(self) -> None:
-        """Discard the reference and the errors."""
         self.reference.value = self.error = self.error_rate = math.nan
         if self.reference_rate is not None:
             self.reference_rate.value = math.nan
@@ -79,7 +77,7 @@ class _Dof:
 
 
 class PidController(Controller):
-    """Controller with a PID loop for each degree of freedom; `feed_forward` adds scaled references to outputs."""
+    """Controller with a PID loop per degree of freedom; `feed_forward` adds scaled references to the outputs."""
 
     title: ClassVar[str] = "PID"
     reads: ClassVar[type[PidParams]] = PidParams
@@ -110,7 +108,6 @@ class PidController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError if they are invalid."""
         self.params = settings = read_params(params, self.name)
         if settings.command_interface not in MOVING:
             raise RobotConfigError(
@@ -145,26 +142,20 @@ class PidController(Controller):
         ]
 
     def on_set(self, params: Params) -> None:
-        """Use other gains from the next cycle on; the integrals are kept."""
         self.params = settings = read_params(params, self.name)
         for dof, gains in zip(self._dofs, settings.gains, strict=False):
             dof.take(gains)
 
     def _reference(self, dof: str, interface: str) -> CommandInterface:
-        """Return a new reference interface whose range is that of the joint."""
+        """Return a new reference interface with the range of the joint."""
         joint = self.description.get(dof)
         low, high = (-math.inf, math.inf) if joint is None else joint.range_of(interface)
         return CommandInterface(f"{self.name}/{dof}", interface, minimum=low, maximum=high)
 
     def command_interface_names(self) -> list[str]:
-        """Return the command interface of each degree of freedom."""
         return [f"{dof}/{self.params.command_interface}" for dof in self.params.dof_names]
 
     def state_interface_names(self) -> list[str]:
-        """Return the controlled state interfaces of all degrees of freedom, then their derivatives.
-
-        The list is empty if the states are received as messages.
-        """
         if self.params.use_external_measured_states:
             return []
         return [
@@ -174,15 +165,12 @@ class PidController(Controller):
         ]
 
     def reference_interfaces(self) -> Sequence[CommandInterface]:
-        """Return the reference interfaces of all degrees of freedom, then those of the derivatives."""
         return self._references
 
     def exported_states(self) -> Sequence[StateInterface]:
-        """Return the measured states, which have the names of the references."""
         return self._exported
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces, and reset the loops; the integral is kept if the parameters say so."""
         states = self._measured or states
         super().on_activate(commands, states, now)
         self._lose_states()
@@ -196,7 +184,6 @@ class PidController(Controller):
         self._clear()
 
     def on_deactivate(self, now: int) -> None:
-        """Set all targets to 0.0, and discard references and exported states."""
         super().on_deactivate(now)
         self.life.end()
         self._clear()
@@ -204,7 +191,6 @@ class PidController(Controller):
             state.value = math.nan
 
     def forget(self, now: int) -> None:
-        """Discard the references, and set the targets to 0.0; enabled joints then hold their actual state."""
         del now
         zero_targets(self.commands)
         self.life.end()
@@ -213,7 +199,6 @@ class PidController(Controller):
             dof.pid.reset()
 
     def _clear(self) -> None:
-        """Reset all degrees of freedom to their state at activation."""
         for index, dof in enumerate(self._dofs):
             dof.pid.reset(dof.keep)
             dof.clear()
@@ -261,15 +246,13 @@ class PidController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether the values are velocities or efforts of 0; a position of 0 is a target."""
+        """Return whether the references are zero velocities or efforts; position references are targets."""
         return self._references[0].interface in MOVING and super().is_standstill(values)
 
     def set_feed_forward(self, enabled: bool) -> None:
-        """Enable or disable the feed-forward of the references (~/set_feedforward_control)."""
         self.feed_forward = enabled
 
     def sample(self, wall_offset_ns: int) -> PidSample | None:
-        """Return the state of each degree of freedom in the last cycle; None before the first cycle."""
         if not self.stamp:
             return None
         return PidSample(
@@ -292,7 +275,6 @@ class PidController(Controller):
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one step of all loops, and write their targets; `period` is in s."""
         self.stamp, self._period = now, period
         if self._measured_at and now - self._measured_at > self.params.measured_state_timeout * 1e9:
             self._lose_states()
@@ -315,12 +297,11 @@ class PidController(Controller):
         return OK
 
     def _export(self) -> None:
-        """Copy the measured states to the exported state interfaces."""
         for index in range(len(self._exported)):
             self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
-        """Reset a degree of freedom whose drive was enabled or disabled, and pass this on to the references."""
+        """Reset a degree of freedom after its drive was enabled or disabled, and update its references."""
         dof = self._dofs[index]
         self._follows[index] = dof.reference.enabled = enabled
         if dof.reference_rate is not None:

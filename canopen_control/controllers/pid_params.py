@@ -31,7 +31,6 @@ class DofGains(LoopGains):
 
     @property
     def clamps_integral(self) -> bool:
-        """Whether the integral itself is limited, which is the value of `antiwindup`."""
         return self.antiwindup
 
 
@@ -77,7 +76,6 @@ class PidParams(CommonParams):
         return self.reference_and_state_dof_names or self.dof_names
 
     def mistake(self) -> str | None:
-        """Return an error text if the parameters are invalid, else None."""
         for key, names in (
             ("dof_names", self.dof_names),
             ("reference_and_state_dof_names", self.reference_and_state_dof_names),

@@ -21,7 +21,7 @@ STRAIGHT: Final = 1e-6
 
 
 def quotient(dividend: float, divisor: float) -> float:
-    """Divide as IEEE 754 does: a division by zero results in an infinity with the correct sign, 0 / 0 in nan."""
+    """Divide as IEEE 754 does: division by zero gives an infinity with the correct sign, 0 / 0 gives nan."""
     if divisor != 0.0:
         return dividend / divisor
     if dividend == 0.0 or math.isnan(dividend):
@@ -39,7 +39,6 @@ class RollingMean:
         self._at = self._count = 0
 
     def clear(self) -> None:
-        """Discard all values."""
         self._at = self._count = 0
 
     def add(self, value: float) -> None:
@@ -65,7 +64,6 @@ class PlanarPose:
         self.x = self.y = self.heading = 0.0
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Set the pose, in m and rad."""
         self.x, self.y, self.heading = x, y, heading
 
     def drive(self, way: float, turn: float) -> None:
@@ -96,7 +94,7 @@ class PlanarPose:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicKinematics(PlanarPose):
-    """Kinematics of a base that can also move sideways: a matrix J from twists to wheel rims, and its pseudo-inverse.
+    """Kinematics of a holonomic base: the matrix J from twists to rim speeds, and its pseudo-inverse.
 
     A row of J is the rim speed of one wheel at 1 m/s forward, at 1 m/s to the left, and at 1 rad/s; the `radius` of the
     wheels is in m. `wheels` are the commands for a twist in rad/s; `forward` and `left` (m/s) and `angular` (rad/s) are

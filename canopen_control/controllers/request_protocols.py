@@ -25,7 +25,7 @@ class TakesCommands(Protocol):
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Store a command; raise ControlError if the command is refused.
 
-        `stamp` is the time of its creation, `now` that of its reception, both in ns.
+        `stamp` is the creation time, `now` the reception time, both in ns.
         """
         ...
 
@@ -46,7 +46,7 @@ class TakesNamedValues(Protocol):
     """Controller that accepts values for some of its command interfaces, by name."""
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Store values by interface name, as `set_command` does; interfaces without a value are unchanged."""
+        """Store values by interface name, all or none; interfaces without a value are unchanged."""
         ...
 
 
@@ -55,18 +55,18 @@ class FollowsTrajectories(Protocol):
     """Controller that executes trajectories, from action goals or a topic."""
 
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
-        """Start a goal or a trajectory; raise ControlError if it is refused. `now` is in ns."""
+        """Start a goal or a trajectory in the next cycle; raise ControlError if it is refused. `now` is in ns."""
         ...
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """Cancel the active trajectory, or the goal `only` if it is active; `why` is reported.
+        """Cancel the active trajectory; with `only`, if it belongs to this goal. `why` is reported.
 
         Raises ControlError if there is nothing to cancel.
         """
         ...
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the state of the active trajectory at `t`, in ns; `known` is False if there is none."""
+        """Return the state of the active trajectory at `t`, in ns; `known` is False without a trajectory."""
         ...
 
     def set_speed_scaling(self, factor: float) -> None:
@@ -79,11 +79,14 @@ class Grips(Protocol):
     """Controller that executes gripper goals."""
 
     def grip(self, goal: GripperGoal, now: int) -> None:
-        """Start a gripper goal; raise ControlError if it is refused. `now` is in ns."""
+        """Start a goal in the next cycle, which aborts the previous goal.
+
+        Raises ControlError if the goal is refused; `now` is in ns.
+        """
         ...
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """Cancel the active goal, or the goal `only` if it is active; `why` is reported."""
+        """Cancel the active goal; with `only`, if this goal is active. `why` is reported."""
         ...
 
 

@@ -57,7 +57,7 @@ class SteeringController(MobileBase):
         self._driven: list[float] = []
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel geometry and frames of the parameters; the first traction joint is the right one."""
+        """Return the wheel geometry of the parameters, which list the right traction joint first."""
         params, (odom, base) = self.params, self.frame_ids()
         right, left = params.traction_joints_names[:1], params.traction_joints_names[1:]
         keys = (params.radius_key, "traction_track_width")
@@ -65,7 +65,6 @@ class SteeringController(MobileBase):
         return DriveGeometry(left, right, separation, params.radius, odom, base, params.enable_odom_tf, (), *keys)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = self.read(params)
         self.kinematics = settings.fitted_kinematics()
         self.pose = self.kinematics
@@ -80,30 +79,25 @@ class SteeringController(MobileBase):
         return read_params(params, self.reads)
 
     def on_set(self, params: Params) -> None:
-        """Apply a changed timeout and changed odometry options from the next update on."""
         settings = self.read(params)
         self.take(settings, settings.reference_timeout, settings.limits)
         self.params = settings
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity interfaces of traction, then the position interfaces of steering."""
         params = self.params
         traction = [f"{joint}/{VELOCITY}" for joint in params.traction_joints_names]
         return traction + [f"{joint}/{POSITION}" for joint in params.steering_joints_names]
 
     def state_interface_names(self) -> list[str]:
-        """Return the position or velocity interfaces of traction, then the position interfaces of steering."""
         params = self.params
         feedback = POSITION if params.position_feedback else VELOCITY
         traction = [f"{joint}/{feedback}" for joint in params.traction_states]
         return traction + [f"{joint}/{POSITION}" for joint in params.steering_states]
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the mean velocities of the odometry: forward in m/s, 0.0 sideways, yaw rate in rad/s."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute traction speeds and steering angles from a twist."""
         wheels, params = self.kinematics, self.params
         wheels.command(twist[0], twist[1], params.open_loop, params.reduce_wheel_speed_until_steering_reached)
         wheels.bound(twist[0], twist[1])
@@ -114,13 +108,11 @@ class SteeringController(MobileBase):
             self.targets[count + index] = wheels.steering[index]
 
     def begin(self) -> None:
-        """Set the actual wheel positions and steering angle as the baseline of the odometry."""
         self._read()
         self.kinematics.begin(self._traction)
         self.kinematics.angle = self.kinematics.measured_angle(self._steering)
 
     def advance(self, dt: float) -> None:
-        """Integrate the measured wheel motion of the last `dt` s into the pose."""
         self._read()
         if self.params.position_feedback:
             self.kinematics.update_position(self._traction, self._steering, dt)
@@ -128,7 +120,6 @@ class SteeringController(MobileBase):
             self.kinematics.update_velocity(self._traction, self._steering, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the limited twist over `dt` s into the pose."""
         self.kinematics.update_open_loop(self.limited[0], self.limited[1], dt)
 
     def _read(self) -> None:
@@ -139,14 +130,12 @@ class SteeringController(MobileBase):
             self._steering[index] = self.states[count + index].value
 
     def snapshot(self) -> None:
-        """Copy the odometry, the feedback and the commands for the publication."""
         super().snapshot()
         for index in range(len(self._reading)):
             self._reading[index] = self.states[index].value
             self._driven[index] = self.commands[index].value
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry, feedback and commands; None before the first publication."""
         odometry = self.odometry_sample(wall_offset_ns)
         if odometry is None:
             return None
@@ -187,7 +176,6 @@ class AckermannSteeringController(SteeringController):
     reads: ClassVar[type[SteeringParams]] = AckermannParams
 
     def read(self, params: Params) -> SteeringParams:
-        """Return the checked parameters, which may be those of ROS 1's controller."""
         if not is_ros1(params):
             return super().read(params)
         settings = read_ros1(params, self.geometry, self._report_size)

@@ -25,7 +25,7 @@ _MOST_OFF: Final = 1.5608  # deviation of the steering in rad from which the spe
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringKinematics(PlanarPose):
-    """Kinematics of a base with one traction and one steered wheel; derived classes override what differs.
+    """Kinematics and odometry of a bicycle, the base class of the other steering kinematics.
 
     `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
     `traction` and `steering` are the wheel commands that `command` computes. `fits` selects how the speed of a base
@@ -64,7 +64,6 @@ class SteeringKinematics(PlanarPose):
         self.set_pose(0.0, 0.0, 0.0)
 
     def set_pose(self, x: float, y: float, heading: float) -> None:
-        """Set the pose, in m and rad, and discard the steps of the means."""
         super().set_pose(x, y, heading)
         self._linears.clear()
         self._angulars.clear()
@@ -86,7 +85,7 @@ class SteeringKinematics(PlanarPose):
         self.traction[0] = speed
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Distribute a steering angle over the steered wheels; `curve` is the angle of the current curve."""
+        """Distribute a steering angle over the steered wheels; `curve` is the angle in use."""
         del curve
         self.steering[0] = angle
 
@@ -194,11 +193,9 @@ class TricycleKinematics(SteeringKinematics):
     traction_count: ClassVar[int] = 2
 
     def measured_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the speed midway between the traction wheels, in m/s."""
         return self.mean_speed(traction, angle)
 
     def set_traction(self, speed: float, angle: float) -> None:
-        """Distribute a speed in rad/s over both traction wheels, for steering angle `angle`."""
         self.share(speed, angle)
 
 
@@ -215,7 +212,7 @@ class AckermannKinematics(TricycleKinematics):
         return (by_right + math.atan(quotient(length * left, length + half * left))) * 0.5
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Distribute a steering angle over both wheels: the inner wheel turns further than the outer wheel."""
+        """Distribute a steering angle over both wheels; the inner wheel turns further than the outer wheel."""
         if abs(curve) < _STRAIGHT:
             self.steering[0] = self.steering[1] = angle
             return

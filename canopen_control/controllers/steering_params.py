@@ -87,17 +87,17 @@ class SteeringParams(BaseParams):
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """Limits of the twist axes; empty, because the steering controllers of ros2_controllers have no limits."""
+        """Limits of the twist axes; empty, because upstream's steering controllers have no limits."""
         return ()
 
     @property
     def traction_states(self) -> tuple[str, ...]:
-        """Joints whose states are the traction feedback; by default the traction joints."""
+        """Joints with the traction feedback; by default the traction joints."""
         return self.traction_joints_state_names or self.traction_joints_names
 
     @property
     def steering_states(self) -> tuple[str, ...]:
-        """Joints whose states are the steering feedback; by default the steering joints."""
+        """Joints with the steering feedback; by default the steering joints."""
         return self.steering_joints_state_names or self.steering_joints_names
 
     def fitted_kinematics(self) -> SteeringKinematics:
@@ -107,7 +107,6 @@ class SteeringParams(BaseParams):
         return kinematics
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         counts = {"traction": self.kinematics.traction_count, "steering": self.kinematics.steering_count}
         for part, count in counts.items():
             for key in (f"{part}_joints_names", f"{part}_joints_state_names"):
@@ -141,11 +140,9 @@ class TricycleParams(SteeringParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """Distance in m between the traction wheels, and 0.0 for the single steered wheel."""
         return self.traction_track_width, 0.0
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield the checks of the base class and a check of the distance between the traction wheels, as pairs."""
         yield from super().mistakes()
         missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
         yield self.traction_track_width <= 0.0, missing
@@ -163,7 +160,7 @@ class AckermannParams(TricycleParams):
 
     @property
     def tracks(self) -> tuple[float, float]:
-        """Distances in m between the traction wheels and between the steered wheels, which are equal by default."""
+        """Traction and steering track in m; the steering track defaults to the traction track."""
         return self.traction_track_width, self.steering_track_width or self.traction_track_width
 
 
@@ -231,11 +228,10 @@ class Ros1AckermannParams(BicycleParams):
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """Limits of the twist axes; `angular.z` is unlimited."""
         return self.linear, TwistAxisLimits()
 
     def as_bicycle(self) -> Ros1AckermannParams:
-        """Return a copy in which joint names and multiplied dimensions are those of a bicycle."""
+        """Return a copy with the joint names and dimensions of a bicycle; multipliers are applied."""
         return replace(
             self,
             traction_joints_names=(self.rear_wheel,),
@@ -245,7 +241,6 @@ class Ros1AckermannParams(BicycleParams):
         )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield the checks of the base class and a check of `steer_pos_multiplier`, as pairs."""
         yield from super().mistakes()
         scale = "it scales what is measured alone; put the factor into scale_pos_from_dev and scale_pos_to_dev"
         yield self.steer_pos_multiplier != 1.0, f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"
@@ -277,7 +272,7 @@ def is_ros1(params: Params) -> bool:
 def read_ros1(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
-    """Return the parameters of ROS 1's controller as those of a bicycle, not yet checked for contradictions.
+    """Convert the parameters of ROS 1's controller to a bicycle, without checks for contradictions.
 
     Missing dimensions are taken from the `geometry` of the description; `report` is called for each.
     """

@@ -50,7 +50,7 @@ Ends = tuple["CommandInterface", ...]
 
 
 class Rate:
-    """Divider of cycles to a rate of `hz` steps per second; 0 is a step in every cycle."""
+    """Rate divider that selects the cycles in which a controller runs; `hz` 0 selects every cycle."""
 
     __slots__ = ("hz", "last")
 
@@ -74,7 +74,7 @@ class Rate:
 
 
 class InterfaceGroup:
-    """Command interfaces that follow commands only together; `enabled` is the state as of the last cycle."""
+    """Command interfaces that are enabled and stopped together; `enabled` is the state of the last cycle."""
 
     __slots__ = ("enabled", "ends")
 
@@ -83,7 +83,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Return whether all interfaces follow commands now, not counting those that a user has excluded."""
+        """Return whether the interfaces are enabled, except interfaces that a user has excluded."""
         following = not self.ends
         for interface in self.ends:
             if interface.enabled:
@@ -118,13 +118,13 @@ class ActiveController:
         return [interface for part in self.parts for interface in part.ends if not interface.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
-        """Copy the time of the last step and the enabled groups from before a switch of other controllers."""
+        """Copy timing and enabled groups from the controller's entry before a switch."""
         self.rate.last = before.rate.last
         for part in self.parts:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
 
     def forget(self, now: int, interfaces: Ends | None = None, why: str = "") -> None:
-        """Clear the controller's command, or only that of `interfaces`; `why` is a clause with the reason."""
+        """Clear the controller's commands, all or only for `interfaces`; `why` is a clause with the reason."""
         if interfaces is not None:
             self.controller.forget_some(interfaces, now)
             return
@@ -163,7 +163,7 @@ def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
 
 
 def in_order(controllers: Sequence[Controller]) -> list[Controller]:
-    """Sort controllers so that a controller precedes all that it commands or reads; otherwise their order is kept."""
+    """Sort controllers stably, so that each precedes the controllers that it commands or reads."""
     done: list[Controller] = []
 
     def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
@@ -472,7 +472,7 @@ class UpdateLoop:
 
     @property
     def clients_with_commands(self) -> set[object]:
-        """Clients whose disconnection ends an active command."""
+        """Connected clients whose commands are active and end at disconnection."""
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
     def slot_of(self, controller: Controller) -> ActiveController | None:
@@ -528,14 +528,14 @@ class Switched:
 
 
 class SwitchObserver(Protocol):
-    """Observer of changes of the set of active controllers."""
+    """Observer of the set of active controllers."""
 
     def controllers_switched(self) -> None:
-        """Process a change of the active controllers."""
+        """Handle a change of the set of active controllers."""
 
 
 class Switcher:
-    """Executor of switches of the `controllers` of one manager; `observer` is notified of each change."""
+    """Executor of controller switches; `observer` is called after each change of the active controllers."""
 
     def __init__(
         self,
@@ -564,7 +564,7 @@ class Switcher:
         )
 
     def drop(self, controllers: Sequence[Controller], reason: str, now: int) -> list[str]:
-        """Deactivate controllers and all controllers chained to them, without checks; return their names."""
+        """Deactivate controllers and all controllers chained to them, without checks; return the names."""
         group = users_of(controllers, self._running.controllers)
         for controller in group:
             self._stop(controller, now, "error", reason)

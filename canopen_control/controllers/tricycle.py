@@ -53,7 +53,7 @@ class TractionLimits:
     max_jerk: float = setting(NAN, low=0.0, nan=True, help="half of the jerk limit in rad/s^3, as upstream applies it")
 
     def law(self) -> RateLaw:
-        """Convert to the limits of a `RateLimiter`, with twice the jerk, as upstream applies the limit."""
+        """Return the limits for a `RateLimiter`; the jerk is doubled, as upstream does."""
         gain, loss = self.max_acceleration, self.max_deceleration
         if math.isnan(gain) and not math.isnan(loss):
             gain = math.inf
@@ -82,7 +82,7 @@ class SteeringLimits:
         return low, -low if math.isnan(self.max_position) else self.max_position
 
     def law(self) -> RateLaw:
-        """Convert to the limits of a `RateLimiter` for the angle, with twice the acceleration, as upstream."""
+        """Return the limits of the angle for a `RateLimiter`; the acceleration is doubled, as upstream does."""
         low, high = self.bounds()
         speed, gain = self.max_velocity, 2.0 * self.max_acceleration
         return RateLaw(VelocityLimits(low, high, -speed, speed, -speed, speed, -gain, gain))
@@ -121,7 +121,6 @@ class DrivenWheelParams(BaseParams):
     steering: SteeringLimits = setting(SteeringLimits(), key="steering", section=True)
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield checks as pairs: whether the parameters fail the check, and the error text."""
         for key in ("traction_joint_name", "steering_joint_name"):
             yield not getattr(self, key), f"no {key}; give the joint"
         both = bool(self.traction_joint_name) and self.traction_joint_name == self.steering_joint_name
@@ -190,12 +189,10 @@ class TricycleController(MobileBase):
         """Commanded speed in rad/s and angle in rad, as of the last publication of the odometry."""
 
     def wheel_base(self) -> DriveGeometry:
-        """Return the wheel radius and the frames of the parameters; sides and separation are unknown."""
         params = self.params
         return DriveGeometry((), (), 0.0, params.wheel_radius, *params.frame_ids(), params.enable_odom_tf)
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters, and reset the odometry to the origin."""
         self.params = settings = read_checked(params, DrivenWheelParams, _RENAMES)
         self.kinematics = DrivenWheelPose(
             settings.wheel_radius, settings.wheelbase, settings.velocity_rolling_window_size
@@ -206,7 +203,6 @@ class TricycleController(MobileBase):
         self.set_up(settings, settings.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
-        """Apply changed limits, a changed timeout and publication options from the next update on."""
         settings = read_checked(params, DrivenWheelParams, _RENAMES)
         self.take(settings, settings.cmd_vel_timeout / _PER_MS)
         self.params = settings
@@ -216,25 +212,20 @@ class TricycleController(MobileBase):
         self._limiter.laws = [self.params.traction.law(), self.params.steering.law()]
 
     def command_interface_names(self) -> list[str]:
-        """Return the velocity interface of the traction joint and the position interface of the steering joint."""
         return [f"{self.params.traction_joint_name}/{VELOCITY}", f"{self.params.steering_joint_name}/{POSITION}"]
 
     def state_interface_names(self) -> list[str]:
-        """Return the same interfaces as `command_interface_names`, also in open loop."""
         return self.command_interface_names()
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Start without a twist; the limits start from standstill and the actual steering angle."""
         super().on_activate(commands, states, now)
         self._limiter.reset()
 
     def forget(self, now: int) -> None:
-        """Stop the wheel at once; the limits start again from standstill and the actual steering angle."""
         super().forget(now)
         self._limiter.reset()
 
     def sample(self, wall_offset_ns: int) -> OdometrySample | None:
-        """Return the last published odometry, with the wheel command if enabled; None before the first publication."""
         odometry, params = self.odometry_sample(wall_offset_ns), self.params
         if odometry is None:
             return None
@@ -242,19 +233,16 @@ class TricycleController(MobileBase):
         return grown(OdometrySample, odometry, only_twist=params.odom_only_twist, ackermann=ackermann)
 
     def velocities(self) -> tuple[float, float, float]:
-        """Return the mean velocities of the odometry: forward in m/s, 0.0 sideways, yaw rate in rad/s."""
         return self.kinematics.linear, 0.0, self.kinematics.angular
 
     def advance(self, dt: float) -> None:
-        """Integrate the measured wheel motion of the last `dt` s into the pose."""
         self.kinematics.follow(self.states[0].value, self.states[1].value, dt)
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the limited twist over `dt` s into the pose."""
         self.kinematics.integrate_command(self.limited[0], self.limited[1], dt)
 
     def compute_commands(self, twist: Sequence[float]) -> None:
-        """Compute wheel speed and steering angle from a twist, within the limits of the values themselves.
+        """Compute wheel speed and steering angle from a twist; `update` limits their rates of change.
 
         The speed is reduced while the steering is far from the commanded angle.
         """
@@ -266,10 +254,7 @@ class TricycleController(MobileBase):
         self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Execute one control step; `period` is in s.
-
-        Both wheel commands are also limited by their previous two values.
-        """
+        """Execute one control step, and limit the rates of change of both wheel commands."""
         result = super().update(now, period)
         if result is OK and all(command.enabled for command in self.commands):
             actual, commanded, limiter = self._actual, self._commanded, self._limiter

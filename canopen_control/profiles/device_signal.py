@@ -46,7 +46,7 @@ class SignalScale:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Input or `output` of a device; the value is invalid if the number in the object `status` is not 0.
+    """Input or output of a device; its value is invalid while the number in the object `status` is not 0.
 
     `data_type` overrides the type of the object, None: as in the file. `invalid` contains raw numbers without a value.
     `unwrap` is the object with the range of a position: the value is then the continuous travel since the first value.
@@ -102,7 +102,7 @@ class Signal:
         return raw * gain + self.offset
 
     def raw(self, value: float, gain: float, *, whole: bool) -> float:
-        """Return the raw number of a value; `whole` rounds it for an object of an integer type."""
+        """Return the raw number of a value; `whole` rounds to an integer, for objects of integer types."""
         raw = (value - self.offset) / gain
         return round(raw) if whole else raw
 
@@ -117,7 +117,7 @@ def object_of(text: str) -> tuple[int, int, int | None] | None:
 
 
 def retyped(value: Value, source: DataType, target: DataType) -> Value:
-    """Return a value whose bits are interpreted as another type; nan if they are not valid for that type."""
+    """Return a value with its bits interpreted as another type; nan if the bits are invalid for the type."""
     try:
         return decode(encode(value, source), target)
     except ValueError:
@@ -157,5 +157,5 @@ def factor_of_prefix(code: int) -> float:
 
 
 def factor_of_digits(digits: int) -> float:
-    """Return the weight of the last of `digits` decimal digits; an invalid number counts as 0 digits."""
+    """Return the weight of the last of `digits` decimal digits; 1.0 for an invalid number."""
     return float(10.0**-digits) if 0 <= digits <= 9 else 1.0

@@ -1,4 +1,4 @@
-"""Profile of a device, determined from its dictionary: CiA 401 I/O, 404 measuring, 406 encoder, 418 battery and others.
+"""Profile of a device, such as CiA 401 (I/O) or CiA 418 (battery), determined from its object dictionary.
 
 The low word of 0x1000 is the number of the profile, but half of all files have 0 there, and some call a drive an I/O
 module. A device with controlword and statusword is therefore a drive, and without a number in 0x1000 the objects
@@ -21,7 +21,7 @@ _CONTROLWORD, _STATUSWORD, _AXIS_OFFSET, _AXES = 0x6040, 0x6041, 0x800, 8
 
 
 class Profile(enum.IntEnum):
-    """Profiles by the number of their standard, as in the low word of 0x1000; NONE if the profile is unknown."""
+    """Device profiles by the number of their CiA standard; NONE for an unknown profile."""
 
     NONE = 0
     IO = 401
@@ -35,7 +35,7 @@ class Profile(enum.IntEnum):
 
     @property
     def words(self) -> str:
-        """Description of a device with this profile, for users."""
+        """Description of a device with this profile, for messages."""
         return _WORDS[self]
 
 

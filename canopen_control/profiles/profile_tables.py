@@ -1,4 +1,4 @@
-"""Signals of all device profiles, and of single objects given by address.
+"""Signals of all device profiles, and signals of single objects given by address.
 
 Manufacturers do not share object names, so that a signal has the name of the profile (`di0`, `position`) or of bus.yml;
 a device of CiA 454 has only names of bus.yml. ``0x6401:01`` and ``0x6000:01.3`` name any object, or a bit of it, with
@@ -162,13 +162,16 @@ _CHARGER: Final[_Table] = (
 
 
 def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield the signals of a CiA 419 charger, as outputs if the charger receives them; a requested current persists."""
+    """Yield the signals of a CiA 419 charger; values that the charger receives are outputs.
+
+    A requested charge current persists in the charger.
+    """
     for signal, entry in _signals_of(od, _CHARGER):
         yield dataclasses.replace(signal, output=entry.rpdo_mappable and entry.writable)
 
 
 def _signals_of(od: ObjectDictionary, table: _Table) -> Iterator[tuple[Signal, Entry]]:
-    """Yield the signals of a table whose objects exist in the device, each with the entry of its object."""
+    """Yield the signals of a table for existing objects, each with the entry of its object."""
     for name, index, subindex, factor, unit in table:
         if (entry := od.get(index, subindex)) is not None:
             yield Signal(name, index, subindex, factor=factor, unit=unit), entry
@@ -264,7 +267,7 @@ def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[Sa
 
 
 def has_error_mode(od: ObjectDictionary, signal: Signal) -> bool:
-    """Whether a device can set an output to a value, or always does, when the master is lost."""
+    """Return False for an output whose error mode object (CiA 401, CiA 404) the device lacks, else True."""
     return signal.index not in ERROR_OBJECTS or (ERROR_OBJECTS[signal.index][0], signal.subindex) in od
 
 
@@ -303,7 +306,7 @@ def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]
 
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
-    """Return a signal with the raw number of an object, given by its address; None if there is no such object."""
+    """Return a signal with the raw number of the object at an address; None if the object does not exist."""
     place = object_of(name) if name[:2] in ("0x", "0X") else None
     entry = None if place is None else od.get(place[0], place[1])
     if place is None or entry is None or entry.data_type.bits is None:

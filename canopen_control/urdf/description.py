@@ -84,7 +84,7 @@ class XacroRun:
         self.close()
 
     def close(self) -> None:
-        """Kill the process if it is still running; a second call does nothing."""
+        """Kill the process if it is still running."""
         if self._lifeline >= 0:
             os.close(self._lifeline)
             self._lifeline = -1
@@ -124,7 +124,7 @@ class GazeboPlugin:
 
 @dataclass(frozen=True)
 class UrdfDescription:
-    """Robot description: URDF text (the output of xacro), links, joints, and hardware components.
+    """Robot description with its URDF text (the output of xacro), links, joints and hardware components.
 
     `ros1` means that the hardware was derived from ROS 1's <transmission> tags, because there is no <ros2_control> tag.
     """
@@ -139,12 +139,10 @@ class UrdfDescription:
 
     @property
     def links(self) -> Mapping[str, UrdfLink]:
-        """Links by name."""
         return self.model.links
 
     @property
     def joints(self) -> Mapping[str, Joint]:
-        """Joints by name."""
         return self.model.joints
 
     @property
@@ -163,7 +161,7 @@ def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str
 
 
 class DescriptionReader:
-    """Reader of a .urdf or .xacro file; xacro runs in the background, in a separate process, from now on.
+    """Reader of a .urdf or .xacro file, which starts xacro in a separate process on creation.
 
     The end of the `with` block ends the process. Creation and `result` raise RobotConfigError.
     """

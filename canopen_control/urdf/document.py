@@ -35,7 +35,7 @@ class Placed(Protocol):
 
     @property
     def place(self) -> ElementPlace:
-        """Position of the start of the object's element."""
+        """Position of the start of the element."""
 
 
 class Element:
@@ -103,7 +103,7 @@ class UrdfDocument:
         return self.decimal(element, element.attributes, attribute, default)
 
     def decimal(self, element: Element, values: Mapping[str, str], key: str, default: float) -> float:
-        """Return the number of `key` in a mapping that belongs to an element, else the default, as `number` does."""
+        """Return the number of `key` in a mapping that belongs to an element, else the default; see `number`."""
         text = values.get(key)
         if text is None:
             return default
@@ -128,7 +128,7 @@ class UrdfDocument:
 
 
 def finite_number(text: str) -> float | None:
-    """Return the number in a text, or None if the text is no finite number."""
+    """Return the number in a text, or None if the text is not a finite number."""
     try:
         number = float(text)
     except ValueError:

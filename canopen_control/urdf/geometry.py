@@ -45,7 +45,7 @@ def from_rpy(rpy: Vector) -> Quaternion:
 
 
 def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
-    """Return the rotation `first` followed by `second`, which is relative to the frame rotated by `first`."""
+    """Return the rotation `first` followed by `second`, which is relative to the rotated frame."""
     a, b, c, d = first
     e, f, g, h = second
     return (
@@ -75,7 +75,7 @@ class Pose(NamedTuple):
         return self.position[0] + x, self.position[1] + y, self.position[2] + z
 
     def then(self, child: Pose) -> Pose:
-        """Return the pose, in the parent frame, of a frame whose pose in this frame is `child`."""
+        """Return the pose of a child frame in the parent frame; `child` is its pose in this frame."""
         return Pose(self.of(child.position), multiply(self.rotation, child.rotation))
 
 

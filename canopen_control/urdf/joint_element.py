@@ -162,7 +162,6 @@ class Joint:
 
     @property
     def fixed(self) -> bool:
-        """Whether the joint is fixed."""
         return self.type == "fixed"
 
     def range_of(self, interface: str) -> tuple[float, float]:

@@ -55,7 +55,7 @@ class UrdfLink:
 
 
 def read_links(document: UrdfDocument, notes: list[str]) -> dict[str, UrdfLink]:
-    """Return the links of a `<robot>` by name; texts about shapes that cannot be drawn are added to `notes`."""
+    """Return the links of a `<robot>` by name, and add texts about shapes that cannot be drawn to `notes`."""
     children = document.root.children
     materials = {
         child.attributes.get("name", ""): color

@@ -25,7 +25,7 @@ _MOST = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_
 
 
 def find_package(package: str, beside: str, environment: Mapping[str, str] | None = None) -> str:
-    """Return the folder of a package that the file `beside` names; raise LookupError if there is none."""
+    """Return the folder of a package that is mentioned in the file `beside`; raise LookupError without a match."""
     for folder in package_folders(package, Path(beside), environment):
         return str(folder)
     raise LookupError(
@@ -35,7 +35,7 @@ def find_package(package: str, beside: str, environment: Mapping[str, str] | Non
 
 
 def package_folders(package: str, beside: Path, environment: Mapping[str, str] | None = None) -> Iterator[Path]:
-    """Yield the folders of a package, in order of precedence: near the file `beside`, then installed ones."""
+    """Yield the folders of a package, near the file `beside` first, then installed folders."""
     if _NAME.fullmatch(package):
         yield from _around(package, Path(os.path.realpath(beside)))
     yield from installed_packages(package, environment)

@@ -1,4 +1,4 @@
-"""Tree of the links and joints of a robot description, and the wheel geometry that follows from it."""
+"""Tree of the links and joints of a robot description, and the wheel geometry derived from the tree."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class WheelGeometry:
         self._above = {joint.child: joint for joint in model.joints.values()}
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance between the left and the right wheels, or None if it is unknown.
+        """Return the distance in m between the left and the right wheels; None if it is unknown.
 
         The distance is that of the mean positions of the wheel joints of both sides, in the xy plane.
         """
@@ -49,7 +49,7 @@ class WheelGeometry:
         return math.dist(means[0], means[1])
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the radius of the wheels, which are named by their joints; None if it is unknown or differs."""
+        """Return the common radius of the wheels, named by their joints; None if it is unknown or differs."""
         radii = {self._radius(name) for name in wheels}
         return radii.pop() if len(radii) == 1 else None
 
@@ -78,7 +78,7 @@ class WheelGeometry:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Links and joints of a robot by name, in the order of the file; `notes` are texts about shapes not drawn."""
+    """Links and joints of a robot by name, in the order of the file; `notes` are about shapes that are not drawn."""
 
     name: str
     links: dict[str, UrdfLink] = field(default_factory=dict)

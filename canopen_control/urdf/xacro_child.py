@@ -1,4 +1,4 @@
-"""Program of the xacro process: `main` writes the URDF of a xacro file, or an error, to standard output.
+"""Program of the xacro process, which writes the URDF of a xacro file, or an error, to standard output.
 
 Xacro evaluates expressions of the file, which may need unlimited time or memory. Therefore limits are set first, and
 enforced by the kernel. The first byte of the answer is its kind: `URDF`, or `REFUSED` with a reason in UTF-8. `$(find
@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> None:
 
 
 def _end_with_starter() -> None:
-    """Let this process end when standard input is closed, which happens when the parent process ends."""
+    """End this process when the parent process ends, which closes standard input."""
     with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
         fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
@@ -58,7 +58,7 @@ def _end_with_starter() -> None:
 
 
 def _limit(processor_s: int, wall_s: int, memory: int) -> None:
-    """Set kernel limits of time and memory, which end this process even if the parent process has ended."""
+    """Set kernel limits of time and memory, which hold even after the end of the parent process."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
@@ -68,7 +68,7 @@ def _limit(processor_s: int, wall_s: int, memory: int) -> None:
 
 
 class _Arguments(dict[str, str]):
-    """Arguments for xacro, with a record of the names that the file declares or uses."""
+    """Xacro arguments, with a record of the names that the file declares or uses."""
 
     def __init__(self, mappings: Mapping[str, str]) -> None:
         super().__init__({name.removesuffix("?"): value for name, value in mappings.items()})
@@ -124,7 +124,7 @@ _TOO_MUCH = {
 
 
 def _has_cause(error: BaseException, kind: type[BaseException]) -> bool:
-    """Return whether an exception or any of its causes is of a kind.
+    """Return whether an exception or one of its causes is an instance of `kind`.
 
     The causes count because xacro replaces an exception by another one about the expression.
     """
@@ -156,7 +156,7 @@ def _where(output: str) -> str:
 
 @contextlib.contextmanager
 def _finding(path: str) -> Iterator[None]:
-    """Let xacro use `find_package` for `$(find ...)`, and open installed files of packages in their source folders."""
+    """Make xacro use `find_package` for `$(find ...)`, and open installed files in their source folders."""
     import xacro
     from xacro import substitution_args  # after the limits
 
@@ -170,7 +170,7 @@ def _finding(path: str) -> Iterator[None]:
         return folders[-1]
 
     def open_installed(name: str, *more: object, **named: object) -> object:
-        """Open a file; if it does not exist, open the source file from which CMake would install it."""
+        """Open a file; if it is missing, open the source file from which CMake would install it."""
         if folders and not os.path.exists(name):
             from pathlib import Path
 

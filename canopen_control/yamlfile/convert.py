@@ -42,7 +42,7 @@ _KINDS: Final[dict[Any, str]] = {
 
 
 class _Invalid(enum.Enum):
-    """Result of a conversion whose error was reported; a structure that contains it is invalid too."""
+    """Result of a failed conversion whose error was reported; a structure that contains it is invalid too."""
 
     INVALID = 0
 
@@ -63,7 +63,7 @@ def setting(
     hint: str = "",
     help: str = "",  # noqa: A002 - the word of argparse and click
 ) -> Any:
-    """Return a dataclass field; `key` is the field's name in YAML, `low` and `high` bound the numbers.
+    """Return a dataclass field; `key` is the key in YAML, `low` and `high` are bounds of the numbers.
 
     `choices` lists the valid values. Bounds and choices apply to the elements of a list, tuple or dict; with `nan`, the
     value nan is within any bounds. A list default is given as `factory=list`. A `section` contains the parameters whose
@@ -91,17 +91,17 @@ def position() -> Any:
 
 
 def part() -> Any:
-    """Return a field of a dataclass type whose keys are in the mapping of the containing class."""
+    """Return a field for a nested dataclass whose keys are in the same mapping."""
     return dataclasses.field(metadata={"part": True})
 
 
 def derived(default: Any) -> Any:
-    """Return a field without a key in the file, which the reader of the file sets."""
+    """Return a field without a key in the file, which the reader of the file computes."""
     return dataclasses.field(default=default, metadata={"derived": True})
 
 
 def convert(node: Node, target: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
-    """Return the node's value as the requested type; report an error and return `default` if this is impossible.
+    """Return the node's value as the requested type; on failure report an error and return `default`.
 
     `ignored` contains keys without a field that are not reported as unknown.
     """
@@ -126,7 +126,7 @@ def key_of(entry: dataclasses.Field[Any]) -> str:
 
 
 def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
-    """Return the help text of a field of `cls`, or of the base class field that it overrides; "" if there is none."""
+    """Return the help text of a field, which may be inherited from a base class; "" without a text."""
     fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
     return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 
@@ -209,7 +209,7 @@ def _bounded(node: Node, value: Any, meta: Mapping[str, Any]) -> Any:
 
 
 def _enum(node: Node, target: type[enum.Enum]) -> Any:
-    """Return the enum member with this name, in any case, or with this value; report an error if there is none."""
+    """Return the enum member with this value or, in any case, this name; report an error if it does not exist."""
     if node.kind == "scalar":
         value = node.value
         for member in target:

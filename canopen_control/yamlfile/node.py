@@ -32,7 +32,7 @@ class Node:
 
     @classmethod
     def mapping(cls, place: Node, pairs: dict[str, tuple[Node, Node]]) -> Node:
-        """Make the node `place` a mapping, and return it; `pairs` has (key node, value node) by the key as written."""
+        """Make the node `place` a mapping of (key node, value node) pairs by key, and return it."""
         place._pairs = pairs
         return place
 
@@ -47,7 +47,6 @@ class Node:
 
     @property
     def path(self) -> str:
-        """Path of the file."""
         return self.problems.path
 
     @property
@@ -60,7 +59,10 @@ class Node:
         return self._scalar
 
     def pairs(self) -> list[tuple[Node, Node]]:
-        """Return the key and value nodes in the order of the file, merged keys last; of a repeated key, the last."""
+        """Return the key and value nodes in the order of the file, keys from merges last.
+
+        Of a repeated key, only the last pair is included.
+        """
         return list(self._pairs.values())
 
     def items(self) -> list[tuple[str, Node]]:

@@ -33,7 +33,7 @@ class Place(Protocol):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Problem:
-    """Error or warning: `where` is the dotted path in the file, `source` the text of the line; lines count from 1."""
+    """Error or warning in a file: `where` is the dotted path, `source` the text of the line."""
 
     line: int
     column: int
@@ -66,7 +66,7 @@ class Problems:
 
     @property
     def errors(self) -> list[Problem]:
-        """Errors in the order of their lines, without duplicates that aliases would cause."""
+        """Errors in the order of their lines, without duplicates."""
         return sorted(self._errors)
 
     @property
@@ -80,11 +80,9 @@ class Problems:
         return Problem(line, column, self.path, place, message, source)
 
     def error(self, place: Place, message: str) -> None:
-        """Add an error at a place."""
         self._errors[self.at(place.line, place.column, place.where, message)] = None
 
     def warning(self, place: Place, message: str) -> None:
-        """Add a warning at a place."""
         self._warnings[self.at(place.line, place.column, place.where, message)] = None
 
     def suspect(self, place: Place, message: str) -> None:

@@ -53,7 +53,7 @@ _CONSTRUCTORS: Final[Mapping[str, Callable[[yaml.ScalarNode], object]]] = {
 
 
 def _value(node: yaml.ScalarNode) -> object:
-    """Return the value of a scalar; a text that does not match its tag remains text."""
+    """Return the value of a scalar; a scalar that does not match its tag remains text."""
     if node.tag == _TAG + "null":
         return None
     make = _CONSTRUCTORS.get(node.tag)
@@ -87,7 +87,7 @@ def _build(node: yaml.Node, dotted: str, problems: Problems) -> Node:
 
 
 def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -> None:
-    """Add the pairs of a mapping by key: its own keys first, then new keys from merge keys (YAML 1.1, merge type)."""
+    """Add the pairs of a mapping by key: own keys first, then new keys from merge keys (YAML 1.1)."""
     merged: list[yaml.Node] = []
     own: dict[str, tuple[yaml.Node, yaml.Node]] = {}
     for key, value in node.value:
@@ -103,7 +103,7 @@ def _flatten(node: yaml.Node, entries: dict[str, tuple[yaml.Node, yaml.Node]]) -
 
 
 class _Walk:
-    """Check of every node, made once before aliases are followed."""
+    """Check of all nodes for invalid keys and endless aliases, before aliases are followed."""
 
     def __init__(self, problems: Problems) -> None:
         self._problems = problems
@@ -158,7 +158,7 @@ def _check_merge(here: Node, value: yaml.Node) -> None:
 
 
 def _root(text: str) -> yaml.Node | None:
-    """Return the root node, parsed by libyaml if that gives the same result; errors are those of PyYAML."""
+    """Return the root node, parsed by libyaml if the text is safe for it, otherwise by PyYAML."""
     if _FAST_LOADER is not None and text.endswith("\n") and not _NOT_ALIKE.search(text):
         try:
             return yaml.compose(text, Loader=_FAST_LOADER)
@@ -245,7 +245,7 @@ def load(
 
 
 def tree(path: str | os.PathLike[str], *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
-    """Return the root node of a file for free access; the caller ends with `node.problems.raise_if_any(error)`.
+    """Return the root node of a file; the caller must call `node.problems.raise_if_any(error)` at the end.
 
     A file that is not valid YAML raises `error` at once.
     """

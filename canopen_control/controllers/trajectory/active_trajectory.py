@@ -168,7 +168,7 @@ _FEW: Final = 8
 
 
 class JointSetpoint(metaclass=ABCMeta):
-    """Source of set-points over time, with `size` points; `start` is in ns.
+    """Base class of motions that give set-points over time, with `size` points; `start` is in ns.
 
     `first` and `following` are the points on both sides of the last sample. Both are `size` if there was no sample, and
     `following` alone is `size` once the trajectory is over.
@@ -199,14 +199,14 @@ class JointSetpoint(metaclass=ABCMeta):
         return None
 
     def begin(self, t: int) -> None:
-        """Mark the first sample, which is the start of the trajectory if it has no stamp; `t` is in ns."""
+        """Mark the first sample; without a stamp the trajectory starts at its time `t`, in ns."""
         if not self.sampled:
             if self.start == 0:
                 self.start = t
             self.sampled = True
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time `t`, in ns, to `out` without changing the progress; False means no state."""
+        """Write the state at any time `t`, in ns, to `out`, without a change of the progress; False without a state."""
         return self.sampled and self.sample(t, out, ahead=True)
 
     @property
@@ -216,7 +216,7 @@ class JointSetpoint(metaclass=ABCMeta):
 
 
 class ActiveTrajectory(JointSetpoint):
-    """Trajectory in execution, interpolated by `splines`; without splines a point is commanded until its time.
+    """Trajectory in execution, interpolated by `splines`; without splines each point is held until its time.
 
     An `arrangement` is applied to each point when it is created. `shift` is added to the positions of each joint, in
     whole turns: samples include the shift, the points do not.
@@ -242,7 +242,6 @@ class ActiveTrajectory(JointSetpoint):
         self._shifted = False
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Set the state of the joints before the first point, and compute the shifts by whole turns."""
         self.before_time, self._fitted, self._ahead = time, _NONE, None
         before = self.before
         before.take(point)
@@ -262,8 +261,8 @@ class ActiveTrajectory(JointSetpoint):
     def _wrap(self, wrap: Sequence[bool]) -> None:
         """Shift continuous joints by whole turns, to within half a turn of the first point.
 
-        If the first points have no positions, the joints follow their velocities up to the first point that has some,
-        which then counts.
+        If the first points have no positions, the shift is computed at the first point with positions, up to which the
+        joints follow the velocities.
         """
         before = self.before.positions
         start, first = self._first_place()
@@ -275,7 +274,7 @@ class ActiveTrajectory(JointSetpoint):
         self._shifted = any(self.shift)
 
     def _first_place(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Return the positions before the first point that has positions, and the positions of this point."""
+        """Return the positions before the first point with positions, and the positions of this point."""
         point, first = self.before, self.at(0)
         if first.positions:
             return point.positions, first.positions
@@ -299,11 +298,9 @@ class ActiveTrajectory(JointSetpoint):
         return point
 
     def time_of(self, index: int) -> int:
-        """Return the time of point `index` from the start, in ns."""
         return self._times[index]
 
     def end_point(self) -> Point | None:
-        """Return the last point, shifted by whole turns, or None if there is no point."""
         end = self._last_point()
         if end is None or not self._shifted:
             return end
@@ -312,19 +309,16 @@ class ActiveTrajectory(JointSetpoint):
         return shifted
 
     def _last_point(self) -> Point | None:
-        """Return the last point without shifts, or None if there is no point."""
         if self._end is None and self.size:
             self._end = self.at(self.size - 1)
         return self._end
 
     def _shift(self, point: Point) -> None:
-        """Add the whole turns of the joints to the positions of a point."""
         positions, shift = point.positions, self.shift
         for index in range(min(len(positions), len(shift))):
             positions[index] += shift[index]
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the state at `t` into `out`, see `JointSetpoint`."""
         times, size = self._times, self.size
         self.first = self.following = size
         if not size:
@@ -349,7 +343,7 @@ class ActiveTrajectory(JointSetpoint):
         return self._last(out)
 
     def _segment_of(self, elapsed: int) -> int:
-        """Return the segment that contains a time from the start, searched from the current segment on."""
+        """Return the index of the segment at a time from the start, searched from the current segment on."""
         times, index, last = self._times, self.reached, self.size - 1
         steps = 0
         while index < last and not times[index] <= elapsed < times[index + 1]:
@@ -360,7 +354,6 @@ class ActiveTrajectory(JointSetpoint):
         return index
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time to `out`, see `JointSetpoint`."""
         reached, self.reached = self.reached, 0
         result = self.sampled and self.sample(t, out, ahead=True)
         self.reached, self._ahead = reached, None  # `out` belongs to the caller
@@ -387,7 +380,6 @@ class ActiveTrajectory(JointSetpoint):
             self._ahead, self._seen_at = out, t
 
     def _fit(self, index: int) -> None:
-        """Compute the segment from point `index` to the next point."""
         a = self.before if index == _BEFORE else self.at(index)
         b = self.at(index + 1)
         self._from, self._to, self._fitted = a, b, index

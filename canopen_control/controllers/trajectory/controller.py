@@ -65,7 +65,7 @@ _NOBODY = -1
 
 @dataclass(frozen=True)
 class ToleranceResult:
-    """Result of a goal by its tolerances, with an explanation."""
+    """Result of a tolerance check, with an explanation for the client."""
 
     state: GoalState
     code: ResultCode
@@ -86,7 +86,7 @@ class _Tolerated:
         self._more = any(tolerance.velocity > 0.0 or tolerance.acceleration > 0.0 for tolerance in tolerances)
 
     def exceeded(self, error: Point) -> int:
-        """Return the index of the last joint whose error exceeds its tolerance, or `_NOBODY` if there is none."""
+        """Return the index of the last joint with an error beyond its tolerance, or `_NOBODY`."""
         last, off, most = _NOBODY, error.positions, self._positions
         for joint in range(len(most)):
             if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
@@ -111,7 +111,7 @@ class ToleranceMonitor:
 
     @property
     def stops(self) -> bool:
-        """Whether the trajectory has failed, so that it must no longer be commanded."""
+        """Whether the trajectory has failed and must not be commanded any more."""
         return self.left >= 0 or self.late
 
     def check(
@@ -169,7 +169,7 @@ Block = list[list[float]]
 
 
 def positions_alone(message: JointTrajectory) -> bool:
-    """Return whether no point of a trajectory has velocities, accelerations or efforts."""
+    """Return whether the points of a trajectory have positions only."""
     return not any(set(size) - {0} for size in survey_of(message).sizes[1:])
 
 
@@ -203,7 +203,6 @@ class PolicyTimes(Sequence[int]):
     @overload
     def __getitem__(self, index: slice) -> list[int]: ...
     def __getitem__(self, index: int | slice) -> int | list[int]:
-        """Return the time of one point, or a list of times for a slice."""
         if isinstance(index, slice):
             return [self[place] for place in range(*index.indices(self._count))]
         if not -self._count <= index < self._count:
@@ -212,7 +211,7 @@ class PolicyTimes(Sequence[int]):
 
 
 class UpsampledPoints(SurveyedPoints):
-    """Points with positions and the velocities of a spline; `source` has the positions, `times` their times."""
+    """Points with positions and the velocities of a spline; `source` provides the positions, `times` are in ns."""
 
     def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: TrajectorySummary) -> None:
         self.times, self.survey = times, survey
@@ -220,7 +219,6 @@ class UpsampledPoints(SurveyedPoints):
         self._blocks: dict[int, Block] = {}  # velocities of the last two blocks, by the index of their first point
 
     def __getitem__(self, index: int) -> Point:
-        """Return a new point with the position of point `index` and the velocity of the spline."""
         if index < 0:
             index += len(self)
         begin = index - index % _BLOCK
@@ -318,7 +316,6 @@ class JointTrajectoryController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        """Read the parameters; raise RobotConfigError with all errors in them."""
         self.params = settings = read_params(params, self.name)
         self._changed = None
         self.update_rate = settings.update_rate
@@ -341,19 +338,15 @@ class JointTrajectoryController(Controller):
         self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
 
     def on_set(self, params: Params) -> None:
-        """Apply changed gains and options in the next cycle; changed tolerances apply to later trajectories."""
         self.change(read_params(params, self.name))
 
     def command_interface_names(self) -> list[str]:
-        """Return the command interfaces of the commanded joints, and of the speed scaling if configured."""
         return self._group.command_names + ([self.params.scaling_command] if self.params.scaling_command else [])
 
     def state_interface_names(self) -> list[str]:
-        """Return the state interfaces of the joints, and of the speed scaling if configured."""
         return self._group.state_names + ([self.params.scaling_state] if self.params.scaling_state else [])
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the interfaces, and hold the joints."""
         super().on_activate(commands, states, now)
         if self._changed is not None:  # changed while the controller was inactive
             self._take_changes(self._changed)
@@ -379,7 +372,6 @@ class JointTrajectoryController(Controller):
         self._follower.hold()
 
     def on_deactivate(self, now: int) -> None:
-        """Abort the goal; position targets stay, other targets become 0.0."""
         text = f"{self.name} was deactivated; activate it and send again"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         super().on_deactivate(now)
@@ -406,7 +398,7 @@ class JointTrajectoryController(Controller):
     # -------------------------------------------------------------------------------------------------- commands
 
     def set_trajectory(self, message: JointTrajectory, now: int) -> None:
-        """Follow a trajectory from the next cycle on; raise ControlError and change nothing if it is refused.
+        """Follow a trajectory from the next cycle on; raise ControlError, with no change, on a refusal.
 
         The tolerances of a goal in execution then apply to this trajectory.
         """
@@ -417,9 +409,9 @@ class JointTrajectoryController(Controller):
         self._queue(message, now)
 
     def send_goal(self, goal: TrajectoryGoal | JointTrajectory, now: int) -> None:
-        """Start a goal in the next cycle, aborting the previous goal; raise ControlError if it is refused.
+        """Start a goal or a trajectory in the next cycle; a new goal aborts the previous goal.
 
-        A trajectory without a goal is passed to `set_trajectory`.
+        Raises ControlError on a refusal. See `set_trajectory` for a trajectory without a goal.
         """
         if isinstance(goal, JointTrajectory):
             self.set_trajectory(goal, now)
@@ -434,22 +426,17 @@ class JointTrajectoryController(Controller):
         self._queue(goal.trajectory, now)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Raise ControlError, because a trajectory controller accepts only trajectories."""
         del values, now, stamp
         raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
-        """Cancel a goal if it is in execution: the joints brake and are held. `why` is reported."""
+        """Cancel a goal in execution: the joints brake and are held. `why` is reported."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
             self._brake()
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """Cancel the active goal or trajectory, or only the goal `only` if it is in execution.
-
-        Raises ControlError if there is nothing to cancel.
-        """
         goal = only or self.goal
         if goal is not None:
             self.cancel(goal, why)
@@ -460,7 +447,6 @@ class JointTrajectoryController(Controller):
             self._brake()
 
     def set_speed_scaling(self, factor: float) -> None:
-        """Set the speed scaling factor; raise ControlError if it is negative or scaling is not possible."""
         if (wrong := self.speed.mistake(factor)) is not None:
             raise self.refusal(wrong)
         self.speed.set(factor)
@@ -473,13 +459,11 @@ class JointTrajectoryController(Controller):
         return self._follower.query(t, out)
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the state at `t` in ns as an answer; `known` is False without a trajectory at `t`."""
         if self.state.value != "active":
             return TrajectoryAt(known=False, text=f"{self.name} is {self.state.value}; activate it first")
         return self._follower.state_reading(t, self.name)
 
     def sample(self, wall_offset_ns: int) -> TrajectorySample | None:
-        """Return the desired and actual states of the last cycle; None before the first cycle with a motion."""
         if not self.stamp:
             return None
         return self._follower.sample_of(self.published(wall_offset_ns), self.goal is not None, self.speed.factor)
@@ -491,22 +475,19 @@ class JointTrajectoryController(Controller):
 
     @property
     def desired(self) -> Point:
-        """Desired state of the last cycle."""
         return self._follower.desired
 
     @property
     def output(self) -> Point:
-        """Commanded state, for the next cycle."""
+        """Commanded state for the next cycle."""
         return self._follower.output
 
     @property
     def actual(self) -> Point:
-        """Actual state of the last cycle."""
         return self._group.actual
 
     @property
     def error(self) -> Point:
-        """Difference of desired and actual state in the last cycle."""
         return self._group.error
 
     def _check(self, message: JointTrajectory, now: int) -> None:
@@ -528,7 +509,6 @@ class JointTrajectoryController(Controller):
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def update(self, now: int, period: float) -> ReturnType:
-        """Command the trajectory's state one period ahead, and check the tolerances."""
         self.speed.update()
         if self._changed is not None:
             self._take_changes(self._changed)
@@ -571,7 +551,7 @@ class JointTrajectoryController(Controller):
             self._take_verdict(judgement.verdict(self.tolerances))
 
     def _take_verdict(self, verdict: ToleranceResult | None) -> None:
-        """End the goal or the trajectory according to the result of the tolerance check."""
+        """End the goal or the trajectory by the result of the tolerance check."""
         if verdict is None:
             return
         if verdict.state is GoalState.SUCCEEDED:
@@ -600,7 +580,7 @@ class JointTrajectoryController(Controller):
         self._group.release()
 
     def _why(self, joint: str) -> str:
-        """Return why a joint does not follow commands, and what to do."""
+        """Return a text with the reason why a joint does not follow commands, and the remedy."""
         waiting = [command for command in self.commands if not command.enabled]
         if waiting:
             return self.enable_status.reason(waiting)
@@ -615,7 +595,7 @@ class JointTrajectoryController(Controller):
         self._follower.brake([constraint.max_deceleration_on_cancel for constraint in self.params.constraints])
 
     def _end(self, state: GoalState, code: ResultCode, text: str) -> None:
-        """End the active goal, if any, with a result, and report an end that is not a success."""
+        """End the active goal, if any, with a result, and report a failure."""
         goal, self.goal = self.goal, None
         if goal is None:
             if code in (ResultCode.PATH_TOLERANCE_VIOLATED, ResultCode.GOAL_TOLERANCE_VIOLATED):

@@ -48,7 +48,7 @@ class _Track:
 
 
 class _Waiting:
-    """Trajectory that takes over some joints at `handoff`, in ns of the executor's time."""
+    """Queued trajectory that takes over some joints at `handoff`, in ns of the executor's time."""
 
     __slots__ = ("handoff", "joints", "trajectory")
 
@@ -57,7 +57,7 @@ class _Waiting:
 
 
 class Blend(JointSetpoint):
-    """Several trajectories that different joints follow, and queued trajectories that will take over joints later."""
+    """Trajectories that different joints follow, and queued trajectories that take over joints later."""
 
     def __init__(self, old: JointSetpoint, wrap: Sequence[bool]) -> None:
         super().__init__(old.start, 1)
@@ -94,7 +94,7 @@ class Blend(JointSetpoint):
         return point
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the state at `t` to `out`, see `JointSetpoint`; trajectories whose handoff has come take over first."""
+        """Write the state at `t` to `out`, after trajectories with a handoff up to `t` have taken over."""
         while self._waiting and self._waiting[0].handoff <= t:
             self._hand_over(self._waiting.pop(0))
         result = self._mix(t, out, ahead=ahead)
@@ -105,7 +105,7 @@ class Blend(JointSetpoint):
         return result
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time to `out`.
+        """Write the state at any time to `out`, without a change of the progress.
 
         Up to the first point of a queued trajectory, the state is that of the trajectories before it.
         """
@@ -119,7 +119,7 @@ class Blend(JointSetpoint):
         return result
 
     def _hand_over(self, coming: _Waiting) -> None:
-        """Let a queued trajectory take over its joints, from their commanded state at the handoff."""
+        """Start a queued trajectory for its joints, from their commanded state at the handoff."""
         self._lead(coming)
         tracks = []
         for track in self._tracks:
@@ -129,13 +129,13 @@ class Blend(JointSetpoint):
         self._tracks = [*tracks, _Track(coming.trajectory, coming.joints)]
 
     def _lead(self, coming: _Waiting) -> None:
-        """Set the state from which a queued trajectory starts, which is the state of the joints at its handoff."""
+        """Set the initial state of a queued trajectory to the state of the joints at its handoff."""
         before = Point()
         self._mix(coming.handoff, before, ahead=True)
         coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
     def _mix(self, t: int, out: Point, *, ahead: bool, query: bool = False) -> bool:
-        """Write the state of each joint at `t` to `out`, from its trajectory; return False if any state is missing."""
+        """Write the state of each joint at `t` to `out`; return False if the state of a joint is missing."""
         joints = len(self._wrap)
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
@@ -153,7 +153,7 @@ class Blend(JointSetpoint):
 
 
 def _copy(point: Point, out: Point, joints: Sequence[int]) -> None:
-    """Copy the values of the joints with these indices from one point to another."""
+    """Copy the values of these joints from one point to another."""
     for joint in joints:
         out.positions[joint] = point.positions[joint]
         out.velocities[joint] = point.velocities[joint]
@@ -206,7 +206,6 @@ class StopMotion(JointSetpoint):
         return self.duration
 
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the state at `t` into `out`, see `JointSetpoint`."""
         del ahead
         self.begin(t)
         elapsed = max((t - self.start) / 1e9, 0.0)
@@ -248,7 +247,7 @@ def scaled(time: int, factor: float) -> int:
 
 
 class SpeedScaling:
-    """Factor of the time of trajectories: 1 is nominal speed, 0 stops them.
+    """Scaling factor for the time of trajectories: 1 is nominal speed, 0 stops them.
 
     `allowed` is True if users may set the factor: only with position commands, because other commands of a slower
     trajectory would have to be scaled too.
@@ -265,7 +264,7 @@ class SpeedScaling:
         self._state, self._command = state, command
 
     def mistake(self, factor: float) -> str | None:
-        """Return why a factor is invalid, or None if it is valid."""
+        """Return the reason why a factor is refused, or None for a valid factor."""
         if not self.allowed:
             return "cannot scale its speed: it commands more than positions"
         return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
@@ -316,7 +315,7 @@ class TrajectoryExecutor:
     # ------------------------------------------------------------------------------------------- what is followed
 
     def begin(self) -> None:
-        """Reset to the measured state, without a motion."""
+        """Reset the executor to the measured state, without a motion."""
         group = self._group
         self.motion = self._queued = self._message = None
         self._last_time = 0
@@ -334,12 +333,12 @@ class TrajectoryExecutor:
         self.hold()
 
     def clear(self, *, holding: bool) -> None:
-        """Discard the motion and the queued motion; `holding` is the new value of the attribute."""
+        """Discard the motion and the queued motion; `holding` is stored in the attribute."""
         self.motion = self._queued = self._message = None
         self.holding = holding
 
     def set_gains(self, params: TrajectoryParams) -> None:
-        """Use the gains and options of other parameters."""
+        """Replace the gains and options."""
         self._params = params
         if self._loops is not None:
             self._loops.set_gains(params.gains)
@@ -351,7 +350,7 @@ class TrajectoryExecutor:
         self._queued, self.holding = message, False
 
     def hold(self) -> None:
-        """Queue a hold of the joints at their actual positions, by one point that is rewritten in place."""
+        """Queue a hold of the joints at their actual positions."""
         self._hold_at(self._group.actual)
         point, group = self._stay, self._group
         zeros = [0.0] * len(group.joints)
@@ -360,7 +359,7 @@ class TrajectoryExecutor:
         point.effort[:] = zeros if group.has_effort else ()
 
     def hold_at_end(self) -> None:
-        """Queue a hold of the joints at the last point of the trajectory, with all its quantities."""
+        """Queue a hold of the joints at the last point of the trajectory."""
         end = None if self.motion is None else self.motion.end_point()
         if end is not None:
             self._hold_at(end)
@@ -377,7 +376,10 @@ class TrajectoryExecutor:
     # ----------------------------------------------------------------------------------------------------- cycle
 
     def take_queued(self) -> None:
-        """Start the queued motion; joints that a trajectory does not name hold, or continue if it is blended in."""
+        """Start the queued motion.
+
+        Joints that a new trajectory does not name hold their position, or continue if it is blended in.
+        """
         message, group = self._queued, self._group
         if message is self._message:
             return
@@ -401,7 +403,7 @@ class TrajectoryExecutor:
 
     @property
     def follows(self) -> JointSetpoint | None:
-        """Trajectory into which a new one would be blended; None if the new one replaces it at once."""
+        """Running trajectory into which a new trajectory would be blended; None without blending."""
         message, motion = self._message, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
@@ -412,14 +414,14 @@ class TrajectoryExecutor:
         )
 
     def start_positions(self, stamp: int) -> Sequence[float]:
-        """Return the positions from which a trajectory with this stamp would start."""
+        """Return the positions from which a trajectory with the start `stamp` would begin."""
         follows, out = self.follows, Point()
         if follows is not None and follows.query(max(self._start_of(stamp), self._commanded_until), out):
             return out.positions
         return self._group.actual.positions
 
     def _start_of(self, stamp: int) -> int:
-        """Return the start of a trajectory with this stamp, in the scaled time of the executor."""
+        """Return the start time of a trajectory by its stamp, in the scaled time of the executor."""
         return self._commanded_until if stamp == 0 else self._time + stamp - self._now
 
     @property
@@ -428,7 +430,7 @@ class TrajectoryExecutor:
         return self._time + self._period_ns
 
     def sample(self, now: int, period: float, scaling: float) -> bool:
-        """Compute the desired state of this cycle and the command for the next; return False without a command.
+        """Compute the desired state of this cycle and the next command; return False without a command.
 
         `now` is in ns, `period` in s; `scaling` is the speed scaling factor.
         """
@@ -448,7 +450,7 @@ class TrajectoryExecutor:
         return result
 
     def write(self, now: int, period: float) -> None:
-        """Write the command, limited and with the output of the loops; `group.error` is that of this cycle.
+        """Write the limited command, including the output of the loops for the errors of this cycle.
 
         The limiter compares with the last command, which the joints reach some cycles later.
         """
@@ -474,7 +476,7 @@ class TrajectoryExecutor:
 
     @property
     def time_since_end(self) -> float:
-        """Time in s since the last point that was passed, which is the end of a trajectory that is over."""
+        """Time in s since the last passed point; after the end of a trajectory, since its end."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
 
@@ -511,7 +513,7 @@ class TrajectoryExecutor:
         )
 
     def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
-        """Set the state before the first point: the last command if the parameters say so, else the actual state."""
+        """Set the state before the first point: the last command or the actual state, by the parameters."""
         wrap = () if self._message is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now

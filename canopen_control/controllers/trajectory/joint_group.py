@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class JointGroup:
-    """Joints with their interfaces by quantity, in the order in which joint_trajectory_controller claims them.
+    """Joints of a trajectory controller with their interfaces by quantity.
 
     `actual` is the state that was read last, `error` the desired state minus `actual`.
     """
@@ -115,7 +115,7 @@ class JointGroup:
                 error.accelerations[i] = desired.accelerations[i] - actual.accelerations[i]
 
     def write(self, kind: str, values: Sequence[float]) -> None:
-        """Write the values of one quantity to the command interfaces; an empty list changes nothing."""
+        """Write the values of one quantity to the command interfaces, unless `values` is empty."""
         commands, places = self.commands[kind], self.places
         if not values:
             return
@@ -123,7 +123,7 @@ class JointGroup:
             commands[index].value = values[places[index]]
 
     def release(self) -> None:
-        """Clear the commands: the hardware holds the positions, other targets become 0.0."""
+        """Clear the commands: positions are held by the hardware, other targets become 0.0."""
         for kind in self._kinds:
             for command in self.commands[kind]:
                 command.value = math.nan if kind == POSITION else 0.0
@@ -137,7 +137,7 @@ class JointGroup:
 
 
 class Loops:
-    """PID loops of the commanded joints; `joints` are their indices among the joints of the trajectory."""
+    """PID loops of the commanded joints; `joints` are their indices in the trajectory."""
 
     def __init__(self, gains: Sequence[JointGains], joints: Sequence[int], *, with_effort: bool) -> None:
         self._joints, self._with_effort = list(joints), with_effort
@@ -145,7 +145,7 @@ class Loops:
         self._forward = [gains[joint].ff_velocity_scale for joint in joints]
 
     def set_gains(self, gains: Sequence[JointGains]) -> None:
-        """Use other gains and feed-forward factors; the integrals are kept."""
+        """Replace the gains and feed-forward factors; the integrals are kept."""
         for index, joint in enumerate(self._joints):
             self._pids[index].set_gains(gains[joint].pid())
             self._forward[index] = gains[joint].ff_velocity_scale
@@ -156,7 +156,7 @@ class Loops:
             pid.reset()
 
     def compute(self, index: int, desired: Point, error: Point, period: float) -> float:
-        """Return the command of commanded joint `index`: feed-forward plus the output of its loop; `period` is in s."""
+        """Return the feed-forward plus the output of the loop, for the commanded joint `index`; `period` is in s."""
         joint = self._joints[index]
         forward = self._forward[index] * desired.velocities[joint] if joint < len(desired.velocities) else 0.0
         if self._with_effort and joint < len(desired.effort):

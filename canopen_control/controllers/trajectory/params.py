@@ -152,7 +152,7 @@ def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
 def resolve(
     goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
 ) -> tuple[SegmentTolerances, str | None]:
-    """Return the tolerances of a goal, completed by the default; if invalid, the default and the reason."""
+    """Return the tolerances of a goal, completed by the default; for invalid ones the default and the reason."""
     try:
         time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
@@ -194,7 +194,7 @@ POINT_LIMITER: Final = "joint_limits/JointTrajectoryPointSaturationLimiter"
 
 @dataclass(frozen=True)
 class JointGains(LoopGains):
-    """Gains of a joint's loop, which only velocity or effort commands have.
+    """Gains of a joint's PID loop, which is used only for velocity or effort commands.
 
     `i_clamp` is deprecated.
     """
@@ -207,7 +207,7 @@ class JointGains(LoopGains):
 
     @property
     def integral_limits(self) -> tuple[float, float]:
-        """Upper and lower limit of the integral; the deprecated `i_clamp` is the default of both."""
+        """Upper and lower limit of the integral; the deprecated `i_clamp` is the default for both."""
         high, low, both = self.i_clamp_max, self.i_clamp_min, abs(self.i_clamp)
         return high if math.isfinite(high) else both, low if math.isfinite(low) else -both
 
@@ -252,7 +252,7 @@ class LimitParams:
     )
 
     def hard(self, lower: float, upper: float, velocity: float) -> HardLimits:
-        """Return the effective limits; the arguments are the limits of the URDF, used for values that are nan."""
+        """Return the effective limits; the limits of the URDF (the arguments) replace nan values."""
         return HardLimits(
             _limit(self.has_position_limits, self.min_position, lower, -math.inf),
             _limit(self.has_position_limits, self.max_position, upper),
@@ -387,7 +387,7 @@ class TrajectoryParams(CommonParams):
 
     @property
     def commanded(self) -> tuple[str, ...]:
-        """Joints that are commanded; by default all joints."""
+        """Commanded joints; by default all joints."""
         return self.command_joints or self.joints
 
     @property
@@ -396,7 +396,6 @@ class TrajectoryParams(CommonParams):
         return self.open_loop_control or self.interpolate_from_desired_state
 
     def tolerances(self) -> SegmentTolerances:
-        """Return the tolerances for trajectories without their own."""
         path = tuple(StateTolerance(constraint.trajectory) for constraint in self.constraints)
         goal = tuple(
             StateTolerance(constraint.goal, self.stopped_velocity_tolerance) for constraint in self.constraints

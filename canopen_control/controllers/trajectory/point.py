@@ -52,7 +52,7 @@ class Point:
         self.time = other.time
 
     def copy(self) -> Point:
-        """Return a copy with its own lists."""
+        """Return a deep copy."""
         return Point(self.positions, self.velocities, self.accelerations, self.effort, self.time)
 
 
@@ -87,7 +87,7 @@ class JointTrajectory:
 
 
 class Arrangement:
-    """Order of a trajectory's joints, of which `apply` rearranges a point to the controller's order.
+    """Mapping from the joint order of a trajectory to the order of the controller; `apply` rearranges a point.
 
     Joints that the trajectory does not name are added: they stay at the commanded position, else at the actual
     position; a nan is unknown. `names` are the joints of the message, followed by the added ones.
@@ -109,7 +109,7 @@ class Arrangement:
         self.changes = bool(self._stays) or self._order != list(range(len(self.names)))
 
     def apply(self, point: Point) -> None:
-        """Add the values of unnamed joints to a point, and rearrange the values; lists of another length stay."""
+        """Add the values of unnamed joints to a point, and rearrange the values."""
         if point.positions:
             point.positions += self._known
         for values in (point.velocities, point.accelerations, point.effort):

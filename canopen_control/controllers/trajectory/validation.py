@@ -43,7 +43,7 @@ NONE: Final = -1
 
 
 class Values(Protocol):
-    """Values of a point, as in `Point` or a message."""
+    """Values of a point, as attributes of a `Point` or a message."""
 
     @property
     def positions(self) -> list[float]:
@@ -159,7 +159,7 @@ class TrajectorySummary:
             )
 
     def sized(self, quantity: int, allowed: tuple[int, ...]) -> int:
-        """Return the first point whose number of values of a quantity is not allowed, else NONE."""
+        """Return the first point with a forbidden number of values for a quantity, else NONE."""
         return min((at for size, at in self.sizes[quantity].items() if size not in allowed), default=NONE)
 
     def _check_times(self, times: Sequence[int]) -> None:
@@ -230,7 +230,7 @@ class _Column:
 
 
 class SurveyedPoints(Points):
-    """Points with a summary of all of them, `survey`."""
+    """Sequence of points with the summary `survey` of all points."""
 
     survey: TrajectorySummary
 
@@ -278,7 +278,6 @@ class PointBuffer(SurveyedPoints):
         return result
 
     def __getitem__(self, index: int) -> Point:
-        """Return point `index` as a new object."""
         if index < 0:
             index += len(self)
         time = self.times[index]
@@ -316,7 +315,6 @@ class Rule(enum.Enum):
 
     @property
     def code(self) -> ResultCode:
-        """Error code of a goal that this rule refuses."""
         return _CODES.get(self, ResultCode.INVALID_GOAL)
 
 
@@ -340,13 +338,12 @@ class Refused:
 
     @property
     def code(self) -> ResultCode:
-        """Error code of the refused goal."""
         return ResultCode.INVALID_GOAL if self.rule is None else self.rule.code
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Parameters of a controller that the rules depend on, in the order of the parameters."""
+    """Parameters of the controller that `broken_rule` depends on."""
 
     joints: tuple[str, ...]
     partial: bool = False
@@ -369,7 +366,7 @@ class JointLimits:
 
 
 def survey_of(message: JointTrajectory) -> TrajectorySummary:
-    """Return the summary of a trajectory's points; it is computed now unless the points have one."""
+    """Return the summary of a trajectory's points, computed now unless the points include one."""
     if isinstance(message.points, SurveyedPoints):
         return message.points.survey
     summary = TrajectorySummary()
@@ -378,7 +375,7 @@ def survey_of(message: JointTrajectory) -> TrajectorySummary:
 
 
 def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
-    """Return the refusal by the first rule of joint_trajectory_controller that a trajectory breaks, else None.
+    """Return the refusal by the first broken rule of joint_trajectory_controller, else None.
 
     `now` is in ns.
     """
@@ -531,7 +528,7 @@ def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Rang
 def _place(
     points: Sequence[Point] | Points, exceeding: Range, joint: int, lower: float, upper: float, quantity: str
 ) -> tuple[int, float]:
-    """Return the index of the first point in a range that is beyond the limits of a joint, and its value."""
+    """Return the index and value of the first point in a range that is beyond the limits of a joint."""
     for at in range(exceeding.begin, exceeding.end):
         values = getattr(points[at], quantity)
         if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:
@@ -542,7 +539,7 @@ def _place(
 def far_start(
     message: JointTrajectory, here: Mapping[str, float], limits: Mapping[str, JointLimits], allowed: float
 ) -> str | None:
-    """Return a text about the first joint that is too far from the first point, else None; `allowed` is in rad or m.
+    """Return a text about the first joint more than `allowed` (rad or m) from the first point, else None.
 
     If the first point is later than the start, the joint may be farther off by the distance that its velocity limit
     allows until then.
@@ -592,7 +589,7 @@ _NEXT: Final = 20_000_000
 
 
 class Acceptance:
-    """Check of trajectories for a group of joints; `limits` combine those of description and command interfaces."""
+    """Check of trajectories for a group of joints; `limits` are from the description and the command interfaces."""
 
     def __init__(self, params: TrajectoryParams, group: JointGroup, description: Mapping[str, Joint]) -> None:
         self.limits = {joint: _limits_of(_joint_of(joint, description)) for joint in params.joints}
@@ -600,15 +597,15 @@ class Acceptance:
 
     @property
     def continuous(self) -> list[bool]:
-        """Whether each joint is continuous, in the order of the joints."""
+        """Flags of the continuous joints, in the order of the joints."""
         return [self.limits[joint].continuous for joint in self._params.joints]
 
     def take_params(self, params: TrajectoryParams) -> None:
-        """Use other parameters for later checks."""
+        """Replace the parameters for later checks."""
         self._params = params
 
     def cannot_brake(self) -> str | None:
-        """Return why `decelerate_on_cancel` has no effect; None if it works or is not configured."""
+        """Return the reason why `decelerate_on_cancel` has no effect, else None."""
         params = self._params
         if not params.decelerate_on_cancel:
             return None
@@ -634,7 +631,7 @@ class Acceptance:
         )
 
     def take_limits(self) -> None:
-        """Combine the limits of the description with those of the command interfaces.
+        """Combine the limits of the description with the limits of the command interfaces.
 
         A joint whose interface has position limits is not continuous, even if its type is.
         """
@@ -646,7 +643,7 @@ class Acceptance:
             self.limits[joint] = JointLimits(lower, upper, limits.velocity, endless)
 
     def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
-        """Return the refusal of a trajectory, or None if it is accepted.
+        """Return the refusal of a trajectory, None for a valid trajectory.
 
         `now` is in ns; `begin` are the positions of the joints from which the trajectory would start.
         """
@@ -671,7 +668,7 @@ class Acceptance:
         return None if unbearable is None else Refused(None, unbearable)
 
     def unreachable_part(self, message: JointTrajectory) -> str | None:
-        """Return a warning about a point that a joint cannot reach in time, if such warnings are enabled, else None."""
+        """Return a warning about a point that a joint cannot reach in time, if enabled, else None."""
         return self._unreachable(message) if self._params.unreachable_points == "warn" else None
 
     def _unreachable(self, message: JointTrajectory) -> str | None:
@@ -700,7 +697,7 @@ class Acceptance:
 
 
 def _joint_of(name: str, description: Mapping[str, Joint]) -> Joint | None:
-    """Return a joint of the description, also by an exported name such as "loops/joint_1"; None if there is none."""
+    """Return a joint of the description, by its name or an exported name such as "loops/joint_1"."""
     return description.get(name) or description.get(name.rpartition("/")[2])
 
 
