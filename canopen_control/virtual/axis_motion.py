@@ -54,7 +54,7 @@ _TURN_POSITION, _TURN_VELOCITY = 1 << 7, 1 << 6
 
 
 def wrap32(value: float) -> int:
-    """Return `value`, rounded, wrapped to a signed 32-bit counter."""
+    """Return `value` rounded and wrapped to a signed 32-bit integer."""
     return (round(value) + 0x80000000 & 0xFFFFFFFF) - 0x80000000
 
 
@@ -62,8 +62,8 @@ class DriveUnits:
     """Factors between user units and plant counts.
 
     `position` and `velocity` are signed counts per user unit, `length`, `speed` and `acceleration` unsigned ones.
-    `turn` is -1 if 0x607E inverts velocities, for velocities in another unit (rpm). `zero` is the plant position of the
-    user's 0.
+    `turn` is -1 if 0x607E inverts velocities, else 1, for velocities in rpm. `zero` is the plant position of the user's
+    0.
     """
 
     def __init__(self) -> None:
@@ -72,7 +72,6 @@ class DriveUnits:
         self.own_speed = 1.0  # of a velocity unit that no object names
 
     def update(self, objects: AxisObjects) -> None:
-        """Update the factors from the unit objects of the axis."""
         polarity = objects.number(o.POLARITY)
         self.length = 1.0
         feed = objects.number(o.FEED_CONSTANT, 1, 1) or 1, objects.number(o.FEED_CONSTANT, 2, 1) or 1
@@ -93,12 +92,12 @@ class DriveUnits:
         return wrap32((place - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
-        """Shift the encoder's position by `counts`, as a fault."""
+        """Shift the position in user units by `counts`, as after lost encoder counts (a fault)."""
         self.zero -= counts
 
 
 class AxisObjects:
-    """Access to the objects of one axis in `store`; all indices are given as those of axis 0."""
+    """Access to the objects of one axis in `store`, addressed by the indices of axis 0."""
 
     def __init__(self, store: VirtualStore, axis: int, model: DeviceModel) -> None:
         self.axis, self.store, self.model = axis, store, model
@@ -112,23 +111,22 @@ class AxisObjects:
         return value if isinstance(value, int) else default
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Return whether the axis has an entry."""
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
-        """Set an object without checks, like the device's firmware; no effect if the object is missing."""
+        """Set an object without checks, like the firmware of a drive; no effect if the object is missing."""
         self.store.set(index + self.offset, 0, value)
 
     def ramp(self, index: int) -> float:
-        """Return an acceleration object in counts/s^2, or `unset_ramp` of the device model if it is missing or 0."""
+        """Return an acceleration object in counts/s^2, or the device model's `unset_ramp` if missing or 0."""
         return self.number(index) * self.units.acceleration or self.model.unset_ramp
 
     def speed(self, index: int, subindex: int = 0) -> float:
-        """Return the value of a speed object, without direction, in counts/s."""
+        """Return an unsigned velocity object in counts/s."""
         return self.number(index, subindex) * self.units.speed
 
     def length(self, index: int) -> float:
-        """Return the value of a distance object, without direction, in counts."""
+        """Return an unsigned distance object in counts."""
         return self.number(index) * self.units.length
 
     def ratio(self, index: int) -> float:
@@ -137,18 +135,18 @@ class AxisObjects:
 
     @property
     def counts_per_rpm(self) -> float:
-        """Velocity of one revolution per minute in counts/s."""
+        """Encoder counts per second at 1 rpm."""
         counts = self.number(o.POSITION_ENCODER_RESOLUTION, 1) or self.model.counts_per_revolution
         return counts / max(1, self.number(o.POSITION_ENCODER_RESOLUTION, 2, 1)) / 60.0
 
     @property
     def speed_unit(self) -> float:
-        """Velocity unit of 0x60A9 in counts/s, 0 unless that unit is a power of ten of rpm."""
+        """Velocity unit 0x60A9 in counts/s, 0 unless the unit is rpm or a power of ten of rpm."""
         return self.counts_per_rpm * rpm_of_unit(self.number(o.SI_UNIT_VELOCITY))
 
     @property
     def interpolation_s(self) -> float:
-        """Value of 0x60C2 in s: the time between two set-points of a cyclic mode."""
+        """Interpolation time 0x60C2 in s."""
         exponent = max(-9, min(1, self.number(o.INTERPOLATION_TIME_PERIOD, 2, -3)))
         return float(self.number(o.INTERPOLATION_TIME_PERIOD, 1, 1) * 10.0**exponent)
 
@@ -188,7 +186,7 @@ class Switches:
         return home | (NEGATIVE if position <= self.negative else 0) | (POSITIVE if position >= self.positive else 0)
 
     def next_hit(self, demand: DemandCurve, now: int) -> int | None:
-        """Return the time at which `demand` reaches a wired limit switch, None if it does not."""
+        """Return the time at which `demand` reaches a wired limit switch, None if never."""
         if not self.wired:
             return None
         position = demand.at(now)[0]
@@ -208,15 +206,15 @@ class Switches:
     # -- injection of faults
 
     def close_positive(self, position: float) -> None:
-        """Wire the limit switches, with the positive one at `position` (a fault)."""
+        """Wire the limit switches and place the positive limit switch at `position` (a fault)."""
         self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
 
     def open_positive(self) -> None:
-        """Undo `close_positive`: the limit switches are used only for homing again."""
+        """Undo `close_positive`, so that only homing uses the limit switches."""
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
-        """Set the switches to their normal positions, or out of reach of homing (a fault)."""
+        """Move the switches to their normal positions, or beyond the reach of homing (a fault)."""
         far = 0.0 if reachable else _OUT_OF_REACH
         self.negative, self.positive = -_LIMIT - far, _LIMIT + far
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
@@ -242,7 +240,7 @@ class VelocityLoop:
         self._integral = self._torque = 0.0
 
     def rest(self, torque: float = 0.0) -> None:
-        """Reset the loop so that it continues from `torque`, without feed-forward."""
+        """Restart the loop at `torque`, without feed-forward."""
         self._integral = self._torque = torque
         self.fed = (0.0, 0.0)
 
@@ -282,31 +280,31 @@ FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
 
 
 class Reactions(Protocol):
-    """Interface of the owner of an axis, which is called for events of the motion."""
+    """Callbacks for events of the motion, implemented by the owner of an axis."""
 
     def arrived(self, now: int) -> None:
-        """React to the end of the demand."""
+        """Handle the end of the demand."""
 
     def limit_switch_hit(self, side: int, now: int) -> None:
-        """React to a wired limit switch; `side` is -1 (negative) or 1 (positive)."""
+        """Handle a wired limit switch that became active; `side` is -1 (negative) or 1 (positive)."""
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Check a following error in counts; called while the plant lags."""
+        """Check a following error in counts; called periodically while the plant lags."""
 
     def judge_load(self, torque: float, now: int) -> None:
-        """Check the torque of a powered motor with a coupled plant, in per mille of the rated torque."""
+        """Check the torque (per mille of the rated torque) of a powered motor with a coupled plant."""
 
     def sampled(self) -> None:
-        """Note that values that change with the motion have changed."""
+        """Check event-driven TPDOs for changed feedback; called periodically during a motion."""
 
     def wants_samples(self) -> bool:
         """Return whether an event-driven TPDO contains values that change with the motion."""
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next index pulse that a touch probe waits for, None without one."""
+        """Return time and position of the next index pulse that a touch probe will capture, or None."""
 
     def index_passed(self, place: float) -> None:
-        """React to an index pulse at a position in plant counts."""
+        """Handle an index pulse; `place` is the position in plant counts."""
 
 
 class AxisMotion:
@@ -341,7 +339,7 @@ class AxisMotion:
             self.timers.pop(name, None)
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, processing each timer at its own time."""
+        """Advance the axis to `now`, and call each timer at its due time."""
         while self._rings(now):
             name, (deadline, callback) = min(self.timers.items(), key=_deadline_of)
             del self.timers[name]
@@ -351,18 +349,17 @@ class AxisMotion:
             self._move(now)
 
     def _rings(self, now: int) -> bool:
-        """Return whether a timer is due at `now`."""
         for deadline, _ in self.timers.values():  # noqa: SIM110 - most often there are none or one
             if deadline <= now:
                 return True
         return False
 
     def next_event(self) -> int | None:
-        """Return the time in ns of the next timer, None without one."""
+        """Return the time in ns of the next timer, None if no timer is set."""
         return min([deadline for deadline, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `advance` is due next, None without a timer.
+        """Return the time in ns at which `advance` is due next, None if no timer is set.
 
         The checks of a coupled plant on its fixed grid are not counted: the next call of `advance` makes up for them.
         """
@@ -387,7 +384,7 @@ class AxisMotion:
             self.plant.follow(self.demand, start, now)
 
     def set_loop(self, gains: ServoGains | None, now: int) -> None:
-        """Set the gains of the control loops from now on; with None the plant follows the demand by itself.
+        """Set the gains of the control loops; without gains the plant follows the demand directly.
 
         A coupled plant has loops of its own, which use `gains`.
         """
@@ -413,7 +410,7 @@ class AxisMotion:
         return abs(self.plant.velocity) < 0.5
 
     def state(self, now: int) -> tuple[float, float]:
-        """Return the position and the velocity from which a new demand continues."""
+        """Return the position and the velocity from which a new demand starts."""
         if self.torque is not None or not self.powered:
             return self.plant.position, self.plant.velocity
         position, velocity = self.demand.at(now)
@@ -444,7 +441,7 @@ class AxisMotion:
             self.demand = demand.shifted(way)
 
     def run(self, demand: DemandCurve, now: int) -> None:
-        """Follow `demand` from now on; `arrived` is called at its end, immediately if it has no motion."""
+        """Follow `demand`; `arrived` is called at the end of the demand, or immediately if there is no motion."""
         self._move(now)
         if self.loop is not None and self.torque is not None:
             self.loop.rest(self.torque.at(now)[1])
@@ -459,7 +456,7 @@ class AxisMotion:
             self.owner.arrived(now)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the control loops from now on, in counts/s and per mille."""
+        """Set the feed-forward of the control loops, in counts/s and per mille."""
         if (velocity, torque) != self._fed and self.powered:
             self._fed = velocity, torque
             if self.loop is not None:
@@ -467,7 +464,7 @@ class AxisMotion:
             self.plant.feed_forward(velocity, torque)
 
     def apply_torque(self, torque: DemandCurve, now: int) -> None:
-        """Apply a torque from now on, in per mille of the rated torque; `arrived` is called after its ramp."""
+        """Apply a torque in per mille of the rated torque; `arrived` is called after the torque ramp."""
         self._move(now)
         self.torque = torque
         self.cancel("follow", "switch")

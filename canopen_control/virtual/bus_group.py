@@ -1,4 +1,4 @@
-"""Virtual drives on several buses in one process and one world: a robot with several buses, or several robots.
+"""Virtual drives on several buses in one process and one simulated world: one or several robots.
 
 The file lists the nodes of each bus, and the plant file of each robot; all plant files use one engine:
 
@@ -56,7 +56,7 @@ class GroupError(ConfigError):
 
 @dataclass(frozen=True)
 class BusFile:
-    """Section of a bus in the file: the channel, and the EDS files by node-ID."""
+    """Section of a bus in the file: the channel, and the EDS file of each node by node-ID."""
 
     channel: str
     nodes: dict[str, str]
@@ -83,7 +83,7 @@ class BusGroup:
 
 
 def read_group(path: Path) -> BusGroup:
-    """Read a file of several buses; raise GroupError that lists all errors with their lines."""
+    """Read a file of several buses; GroupError lists all errors with their lines."""
     return load(path, BusGroup, error=GroupError, check=_check)
 
 
@@ -139,7 +139,6 @@ def _nodes(
     report: Callable[[str], None],
     like: Personality | None,
 ) -> BusNodes:
-    """Return the nodes of a bus, whose axes are in `world`."""
     eds_files = {int(node): path.parent / eds for node, eds in bus.nodes.items()}
     devices = make_devices(
         list(eds_files), next(iter(eds_files.values())), report, eds_files=eds_files, world=world, like=like

@@ -1,4 +1,4 @@
-"""Objects 0x1000 to 0x1FFF of a node except PDOs: their effects on the services of CiA 301.
+"""Communication objects 0x1000 to 0x1FFF of a node, except PDOs, and the CiA 301 services configured by them.
 
 Guards refuse values with the abort codes of the standard; `apply` configures all services from the store, after a reset
 and after a write.
@@ -69,7 +69,7 @@ ERASE_NS, WRITE_NS = 400_000_000, 100_000_000
 
 
 class ProgramState(enum.IntEnum):
-    """State of the program, as shown in 0x1F51."""
+    """State of the program, as read from 0x1F51."""
 
     STOPPED = 0
     RUNNING = 1
@@ -87,7 +87,7 @@ class FlashError(enum.IntEnum):
 
 
 def whole_program(content: bytes, *, days: int = 0, milliseconds: int = 0) -> bytes:
-    """Return a valid program for the device: the content, an optional date for 0x1F52, and the CRC-32."""
+    """Return a valid program: the content, an optional date for 0x1F52, and the CRC-32."""
     program = content + _DATE.pack(_DATE_MARK, days, milliseconds) if days else content
     return program + zlib.crc32(program).to_bytes(_CRC_BYTES, "little")
 
@@ -127,7 +127,7 @@ class ProgramArea:
 
     @property
     def runs(self) -> bool:
-        """Whether the program runs instead of the boot-loader."""
+        """Whether the application program runs, not the boot-loader."""
         return self.state is ProgramState.RUNNING
 
     @property
@@ -163,11 +163,10 @@ class ProgramArea:
             self.image, self.error = FACTORY_PROGRAM, FlashError.NONE
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which the node must reset itself, None if it need not."""
         return self.reset_at
 
     def reset(self) -> None:
-        """Process a reset: start a complete program, or the boot-loader if the program is to be stopped."""
+        """Start the program after a reset, or the boot-loader if the program is incomplete or was stopped."""
         requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
         stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
@@ -223,7 +222,7 @@ class ProgramArea:
         return b""  # the data is in the flash and cannot be read
 
     def _admit(self) -> None:
-        """Refuse a download before its data is transferred, unless the flash is cleared and not busy."""
+        """Refuse a download before data is transferred, unless the flash is cleared and not busy."""
         if self.state is not ProgramState.CLEARED:
             self.error = FlashError.NOT_CLEARED
         self._require(self.state is ProgramState.CLEARED and not self._busy)
@@ -237,7 +236,7 @@ class ProgramArea:
 
 
 def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
-    """Return the part of a dictionary that the boot-loader supports."""
+    """Return the objects of a dictionary that the boot-loader supports."""
     entries = {address: entry for address, entry in od.entries.items() if address[0] in _LOADER_OBJECTS}
     return replace(od, entries=entries)
 
@@ -253,10 +252,10 @@ _LOST = (BusEventKind.BUS_OFF, BusEventKind.DOWN, BusEventKind.CLOSED)
 
 
 class PoweredAxis(Protocol):
-    """Interface of an axis or device function that must react to a loss of communication."""
+    """Axis or device function that must react to a loss of communication."""
 
     def connection_lost(self, now: int) -> None:
-        """React to a loss of communication."""
+        """Stop, or set the outputs to their error values, after a loss of communication."""
 
 
 class ErrorControl:
@@ -277,7 +276,7 @@ class ErrorControl:
         self.function: PoweredAxis | None = None  # of a device that is not a drive
 
     def watch(self, periods: Mapping[int, int]) -> None:
-        """Monitor the heartbeats of exactly these nodes: node id to consumer time in ns."""
+        """Monitor the heartbeats of exactly the nodes in `periods`: node-ID to consumer time in ns."""
         present = self._heartbeats.watched()
         for node_id in present.keys() - periods.keys():
             self._heartbeats.unwatch(node_id)
@@ -287,7 +286,7 @@ class ErrorControl:
                 self._heartbeats.watch(node_id, timeout)
 
     def follow(self, event: HeartbeatEvent | GuardingEvent, now: int) -> None:
-        """React to an event of the heartbeat consumer or of guarding."""
+        """Handle an event of the heartbeat consumer or of guarding."""
         node_id = event.node_id if isinstance(event, HeartbeatEvent) else 0
         if event.kind in (HeartbeatEventKind.MISSED, GuardingEventKind.MISSED):
             self._outbox.publish(HeartbeatMissed(node_id, missed=True))
@@ -299,7 +298,7 @@ class ErrorControl:
             self._clear_if_all_received()
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
-        """React to an event of the node's CAN controller."""
+        """Handle an event of the node's CAN controller."""
         outbox = self._outbox
         if kind in _LOST:
             if not self._off_the_bus:
@@ -317,16 +316,16 @@ class ErrorControl:
                 self.report_recovery()
 
     def report_recovery(self) -> None:
-        """Report that the node was in bus-off and has recovered."""
+        """Send the EMCY for the recovery from bus-off (0x8140)."""
         self._outbox.report(RECOVERED, ErrorRegister.COMMUNICATION, self._model.communication_data)
 
     def _clear_if_all_received(self) -> None:
-        """Clear the heartbeat error if every monitored node is received again."""
+        """Clear the heartbeat error if the heartbeats of all monitored nodes arrive."""
         if not any(self._heartbeats.is_missed(node_id) for node_id in self._heartbeats.watched()):
             self._outbox.clear_error(HEARTBEAT_ERROR)
 
     def _leave_operational(self) -> None:
-        """Change the NMT state as 0x1029:01 says for lost communication."""
+        """Change the NMT state as specified by 0x1029:01 for lost communication."""
         command = reaction(self._store.number(0x1029, 1), self._nmt.state)
         if command is not None:
             self._nmt.command(command)
@@ -349,7 +348,7 @@ _ANY_STATE = (0x1005, 0x1006, 0x1007, 0x100C, 0x100D, 0x1014, 0x1015, 0x1016, 0x
 
 @dataclass(frozen=True, slots=True)
 class Services:
-    """Services that the communication objects configure."""
+    """CiA 301 services of a node that the communication objects configure."""
 
     emcy: EmcyProducer
     sync: SyncConsumer
@@ -403,7 +402,7 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Set the identity and the names of the device where the file has none, and the values `more`.
+        """Set the identity and the device names where the EDS has none, and the values `more`.
 
         A serial number that is only a default in the file is ignored: all devices with this file would have the same
         one.
@@ -476,7 +475,7 @@ class CommunicationObjects:
         return value
 
     def _check_emcy(self, entry: Entry, value: Value) -> Value:
-        """Refuse a new identifier while the EMCY is valid, and identifiers that EMCY must not have."""
+        """Refuse a new identifier while EMCY is valid, and identifiers reserved for other services."""
         present, new = self._store.number(entry.index), int(value)
         # CiA 301, 7.5.2.17: bits 0 to 29 are fixed while the object is valid (bit 31 clear)
         moved = (present ^ new) & 0x7FF
@@ -486,7 +485,7 @@ class CommunicationObjects:
         return value
 
     def _check_time(self, _entry: Entry, value: Value) -> Value:
-        """Refuse an identifier that TIME must not have (CiA 301, 7.3.5), or that the node cannot receive."""
+        """Refuse an identifier reserved for other services (CiA 301, 7.3.5), or one that the node cannot receive."""
         if is_restricted(int(value) & 0x7FF) or int(value) & EXTENDED_BIT:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value
@@ -508,7 +507,7 @@ class CommunicationObjects:
         return 1
 
     def _load(self, entry: Entry, value: Value) -> Value:
-        """Discard the stored values, so that the defaults become active at the next reset."""
+        """Discard the stored values, so that the defaults apply from the next reset on."""
         # CiA 301, 7.5.2.14: a wrong signature restores nothing
         if value != LOAD:
             raise SdoServerAbort(AbortCode.CANNOT_STORE)
@@ -516,7 +515,7 @@ class CommunicationObjects:
         return 1
 
     def _keep(self, change: Callable[[], None]) -> None:
-        """Change the power-on values; if they cannot be saved, keep the old values and abort the write."""
+        """Change the power-on values; if saving fails, restore the old values and abort the write."""
         before = dict(self._store.power_on)
         change()
         if not self._stored():

@@ -76,7 +76,7 @@ def _is_boot(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def _booted(hooks: QuirkHooks) -> Callable[[], int]:
-    """Return a function that returns the time of the last boot-up message in ns, a very early time before the first."""
+    """Return a getter of the time of the last boot-up message in ns, a very early time before the first."""
     times = [-(1 << 62)]
 
     def outgoing(node: VirtualNode, frame: CanFrame, now: int) -> Sent:
@@ -89,7 +89,7 @@ def _booted(hooks: QuirkHooks) -> Callable[[], int]:
 
 
 def _sized(command: int) -> int:
-    """Return the data size (1 to 3 bytes) of an expedited upload answer with this command byte, 0 for other answers."""
+    """Return the data size (1 to 3 bytes) in the command byte of an expedited upload, 0 for other commands."""
     return {0x4F: 1, 0x4B: 2, 0x47: 3}.get(command, 0)
 
 
@@ -307,7 +307,7 @@ def _refuses(
     when: Callable[[VirtualNode, Entry, int, float], bool],
     indices: Callable[[VirtualNode], Iterable[int]],
 ) -> NodeAct:
-    """Return a quirk action that refuses certain writes to objects of the node with `code`."""
+    """Return a quirk action that refuses writes with `code` if `when` is true."""
 
     def act(hooks: QuirkHooks, strength: float) -> None:
         def judge(entry: Entry, value: Value, before: Guard) -> Value:

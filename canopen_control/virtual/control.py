@@ -1,4 +1,4 @@
-"""Control socket of a virtual node, which serves the methods of `rpc/messages/drive.py` independently of the bus.
+"""Control socket of a virtual node: the methods of `rpc/messages/drive.py`, independent of the bus.
 
 For every request the node is first advanced to the present time, and the resulting frames are sent at once.
 """
@@ -46,7 +46,7 @@ A = TypeVar("A")
 
 
 def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
-    """Return the state of a node, with the state of its world if `world` is given."""
+    """Return the state of a node, with the state of the world if `world` is given."""
     return DriveState(
         node_id=node.node_id,
         name=node.name,
@@ -71,7 +71,6 @@ class NodeMethods:
 
     @property
     def kinds(self) -> tuple[type[Request[Any]], ...]:
-        """Types of the supported requests."""
         return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
@@ -168,7 +167,7 @@ class NodeMethods:
 
 
 class NodeControl:
-    """Server of the control socket of `node`; SocketInUse is raised if another process has that socket.
+    """Server of the control socket of `node`; raises SocketInUse if another process has that socket.
 
     Without a socket only this process can send requests.
     """
@@ -203,18 +202,16 @@ class NodeControl:
         call.reply(self.do(call.request))
 
     def close(self) -> None:
-        """Close and remove the control socket."""
         if self._server is not None:
             self._server.close()
 
     def push(self, text: str) -> None:
-        """Send an event to all connected clients."""
         if self._server is not None:
             self._server.push(DriveEvent(text))
 
 
 def _holder(plant: Plant, name: str) -> object:
-    """Return the object with the number `name`: the plant or the motor of a wheel; raise ConfigError otherwise."""
+    """Return the object with the number `name`, the plant or the motor of a wheel; ConfigError if there is none."""
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
         raise ConfigError(f"plant: {name!r} is not a number of this plant")

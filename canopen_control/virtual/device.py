@@ -1,7 +1,7 @@
 """Virtual devices from EDS files: the node, and a drive on each axis with a controlword.
 
-The dictionary alone decides: a known identity or vendor selects its device model, everything else is generic; a
-dictionary without CiA 402 objects makes a plain node.
+The object dictionary alone determines the device: a known identity or vendor selects the device model, every other
+device is generic; a dictionary without CiA 402 objects becomes a plain node.
 """
 
 from __future__ import annotations
@@ -62,10 +62,10 @@ _Record = dict[str, Any]  # the stored entry of a node; it may have been edited
 
 
 class ParameterFile:
-    """File at `path` with the stored parameters of nodes; it need not exist yet.
+    """File with the stored parameters of nodes; `path` need not exist yet.
 
-    ConfigError is raised if the file is of another kind. `report` gets sentences: about ignored values of the file, and
-    the reason of a failed write.
+    ConfigError is raised if the file has another format. `report` gets a sentence about each ignored value of the file,
+    and the reason of a failed write.
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
@@ -74,14 +74,14 @@ class ParameterFile:
         self._keys: dict[VirtualNode, str] = {}
 
     def node_id(self, started_with: int) -> int:
-        """Return the node-ID that LSS has stored for the node started as `started_with`, or that node-ID."""
+        """Return the node-ID that LSS stored for the node started as `started_with`, else `started_with`."""
         record = self._nodes.get(str(started_with), {})
         stored = record.get("node_id", started_with)
         possible = isinstance(stored, int) and (1 <= stored <= MAX_NODE_ID or stored == UNCONFIGURED)
         return int(stored) if possible else started_with
 
     def attach(self, node: VirtualNode, started_with: int) -> None:
-        """Restore the stored parameters of a node before power-on, and store changed parameters from then on."""
+        """Restore the stored parameters of a node before power-on, and store later changes."""
         key = str(started_with)
         record = self._nodes.get(key)
         if record is not None:
@@ -108,7 +108,7 @@ class ParameterFile:
                 self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
     def keep(self, node: VirtualNode) -> bool:
-        """Write the parameters of a node to the file; return whether that succeeded."""
+        """Write the parameters of a node to the file; return whether the write succeeded."""
         key, lss = self._keys[node], node.lss
         values = {_name(a): encode(v, node.od[a].data_type).hex() for a, v in sorted(node.store.saved().items())}
         record: _Record = {
@@ -182,7 +182,7 @@ _MOVING, _NEGATIVE = 1 << 14, 1 << 15
 
 
 def is_tmcm1270(od: ObjectDictionary) -> bool:
-    """Whether the dictionary is that of a TMCM-1270, by vendor-ID and product code."""
+    """Whether vendor-ID and product code in a dictionary are those of a TMCM-1270."""
     entries = (od.get(0x1018, 1), od.get(0x1018, 2))
     return tuple(None if entry is None else entry.value for entry in entries) == IDENTITY
 
@@ -273,7 +273,7 @@ def make_device(
 
 
 def take_personality(node: VirtualNode, like: Personality) -> None:
-    """Set 0x6502 to the modes of a personality; raise ConfigError if the dictionary lacks its objects."""
+    """Set 0x6502 to the modes of a personality; raise ConfigError if objects of the personality are missing."""
     lacking = [f"0x{index:04X}" for index in like.objects if not node.od.subindices(index)]
     if lacking:
         raise ConfigError(
@@ -365,7 +365,6 @@ def _node(
     world: World,
     file: ParameterFile | None,
 ) -> VirtualNode:
-    """Create a node with its faults, quirks and personality, whose axes are in `world`."""
     active = node_id if file is None else file.node_id(node_id)
     faults, quirks, like = ways
     plant = partial(world.plant, node_id)

@@ -1,7 +1,7 @@
-"""Device models: differences between models of drives, as data.
+"""Device models: the differences between models of drives, as data.
 
-The code implements the profile; a difference of a device is a field here. `GENERIC` is a drive that supports everything
-that its EDS lists; a supported device has an instance of its own. `VENDOR_MODELS` are drives of which only the handling
+The code implements the profile; each difference of a device is a field here. `GENERIC` is a drive that supports
+everything in its EDS; a supported device has its own instance. `VENDOR_MODELS` are drives of which only the handling
 of set-points is known, from the vendor's objects and public manuals.
 """
 
@@ -33,25 +33,25 @@ if TYPE_CHECKING:
 
 
 class DeviceFunction(Protocol):
-    """Function of a device that is not a drive: its signals, and the filter of its event-driven TPDOs."""
+    """Function of a device that is not a drive: signals, and the filter of event-driven TPDOs."""
 
     overloaded: bool
     """Whether the overload protection has switched the outputs off at the terminals."""
 
     def power_on(self, now: int) -> None:
-        """Reset the function at power-on or reset of the node."""
+        """Reset the function at power-on or at a reset of the node."""
 
     def connection_lost(self, now: int) -> None:
-        """React to a lost heartbeat or guarding, or to bus-off."""
+        """Set the outputs to their error values after a lost heartbeat or guarding, or after bus-off."""
 
     def communication_stopped(self, now: int) -> None:
-        """React to NMT STOPPED or a reset of the communication."""
+        """Set the outputs to their error values at NMT STOPPED or a reset of communication."""
 
     def tick(self, now: int) -> None:
-        """Run what is due at `now`."""
+        """Update values that change over time, such as noise, to `now`."""
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None without one."""
+        """Return the time in ns at which `tick` is due next, None if no value changes over time."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
@@ -60,13 +60,13 @@ class DeviceFunction(Protocol):
         """Whether changes of these objects are an event that triggers a TPDO."""
 
     def tpdos_checked(self) -> None:
-        """Discard the pending events, because all TPDOs have been checked for changes."""
+        """Discard the pending events after all TPDOs were checked for changes."""
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name, all or none of them; raise ConfigError for an unknown input or an output."""
+        """Set inputs by name, either all or none; raise ConfigError for an unknown input or an output."""
 
     def describe(self) -> tuple[SignalState, ...]:
-        """Return the state of every signal, with outputs as they are at the terminals."""
+        """Return the state of every signal; for outputs the state at the terminals."""
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
         """Switch a fault of the inputs on or off; `kind` is "stuck", "noise" or "jump"."""
@@ -74,16 +74,16 @@ class DeviceFunction(Protocol):
 
 @runtime_checkable
 class ShaftFollower(Protocol):
-    """Function of a device, such as an encoder, that the shaft of a drive can turn."""
+    """Device function, such as an encoder, that is turned by the shaft of a drive."""
 
     def follow(self, world: ShaftWorld, node_id: int) -> None:
-        """Follow the shaft of node `node_id` in `world` from now on."""
+        """Follow the shaft of node `node_id` in `world`."""
 
 
 def make_function(
     od: ObjectDictionary, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock
 ) -> DeviceFunction | None:
-    """Return the function that a dictionary describes; None for a drive or an unknown profile."""
+    """Return the device function described by a dictionary; None for a drive or an unknown profile."""
     profile = profile_of(od)
     kind = _KINDS.get(profile)
     if kind is None:
@@ -105,7 +105,7 @@ _KINDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """EMCY that reports a limit: code, and manufacturer-specific bytes for the negative and the positive side."""
+    """EMCY that reports a limit: error code, and manufacturer-specific bytes for the negative and the positive side."""
 
     code: int
     negative: bytes
@@ -114,10 +114,11 @@ class Limit:
 
 @dataclass(frozen=True, slots=True)
 class MissingSetPoint:
-    """Reaction of a cyclic mode to a missing set-point; by default the axis stays at the last set-point.
+    """Reaction of a cyclic mode to a missing set-point; by default the axis stops at the last set-point.
 
-    The axis continues at its velocity for `cycles` interpolation periods (0x60C2), or for as many as `cycles_object`
-    says if the dictionary has that object. Then it stands still, or it faults if `fault` is the EMCY code of a fault.
+    The axis continues at its velocity for `cycles` interpolation periods (0x60C2), or for the number of periods in
+    `cycles_object` if the dictionary has that object. Then the axis stops, or faults if `fault` is the EMCY code of a
+    fault.
     """
 
     cycles: int = 0
@@ -127,11 +128,11 @@ class MissingSetPoint:
 
 @dataclass(frozen=True, slots=True)
 class DeviceModel:
-    """Differences of one model of drive from a generic drive, in counts/s^2, counts/s and ns.
+    """Differences of one drive model from a generic drive, in counts/s^2, counts/s and ns.
 
     `unset_ramp` is the ramp of an object that is absent or 0. `delays` maps the number of a transition to the object of
     axis 0 with the delay in ms. With `single_set_point`, PP has neither buffered nor immediate set-points: bit 12 shows
-    that a set-point is in process, and a new set-point replaces it. `homing_methods` None stands for all methods.
+    that a set-point is in process, and a new set-point replaces it. `homing_methods` None means all methods.
     """
 
     name: str = ""  # empty: the file's product name
@@ -184,7 +185,7 @@ VENDOR_MODELS: Final[Mapping[int, DeviceModel]] = MappingProxyType({0x9A: ELMO, 
 
 
 def vendor_model(od: ObjectDictionary) -> DeviceModel | None:
-    """Return the device model of a dictionary's vendor, None if it is unknown."""
+    """Return the device model for the vendor-ID in a dictionary, None if the vendor is unknown."""
     entry = od.get(0x1018, 1)
     vendor = None if entry is None else entry.value
     return VENDOR_MODELS.get(vendor) if isinstance(vendor, int) else None

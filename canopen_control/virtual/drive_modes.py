@@ -1,4 +1,4 @@
-"""Cyclic and torque modes of operation of one axis, and the change of the active mode by 0x6060."""
+"""Cyclic and torque modes of operation of one axis, and the selection of the active mode by 0x6060."""
 
 from __future__ import annotations
 
@@ -67,21 +67,20 @@ class StreamMode(FollowingMode):
     """Base of the modes whose set-points come in a stream of RPDOs: CSP, IP, CSV and CST."""
 
     def reset(self) -> None:
-        """Reset the target and the stream of set-points."""
         super().reset()
         self._arrived = 0  # set-points since the mode began or was stopped
         self._begun = False
         self.mover.feed_forward(0.0, 0.0)
 
     def start(self, now: int) -> None:
-        """Continue to the target from the present motion; the statistics restart, except after a halt."""
+        """Continue from the present motion to the target; the statistics restart, except after a halt."""
         if not self._begun:
             self._begun = self.meter.used = True
             self.meter.restart()
         super().start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """End the stream of set-points and the feed-forward, then stop the motor as `reaction` says."""
+        """End the stream of set-points and the feed-forward, then stop the motor as defined by `reaction`."""
         self.meter.follow(self.mover.demand, now)
         self.meter.pause()
         self._arrived = 0
@@ -108,30 +107,29 @@ class StreamMode(FollowingMode):
         return round(self.objects.interpolation_s * 1e9) or _MS
 
     def take(self, now: int) -> None:
-        """Count a set-point from an RPDO, apply it, and supervise the arrival of the next set-point."""
+        """Count a set-point from an RPDO, apply it, and start the supervision of the next set-point."""
         self._arrived += 1
         self.meter.take(self.compared(), now)
         self.update(now)
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point to compare with the previous one; None if the axis can move at a constant set-point."""
+        """Return the set-point to compare with the previous one; None if an unchanged set-point is normal."""
         return None
 
     def missed(self) -> None:
-        """Count a SYNC at which no set-point arrived, if a stream has begun."""
         if self.streaming:
             self.meter.missed += 1
 
     def supervise(self, now: int) -> None:
-        """Schedule the fault of a drive that tolerates missing set-points only for a limited time."""
+        """Schedule the fault for missing set-points, if the device model has such a fault."""
         cycles = self.cycles if self.model.missing.fault and self.streaming else 0
         if cycles:
             period = self.period_ns
             self.mover.at("set point", now + (1 + cycles) * period + period // 2, self._lost)
 
     def feed(self) -> None:
-        """Apply 0x60B1 and 0x60B2 as feed-forward, which affects the control loops but not the demand."""
+        """Apply 0x60B1 and 0x60B2 as feed-forward of the control loops, without effect on the demand."""
         number = self.objects.number
         self.mover.feed_forward(number(o.VELOCITY_OFFSET) * self.units.velocity, float(number(o.TORQUE_OFFSET)))
 
@@ -154,34 +152,30 @@ class CyclicPosition(StreamMode):
         super().__init__(axis)
 
     def reset(self) -> None:
-        """Reset the last target; an evaluation that is already scheduled then has no effect."""
         super().reset()
         self._in_use = False
         self._unseen = 0  # set-points since the last evaluation by the drive's own clock
 
     def start(self, now: int) -> None:
-        """Continue from the present motion to the target."""
         self._in_use = True
         super().start(now)
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO; an unchanged set-point counts if the drive extrapolates or recovers SYNC."""
+        """Apply a set-point of an RPDO, even if unchanged, when the drive extrapolates or recovers SYNC."""
         self._unseen += 1
         if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None
         super().take(now)
 
     def compared(self) -> float | None:
-        """Return the target position, which must change during a motion."""
         return self.target()
 
     def missed(self) -> None:
-        """Count a SYNC at which no set-point arrived; with a drifting clock, `_count_unseen` counts instead."""
         if not self._drifts:
             super().missed()
 
     def update(self, now: int) -> None:
-        """Apply the target; the part that the drive cannot follow in time becomes a following error."""
+        """Apply the target; the part of the move beyond the maximum velocity becomes a following error."""
         if not self._drifts:
             self._follow(now)
         elif "interpolate" not in self.mover.timers:
@@ -194,7 +188,7 @@ class CyclicPosition(StreamMode):
         return bool(self.clock.drift_ppm.value) and not locked
 
     def _evaluate(self, now: int) -> None:
-        """Evaluate the target now and then once in every period of the drive's own clock."""
+        """Evaluate the target now, and then once per period of the drive's own clock."""
         ppm = self.clock.drift_ppm.value
         if self.power.live and self._in_use and self._drifts:
             period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
@@ -203,7 +197,7 @@ class CyclicPosition(StreamMode):
             self._follow(now)
 
     def _count_unseen(self) -> None:
-        """Count the set-points missed or overwritten since the last evaluation of a drive whose clock drifts."""
+        """Count the set-points missed or overwritten since the last evaluation by a drifting clock."""
         unseen, self._unseen = self._unseen, 0
         if unseen and self.cycles:
             self._inputs = None
@@ -216,7 +210,7 @@ class CyclicPosition(StreamMode):
         self.go(self.target(), now)
 
     def go(self, place: float, now: int) -> None:
-        """Move to the position `place` in user units within the interpolation time, if it has changed."""
+        """Move to the position `place` (user units) within the interpolation time, if `place` has changed."""
         target = self.limits.position(self.units.zero + place * self.units.position)
         if not self.changed(target):
             return
@@ -234,13 +228,12 @@ class CyclicPosition(StreamMode):
         self.limits.judge_following_error(target - position - within, now)
 
     def _in_rhythm(self, now: int) -> bool:
-        """Return whether a set-point that just arrived with a SYNC is timed by the measured period of SYNC."""
         clock = self.clock
         timed = self.model.recovers_sync and clock.sync_ns == now and self.streaming
         return timed and clock.rhythm.has_period(self.objects.interpolation_s)
 
     def _onward(self, place: float, velocity: float, slack: float) -> float:
-        """Return the time in s for which the demand continues beyond the set-point, at most up to a position limit."""
+        """Return the time in s for which the demand continues beyond the set-point, up to a position limit."""
         longest = max(self.cycles * self.objects.interpolation_s, slack)
         if not longest or not velocity:
             return 0.0
@@ -249,7 +242,7 @@ class CyclicPosition(StreamMode):
         return max(0.0, min(longest, way / velocity))
 
     def measured_velocity(self) -> float:
-        """Return the plant's velocity in counts/s; after the end of a move, the mean over the interpolation time."""
+        """Return the plant's velocity in counts/s; after a move, the mean over the interpolation time."""
         mover, demand = self.mover, self.mover.demand
         if demand is not self._demand or mover.time < demand.end_ns or not mover.plant.stiff:
             return mover.plant.velocity
@@ -269,7 +262,7 @@ class CyclicPosition(StreamMode):
 
 
 class CyclicVelocity(StreamMode):
-    """Cyclic synchronous velocity mode (CSV): follow 0x60FF plus offset within the accelerations 0x60C5 and 0x60C6.
+    """Cyclic synchronous velocity mode (CSV): follow 0x60FF plus 0x60B1, with the accelerations 0x60C5 and 0x60C6.
 
     Without a new set-point the axis keeps its speed.
     """
@@ -277,7 +270,6 @@ class CyclicVelocity(StreamMode):
     set_point = o.TARGET_VELOCITY
 
     def update(self, now: int) -> None:
-        """Apply the target velocity, the acceleration limits and the torque offset."""
         target = self.limits.target_velocity()
         unit = self.units.acceleration
         up = self.objects.number(o.MAX_ACCELERATION) * unit or INFINITE
@@ -293,7 +285,7 @@ class CyclicVelocity(StreamMode):
 
 
 class Torque(StreamMode):
-    """Torque modes TQ and CST: apply 0x6071 plus offset within the limits, with the slope 0x6087 in TQ, at once in CST.
+    """Torque modes TQ and CST: apply 0x6071 plus 0x60B2, limited, with the slope 0x6087 in TQ and without slope in CST.
 
     A motor that moves when the mode starts keeps its velocity at first.
     """
@@ -304,12 +296,11 @@ class Torque(StreamMode):
         self.set_point = o.TARGET_TORQUE if cyclic else 0
 
     def start(self, now: int) -> None:
-        """Continue from the present motion with the target torque; only CST has quality statistics."""
+        """Continue from the present motion with the target torque; only CST has set-point statistics."""
         self._begun = self._begun or not self._cyclic
         super().start(now)
 
     def update(self, now: int) -> None:
-        """Apply the target torque, its limits and the torque slope."""
         target = self.limits.torque(self.objects.number(o.TARGET_TORQUE) + self.objects.number(o.TORQUE_OFFSET))
         slope = INFINITE if self._cyclic else float(self.objects.number(o.TORQUE_SLOPE)) or INFINITE
         if self.changed((target, slope)):
@@ -341,7 +332,7 @@ _FIFO, _LINEAR = 0, 0
 
 
 class SetPointBuffer:
-    """Interpolation data buffer 0x60C4 of one axis, with the waiting positions in user units."""
+    """Interpolation data buffer 0x60C4 of one axis, with the queued positions in user units."""
 
     def __init__(self, axis: AxisParts) -> None:
         self._objects = axis.objects
@@ -365,12 +356,12 @@ class SetPointBuffer:
 
     @property
     def size(self) -> int:
-        """Capacity in records: 0x60C4:02, or 0x60C4:01 if that is 0; never more than 0x60C4:01."""
+        """Capacity in records: 0x60C4:02, or 0x60C4:01 if 0x60C4:02 is 0; at most 0x60C4:01."""
         most = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MOST)
         return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or most, most)
 
     def put(self, place: float) -> None:
-        """Append a record; a record beyond the capacity is dropped."""
+        """Append a record, or drop the record if the buffer is full."""
         if len(self._waiting) < self.size:
             self._waiting.append(place)
 
@@ -382,7 +373,6 @@ class SetPointBuffer:
         return self._waiting.popleft() if self._waiting else None
 
     def clear(self) -> None:
-        """Remove all records from the buffer."""
         self._waiting.clear()
 
     def _check(self, entry: Entry, value: Value) -> Value:
@@ -410,7 +400,7 @@ def _only_linear(_entry: Entry, value: Value) -> Value:
 
 
 class InterpolatedPosition(CyclicPosition):
-    """Interpolated position mode (IP, linear): as CSP with set-points from 0x60C1 or the buffer, while bit 4 is set."""
+    """Interpolated position mode (IP, linear): CSP with set-points from 0x60C1 or the buffer, enabled by bit 4."""
 
     set_point = o.INTERPOLATION_DATA
 
@@ -420,7 +410,6 @@ class InterpolatedPosition(CyclicPosition):
         super().__init__(axis)
 
     def reset(self) -> None:
-        """Reset the last target and the waiting records."""
         super().reset()
         self.buffer.clear()
         self._dry_ns: int | None = None  # when a record was due but the buffer was empty
@@ -430,7 +419,7 @@ class InterpolatedPosition(CyclicPosition):
         return bool(self.power.controlword & NEW_SET_POINT)
 
     def update(self, now: int) -> None:
-        """Apply the set-point while interpolation is enabled.
+        """Apply the set-point if interpolation is enabled.
 
         With an open buffer this starts the first record; the buffer then continues by itself.
         """
@@ -442,25 +431,24 @@ class InterpolatedPosition(CyclicPosition):
             self._next(now)
 
     def missed(self) -> None:
-        """Count a SYNC at which no set-point arrived, unless the buffer is open."""
         if not self.buffer.open:
             super().missed()
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO, or append it to the buffer if that is open."""
+        """Apply the set-point of an RPDO, or append the set-point to an open buffer."""
         if not self.buffer.open:
             super().take(now)
         else:
             self.record_written(now)
 
     def record_written(self, now: int) -> None:
-        """Append the data record 0x60C1 to the buffer, if the buffer is open."""
+        """Append the data record 0x60C1 to an open buffer."""
         if self.buffer.open:
             self.buffer.put(self.target())
             self.update(now)
 
     def _next(self, now: int) -> None:
-        """Move to the next position of the buffer, and schedule the following one interpolation period later."""
+        """Move to the next position of the buffer, and schedule the following position."""
         if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
             return
         place = self.buffer.get()
@@ -512,7 +500,7 @@ _NEEDED: Final[dict[int, tuple[int, int]]] = {**TARGET_OBJECTS, OperationMode.HM
 
 
 def possible_modes(objects: AxisObjects) -> int:
-    """Return the default value of 0x6502, with the bit of every mode whose objects are in the dictionary."""
+    """Return the default value of 0x6502: a bit for every mode whose objects are in the dictionary."""
     return sum(1 << (mode - 1) for mode, address in _NEEDED.items() if objects.has(*address))
 
 
@@ -540,15 +528,15 @@ class DriveModes:
         self.gate: ModeGate | None = None
 
     def add(self, number: int, like: int) -> None:
-        """Add a manufacturer-specific mode `number` that behaves like the mode `like`."""
+        """Add the manufacturer-specific mode `number`, which behaves like the standard mode `like`."""
         self._all[number] = MODES[like](self._axis)
 
     def remove(self, number: int) -> None:
-        """Remove a manufacturer-specific mode added by `add`."""
+        """Remove a mode that `add` added."""
         self._all.pop(number, None)
 
     def set_gate(self, gate: ModeGate | None) -> None:
-        """Put a gate in front of every mode; None removes the gate."""
+        """Insert a gate in front of every mode; None removes the gate."""
         self.gate = gate
         for number, mode in self._all.items():
             inner = mode.inner if isinstance(mode, GatedMode) else mode
@@ -557,7 +545,7 @@ class DriveModes:
             self.active = self._all.get(self.number, self._none)
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model to every mode."""
+        """Replace the device model in every mode."""
         for mode in (self._none, *self._all.values()):
             mode.set_model(model)
 
@@ -566,12 +554,12 @@ class DriveModes:
         self.number, self.active = 0, self._none
 
     def reset(self) -> None:
-        """Reset every mode, because the motor has no power."""
+        """Reset every mode after the motor lost power."""
         for mode in self._all.values():
             mode.reset()
 
     def select(self, now: int) -> None:
-        """Change to the mode in 0x6060, in any state; an enabled axis continues from the present motion."""
+        """Activate the mode in 0x6060, in any state; an enabled axis continues from the present motion."""
         mover, delay = self._axis.mover, self.delay_ns.value
         if self.stuck.value or (self.conditions and not all(holds() for holds in self.conditions)):
             return

@@ -1,7 +1,7 @@
-"""Effects of faults on a device, through the injection points of its services, and on its frames.
+"""Effects of faults: on a device through the injection points of its services, and on its frames.
 
-A function that changes the device is called when the fault is switched; with `on` False it exactly reverts the effect.
-The names of the faults are in `fault_table` and in the modules of quirks.
+The function of a fault in the device is called when the fault is switched; with `on` False it exactly reverts the
+effect. The names of the faults are in `fault_table` and in the modules of quirks.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Swit
 
 
 def boot_after(delay_ns: int | None) -> Switch:
-    """Return a switch that sets the time in ns from a reset to the boot-up message; None: the node never boots."""
+    """Return a switch for the time in ns from a reset to the boot-up message; None: the node never boots."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         node.set_reset_delay(delay_ns if on else 0, now)
@@ -69,12 +69,12 @@ def brown_out(node: VirtualNode, _on: bool, now: int) -> None:
 
 
 def drop_out(node: VirtualNode, _on: bool, now: int) -> None:
-    """Leave OPERATIONAL for PRE-OPERATIONAL without a command."""
+    """Enter PRE-OPERATIONAL without an NMT command."""
     node.command(NmtCommand.ENTER_PRE_OPERATIONAL, now)
 
 
 def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
-    """Make the node enter OPERATIONAL without a command, now and after every boot."""
+    """Enter OPERATIONAL without an NMT command, now and after every boot."""
     node.starts_itself.switch(on, True)
     if on and node.nmt.state is NmtState.PRE_OPERATIONAL:
         node.command(NmtCommand.START, now)
@@ -86,24 +86,24 @@ def short_emcy(node: VirtualNode, _on: bool, _now: int) -> None:
 
 
 def partial_reset(node: VirtualNode, _on: bool, _now: int) -> None:
-    """Send an EMCY "error reset" whose error register still shows a temperature error."""
+    """Send EMCY 0x0000 (error reset) with an error register that still shows a temperature error."""
     register = ErrorRegister.GENERIC | ErrorRegister.TEMPERATURE
     node.outbox.send(EmcyMessage(node.node_id, 0, register).encode(node.emcy.cob_id))
 
 
 def flood(node: VirtualNode, now: int) -> None:
-    """Send one EMCY message of a flood, with the time in its data."""
+    """Send one EMCY message of a flood, with the time in ms as data."""
     data = (now // _MS & 0xFFFFFFFF).to_bytes(4, "little")
     node.outbox.send(EmcyMessage(node.node_id, 0xFF80, ErrorRegister.GENERIC, data).encode(node.emcy.cob_id))
 
 
 def lasting_fault(code: int, register: int) -> Switch:
-    """Return a switch that raises a fault, whose cause persists while the switch is on."""
+    """Return a switch that raises a fault; the cause persists while the switch is on."""
     return _each(lambda drive, on, now: _last(drive, on, now, code, register))
 
 
 def _last(drive: VirtualDrive, on: bool, now: int, code: int, register: int, *, stubborn: bool = False) -> None:
-    """Raise a fault on an axis and keep its cause, or remove the cause if `on` is False."""
+    """Raise a fault on an axis with a persistent cause, or remove the cause if `on` is False."""
     if on:
         drive.power.hold_cause(code, until_communication_reset=stubborn)
         drive.fault(code, now, register=register)
@@ -118,7 +118,7 @@ def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
 
 
 def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Switch off the supply of an axis's power stage, or restore it."""
+    """Switch the supply of an axis's power stage off, or on again."""
     if on:
         drive.power.lose_voltage(now)
     else:
@@ -126,29 +126,29 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
 
 
 def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Switch off the supply of the power stage with an undervoltage fault, or restore the supply."""
+    """Switch the supply of the power stage off with an undervoltage fault, or on again."""
     drive.power.voltage.switch(on, False)
     _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
 
 
 def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
-    """Displace the shaft by 500 counts from outside; the demand is displaced too."""
+    """Displace the shaft and the demand by 500 counts, as if moved by hand."""
     drive.mover.displace(500.0, now)
 
 
 def position_jump(drive: VirtualDrive, _on: bool, _now: int) -> None:
-    """Shift the count of the encoder by a million."""
+    """Shift the encoder count by a million."""
     drive.objects.units.lose_counts(1_000_000.0)
 
 
 def position_near_wrap(drive: VirtualDrive, _on: bool, _now: int) -> None:
-    """Shift the count of the encoder to 1000 below the end of its 32-bit range."""
+    """Shift the encoder count to 1000 below the end of the 32-bit range."""
     units = drive.objects.units
     units.lose_counts(units.zero - drive.mover.plant.position + 0x7FFFFC17)
 
 
 def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Close the positive limit switch at the present position, or open it again."""
+    """Activate the positive limit switch at the present position, or deactivate the switch."""
     if on:
         drive.mover.switches.close_positive(drive.mover.plant.position)
         drive.limit_switch_hit(1, now)
@@ -162,7 +162,7 @@ def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
 
 
 def clock_off_by(ppm: float) -> Switch:
-    """Return a switch that makes the node's clock fast, or slow with a negative `ppm`."""
+    """Return a switch that makes the node's clock fast by `ppm`, or slow if `ppm` is negative."""
     return lambda node, on, _now: node.set_clock_drift(ppm if on else 0.0)
 
 
@@ -186,14 +186,14 @@ def _undefined(_word: int) -> int:
 
 
 def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
-    """Show the statusword 0x0001, which is not a valid state, while the fault is on."""
+    """Show the undefined statusword 0x0001 while the fault is on."""
     statusword = drive.readings.statusword
     changes = tuple(change for change in statusword.changes if change is not _undefined)
     statusword.changes = (*changes, _undefined) if on else changes
 
 
 def inputs(kind: str) -> Switch:
-    """Return a switch for a fault (`kind`) of the inputs of a device other than a drive."""
+    """Return a switch for the fault `kind` of the inputs of a device other than a drive."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         if node.function is not None:
@@ -203,7 +203,7 @@ def inputs(kind: str) -> Switch:
 
 
 def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
-    """Report an error of the device's hardware while the fault is on."""
+    """Report a hardware error of the device (0x5000) while the fault is on."""
     if on:
         node.outbox.emergency(0x5000, ErrorRegister.GENERIC)
     else:
@@ -211,7 +211,7 @@ def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
-    """Switch the outputs off at the terminals, like an overload protection, and send EMCY 0x2310."""
+    """Switch the outputs off at the terminals, as an overload protection does, and send EMCY 0x2310."""
     if node.function is not None:
         node.function.overloaded = on
     if on:
@@ -221,7 +221,7 @@ def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def program_lost(node: VirtualNode, on: bool, now: int) -> None:
-    """Erase the program in the flash and start the boot-loader; or restore the manufacturer's program."""
+    """Erase the program in the flash and start the boot-loader, or restore the manufacturer's program."""
     if node.program is None:
         return
     if on:
@@ -269,7 +269,7 @@ following_error: Switch = lasting_fault(0x8611, ErrorRegister.DEVICE_PROFILE)
 
 
 def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
-    """Report that the CAN controller is error passive, or clear that error."""
+    """Report that the CAN controller is error passive (EMCY 0x8120), or clear that error."""
     if on:
         node.outbox.emergency(0x8120, ErrorRegister.COMMUNICATION)
     else:
@@ -299,7 +299,7 @@ def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def is_sdo_answer(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is an answer of the node's SDO server."""
+    """Whether the frame is a response of the node's SDO server."""
     return frame.can_id == node.sdo.answer_cob_id and len(frame.data) == 8
 
 
@@ -341,14 +341,13 @@ def _wrong_mux(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def _toggled(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Invert the toggle bit of SDO segment answers: 0x00 and 0x10 (upload), 0x20 and 0x30 (download)."""
     if frame.data[0] >> 5 in (0, 1):
         return _data(frame, bytes((frame.data[0] ^ 0x10,)) + frame.data[1:])
     return [(0, frame)]
 
 
 def _one_byte(frame: CanFrame) -> list[tuple[int, CanFrame]]:
-    """Change the size in an expedited upload answer of 2, 3 or 4 bytes to 1 byte."""
+    """Change the size in an expedited upload response of 2, 3 or 4 bytes to 1 byte."""
     if frame.data[0] in (0x43, 0x47, 0x4B):
         return _data(frame, b"\x4f" + frame.data[1:5] + b"\0\0\0")
     return [(0, frame)]
@@ -359,7 +358,7 @@ def _pre_operational(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
-    """Delay heartbeats by up to 60 % of their period, with a different delay for each heartbeat."""
+    """Delay every heartbeat by a different time, up to 60 % of the heartbeat period."""
     if not is_heartbeat(node, frame) or frame.data == b"\0":
         return [(0, frame)]
     period = node.heartbeat.period_ns
@@ -404,7 +403,7 @@ def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | No
 
 
 def refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
-    """Return a filter that answers SDO initiate requests selected by `concerns` (command, index) with an abort."""
+    """Return a filter that aborts the SDO requests (command, index) selected by `concerns`."""
 
     def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
         if not is_sdo_request(node, frame):

@@ -1,9 +1,10 @@
 """Table of the faults of virtual nodes.
 
-An entry has the row in the catalogue of real drives' behaviour, the name, the affected part (wire, node or axis), the
-effect, and how a correct master reacts. A fault has one or more of three hooks: on frames that leave the node, on
-frames that reach the node, or on the node itself when the fault is switched. A fault with `once` is cleared after its
-effect. Clearing a fault makes the drive healthy; the master must recover from the consequences (FAULT, a reset).
+Each entry has the row in the catalogue of real drives' behaviour, the name, the affected part (wire, node or axis),
+the effect, and the reaction of a correct master. A fault has one or more of three hooks: on frames that leave the
+node, on frames that reach the node, or on the node itself when the fault is switched. A fault with `once` is cleared
+after its effect. Clearing a fault makes the drive healthy; the master must recover from the consequences (FAULT, a
+reset).
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Fault of a virtual node, with its row in the catalogue, its effect and the expected reaction of the master.
+    """Fault of a virtual node, with the row in the catalogue, the effect and the expected reaction of the master.
 
     `acts` is ``wire``, ``node``, ``axis``, ``program`` (nodes whose program can be loaded over CANopen), ``input`` or
     ``output`` (devices other than drives). A fault with a `quirk` is normal behaviour of other drives: switching the
@@ -70,7 +71,7 @@ class Fault:
     quirk: str = ""
 
     def fits(self, node: VirtualNode) -> bool:
-        """Whether a node supports the fault."""
+        """Whether a node can have the fault."""
         function = node.function
         if self.acts == "output":
             return function is not None and any(signal.output for signal in function.describe())
@@ -78,7 +79,7 @@ class Fault:
         return parts.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
-        """Return the description of the fault as a message for lists."""
+        """Return the row of the fault for lists."""
         return FaultListing(
             name=self.name,
             row=self.row,
@@ -176,7 +177,7 @@ option codes or its device model; row 19 is row 18 from the start.
 
 
 def find_fault(name: str) -> Fault:
-    """Return a fault by name; raise ConfigError with the nearest name if it is unknown."""
+    """Return a fault by name; ConfigError for an unknown name suggests the nearest name."""
     fault = FAULTS.get(name)
     if fault is None:
         if name.partition("=")[0].partition("@")[0] in QUIRKS:
@@ -188,7 +189,7 @@ def find_fault(name: str) -> Fault:
 
 
 def parse_fault(text: str) -> tuple[Fault, int]:
-    """Return fault and delay in ns of ``name``, ``name@2.5`` or ``name@2.5s``; raise ConfigError for other texts."""
+    """Parse ``name``, ``name@2.5`` or ``name@2.5s`` into fault and delay in ns; raise ConfigError."""
     name, at, seconds = text.partition("@")
     delay = 0.0
     if at:
@@ -213,7 +214,7 @@ _DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F
 
 
 class FaultSwitches:
-    """Switches of the faults of `node`, and the filter that applies faults and quirks to the node's frames."""
+    """Fault switches of `node`, and the filter that applies faults and quirks to the node's frames."""
 
     def __init__(self, node: VirtualNode) -> None:
         self._node = node
@@ -232,18 +233,16 @@ class FaultSwitches:
 
     @property
     def active(self) -> list[str]:
-        """Names of the active faults."""
         return [*self._on, *self._quirks]
 
     def schedule(self, text: str) -> None:
-        """Schedule a fault: ``name`` at start-up, ``name@seconds`` later; raise ConfigError for other texts."""
+        """Schedule a fault: ``name`` at start-up, or ``name@seconds``; raise ConfigError for other texts."""
         fault, delay_ns = parse_fault(text)
         self._require(fault)
         self._planned.append((delay_ns, fault.name))
         self._node.filter = self
 
     def _require(self, fault: Fault) -> None:
-        """Raise ConfigError if this kind of node does not support the fault."""
         node = self._node
         if not fault.fits(node):
             which = _DEVICES.get(fault.acts) or f"not a drive and has a profile with {fault.acts}s"
@@ -252,7 +251,6 @@ class FaultSwitches:
             )
 
     def set_quirks(self, outgoing: tuple[Outgoing, ...], incoming: tuple[Incoming, ...]) -> None:
-        """Set the functions by which quirks change the node's frames, replacing earlier functions."""
         self._outgoing, self._incoming = outgoing, incoming
         if outgoing or incoming:
             self._node.filter = self
@@ -260,7 +258,7 @@ class FaultSwitches:
             self._retire()
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault, if that changes anything; raise ConfigError if it is unknown or does not fit the node."""
+        """Switch a fault on or off; raise ConfigError for an unknown fault, or one that the node cannot have."""
         fault = find_fault(name)
         if on == (name in self.active):
             return
@@ -295,7 +293,6 @@ class FaultSwitches:
         self._retire()
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return the frame as the node receives it, None if it is lost."""
         received: CanFrame | None = frame
         if self._second is not None:
             self._second.receive(frame, now)
@@ -309,7 +306,6 @@ class FaultSwitches:
         return received
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that leave the node now; delayed frames are stored."""
         leaving, self._ready = self._ready, []
         if self._second is not None:
             self._second.events()  # without a notification
@@ -324,7 +320,6 @@ class FaultSwitches:
         return leaving
 
     def tick(self, now: int) -> None:
-        """Switch on the scheduled faults and release the delayed frames that are due at `now`."""
         if not self._started:
             self._started = True
             self._planned = [(now + delay, name) for delay, name in self._planned]
@@ -340,7 +335,6 @@ class FaultSwitches:
             self._flood_at = max(self._flood_at + _FLOOD_NS, now - 20 * _FLOOD_NS)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None without one."""
         if not self._started or self._ready:
             return 0
         deadlines = [deadline for deadline, _ in self._planned] + [deadline for deadline, _, _ in self._held[:1]]
@@ -363,16 +357,16 @@ class FaultSwitches:
             self._node.outbox.publish(FaultSwitched(name, on=False))
 
     def _retire(self) -> None:
-        """Remove the filter while no fault is active or scheduled and no frame is delayed."""
+        """Remove the filter if no fault is active or scheduled and no frame is delayed."""
         quirks = self._outgoing or self._incoming or self._quirks
         if not (self._on or self._planned or self._held or self._ready or quirks) and self._started:
             self._node.filter = None
 
 
 def second_node(node: VirtualNode, now: int) -> VirtualNode:
-    """Return a second node with the same node-ID, as caused by a wrong DIP switch.
+    """Return a second node with the same node-ID, as after a wrong DIP switch setting.
 
-    It is the same device with another serial number; it has just been plugged in and boots by itself.
+    The second node is the same device with another serial number; it is powered on now and boots by itself.
     """
     serial = (node.store.number(0x1018, 4) + _OTHER_SERIAL) & 0xFFFFFFFF
     second = VirtualNode(node.od, node.node_id, serial=serial, model=node.model)

@@ -1,4 +1,4 @@
-"""Injection points: values of services that only a fault or a quirk changes, and a filter between node and wire.
+"""Injection points, which are values that only faults and quirks change, and the filter between node and wire.
 
 A node depends only on this module; the faults are in `fault_table`, the quirks in `quirks`.
 """
@@ -23,7 +23,6 @@ class InjectionPoint(Generic[T]):
         self.healthy = self.value = healthy
 
     def inject(self, value: T) -> None:
-        """Set the value that a fault causes."""
         self.value = value
 
     def switch(self, on: bool, value: T) -> None:
@@ -36,7 +35,7 @@ class InjectionPoint(Generic[T]):
 
 
 class NodeQuirks(Protocol):
-    """Interface to the quirks of a node: deviations of a manufacturer's healthy drive from the standards."""
+    """Quirks of a node: deviations of a manufacturer's healthy drive from the standards."""
 
     @property
     def active(self) -> list[str]:
@@ -47,26 +46,26 @@ class NodeQuirks(Protocol):
 
 
 class FaultFilter(Protocol):
-    """Interface of the filter between a node and the wire that applies faults and quirks to frames."""
+    """Filter between a node and the wire that applies faults and quirks to frames."""
 
     @property
     def active(self) -> list[str]:
         """Names of the active faults."""
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault on or off; raise ConfigError if it is unknown or does not fit the node."""
+        """Switch a fault on or off; raise ConfigError for an unknown fault, or one that the node cannot have."""
 
     def set_quirks(self, outgoing: tuple[Any, ...], incoming: tuple[Any, ...]) -> None:
-        """Set the functions by which quirks change the node's frames, replacing earlier functions."""
+        """Replace the functions by which quirks change the frames of the node."""
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return the frame as the node receives it, None if it is lost."""
+        """Return a received frame as changed by faults and quirks, None if the frame is lost."""
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames that leave the node now; delayed frames are stored."""
+        """Return the frames to send now; delayed frames are stored until due."""
 
     def tick(self, now: int) -> None:
-        """Switch on the scheduled faults and release the delayed frames that are due at `now`."""
+        """Switch the faults scheduled for `now` on, and release the delayed frames that are due."""
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None without one."""
+        """Return the time in ns at which `tick` is due next, None if nothing is scheduled or delayed."""

@@ -1,4 +1,4 @@
-"""Virtual I/O modules, sensors, encoders, batteries and chargers (CiA 401 to 419), with inputs set from outside.
+"""Virtual I/O modules, sensors, encoders, batteries and chargers (CiA 401 to 419), with inputs set by a client.
 
 A digital input causes an event according to the masks 0x6006 (any change), 0x6007 (rising) and 0x6008 (falling) if
 0x6005 allows it. An analogue input causes an event once 0x6423 is set, as selected in 0x6421: above the upper limit
@@ -40,7 +40,7 @@ _INPUT_STEPS: Final = 101  # of the course of the noise, which is the same each 
 
 
 class InputFaults:
-    """Active faults of the inputs of one device, and their effect on the values."""
+    """Active faults of the inputs of one device, and the effect of these faults on the input values."""
 
     def __init__(self) -> None:
         self._on: set[str] = set()
@@ -49,7 +49,7 @@ class InputFaults:
         self._step = 0
 
     def switch(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a kind of fault on or off; raise ConfigError if there is no such kind."""
+        """Switch a kind of fault on or off; raise ConfigError for an unknown kind."""
         if kind not in KINDS:
             raise ConfigError(f"no fault of inputs {kind!r}; there are: {', '.join(KINDS)}")
         if on:
@@ -76,7 +76,7 @@ class InputFaults:
         return value
 
     def due(self, now: int) -> bool:
-        """Advance the noise by one step if that is due; return whether it was."""
+        """Advance the noise by one step when due; return whether a step was made."""
         if "noise" not in self._on or now < self._noise_at:
             return False
         self._step += 1
@@ -84,7 +84,7 @@ class InputFaults:
         return True
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which the noise changes next, None without noise."""
+        """Return the time in ns of the next noise step, None without noise."""
         return self._noise_at if "noise" in self._on else None
 
 
@@ -116,7 +116,6 @@ class IoDevice:
     # -- from outside
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name; raise ConfigError for an unknown name or an output."""
         for name in values:
             signal = self._signals.get(name)
             if signal is None:
@@ -128,7 +127,6 @@ class IoDevice:
             self._show(self._signals[name], now)
 
     def describe(self) -> tuple[SignalState, ...]:
-        """Return the state of every signal, with outputs as they are at the terminals."""
         return tuple(self._state_of(signal) for signal in self._signals.values())
 
     def _state_of(self, signal: Signal) -> SignalState:
@@ -142,7 +140,6 @@ class IoDevice:
         return SignalState(signal.name, signal.value(raw, signal.factor), output=True)
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a fault of the inputs on or off; `kind` is one of `KINDS`."""
         self.faults.switch(kind, on=on, now=now)
         self._show_all(now)
 
@@ -152,7 +149,7 @@ class IoDevice:
                 self._show(signal, now)
 
     def _show(self, signal: Signal, now: int) -> None:
-        """Update the object of an input from its line, and check whether the change is an event."""
+        """Update the object of an input from the line, and check whether the change is an event."""
         before = self._number(signal.address)
         outside = self._set.get(signal.name, 0.0)
         if signal.bit is not None:
@@ -172,13 +169,13 @@ class IoDevice:
         return value if isinstance(value, int | float) else 0
 
     def _bits(self, signal: Signal, before: float, line: float) -> int:
-        """Return the value of a digital input object after an update of one line, with its polarity."""
+        """Return a digital input object after a change of one line, with the polarity 0x6002."""
         mask = 1 << (signal.bit or 0)
         shown = bool(line) != bool(self._store.number(_IN_POLARITY, signal.subindex) & mask)
         return int(before) | mask if shown else int(before) & ~mask
 
     def _held(self, signal: Signal, value: float) -> float:
-        """Return the value of an analogue input, rounded and limited to the range of an integer object."""
+        """Return the value of an analogue input, rounded and clamped to the range of an integer object."""
         kind = self._store.od[signal.address].data_type
         return min(max(round(value), kind.minimum), kind.maximum) if kind.is_integer else value
 
@@ -221,7 +218,7 @@ class IoDevice:
         return True
 
     def _take_source(self, sub: int) -> int:
-        """Return the bits of the inputs that had an event (0x6422), and clear them."""
+        """Return the bits of the inputs that had an event (0x6422), and clear these bits."""
         return self._sources.pop(sub, 0)
 
     def starts(self, mapped: Collection[Address]) -> bool:
@@ -230,21 +227,17 @@ class IoDevice:
         return not analogue or len(analogue) < len(mapped) or bool(self._store.number(AI_ENABLE, 0, 1))
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes of these objects are an event that triggers a TPDO."""
         return any(address not in self._inputs or address in self._fired for address in changed)
 
     def tpdos_checked(self) -> None:
-        """Discard the pending events, because all TPDOs have been checked for changes."""
         self._fired.clear()
 
     # -- outputs
 
     def connection_lost(self, now: int) -> None:
-        """Set the outputs to their error values after a loss of communication."""
         self._fail(now)
 
     def communication_stopped(self, now: int) -> None:
-        """Set the outputs to their error values at NMT STOPPED or a reset of communication."""
         self._fail(now)
 
     def _fail(self, _now: int) -> None:
@@ -254,19 +247,16 @@ class IoDevice:
     # -- life
 
     def power_on(self, now: int) -> None:
-        """Discard all events, and update the input objects from the lines."""
         self._fired.clear()
         self._sources.clear()
         self._reference.clear()
         self._show_all(now)
 
     def tick(self, now: int) -> None:
-        """Update the inputs if their noise changes at `now`."""
         if self.faults.due(now):
             self._show_all(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None without one."""
         return self.faults.next_deadline()
 
 
@@ -274,7 +264,7 @@ _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
 
 
 def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
-    """Set outputs whose error mode is active to their error values; other outputs are unchanged."""
+    """Set the outputs whose error mode is active to their error values, and leave the others unchanged."""
     for address in dict.fromkeys(outputs):
         mode_index, value_index = ERROR_OBJECTS[address[0]]
         mode = store.number(mode_index, address[1], 0)
@@ -298,7 +288,7 @@ _NS: Final = 1e9
 
 
 class SensorDevice:
-    """Base of the virtual sensors; `moving` are the names and units of inputs that change others over time."""
+    """Base class of the virtual sensors; `moving` has names and units of inputs that change others over time."""
 
     moving: Mapping[str, str] = {}  # name to unit
     begins_with: Mapping[str, float] = {}
@@ -324,7 +314,6 @@ class SensorDevice:
     # -- from outside
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name; raise ConfigError for an unknown name or an output."""
         names = [*self._inputs, *self.moving]
         for name in values:
             if name in self.signals and name not in self._inputs:
@@ -336,7 +325,6 @@ class SensorDevice:
         self.show_all(now)
 
     def describe(self) -> tuple[SignalState, ...]:
-        """Return the state of every signal, with outputs as they are at the terminals."""
         signals = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
         for name, signal in self.signals.items():
             if signal.output:
@@ -347,32 +335,31 @@ class SensorDevice:
         return tuple(signals)
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a fault of the inputs on or off; `kind` is one of `KINDS`."""
         self.faults.switch(kind, on=on, now=now)
         self.show_all(now)
 
     # -- from values to objects
 
     def number(self, address: Address, default: float = 0) -> float:
-        """Return the number in an object, `default` if the object is missing or not a number."""
+        """Return the number in an object, `default` if the object is missing or not numeric."""
         value = self.store.values.get(address, default)
         return value if isinstance(value, int | float) else default
 
     def gain(self, signal: Signal) -> float:
-        """Return the units per raw number that result from the scaling objects of the device."""
+        """Return the physical units per raw count, from the scaling objects of the device."""
         return signal.gain(self.store.values)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the raw number of a value, before rounding to the type of its object."""
+        """Return the raw number of a value, before rounding to the data type of the object."""
         return (value - signal.offset) / gain
 
     def full_scale(self, signal: Signal) -> float:
-        """Return the full scale of a signal, of which noise and jumps are a fraction."""
+        """Return the full scale of a signal, on which noise and jumps are based."""
         kind = self.store.od[signal.address].data_type
         return abs(self.gain(signal)) * (float(kind.maximum) if kind.is_integer else 100.0)
 
     def show_all(self, now: int) -> None:
-        """Update the objects of all values, and the status of every value."""
+        """Update the objects and the status of all values."""
         for name, signal in self._inputs.items():
             if signal.address in self._statuses:
                 continue
@@ -398,7 +385,7 @@ class SensorDevice:
                 self._outbox.values_changed()
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Note that a raw value exceeded the range of its object by `by`, 0 if it did not."""
+        """Handle a raw value that exceeds the range of the object by `by`, 0 if in range."""
 
     def _scale_written(self, _entry: Entry, _value: Value) -> None:
         self.show_all(self.clock.now)
@@ -406,15 +393,12 @@ class SensorDevice:
     # -- life
 
     def power_on(self, now: int) -> None:
-        """Update the objects of all values after a reset."""
         self.show_all(now)
 
     def connection_lost(self, now: int) -> None:
-        """Set the outputs to their error values after a loss of communication."""
         self._fail(now)
 
     def communication_stopped(self, now: int) -> None:
-        """Set the outputs to their error values at NMT STOPPED or a reset of communication."""
         self._fail(now)
 
     def _fail(self, _now: int) -> None:
@@ -422,13 +406,11 @@ class SensorDevice:
         self._outbox.values_changed()
 
     def tick(self, now: int) -> None:
-        """Advance the values that change over time or by noise to `now`."""
         moved = self._move(now)
         if self.faults.due(now) or moved:
             self.show_all(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None without one."""
         deadlines = [deadline for deadline in (self.faults.next_deadline(), self._moves_at()) if deadline is not None]
         return min(deadlines, default=None)
 
@@ -437,7 +419,7 @@ class SensorDevice:
         return (self._moved_at or 0) + self.step_ns if moving else None
 
     def _move(self, now: int) -> bool:
-        """Advance the values that change over time, if that is due; return whether it was."""
+        """Advance the values that change over time when due; return whether they were advanced."""
         deadline = self._moves_at()
         if self._moved_at is not None and deadline is not None and now >= deadline:
             self.move((now - self._moved_at) / _NS)
@@ -453,16 +435,14 @@ class SensorDevice:
     # -- the gate of its TPDOs
 
     def starts(self, mapped: Collection[Address]) -> bool:
-        """Return True, because every TPDO is sent when the node becomes OPERATIONAL."""
         del mapped
         return True
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes of these objects are an event that triggers a TPDO; every change is one."""
         return bool(changed)
 
     def tpdos_checked(self) -> None:
-        """Do nothing, because there are no pending events."""
+        """Do nothing, because no event is ever pending."""
 
 
 class MeasuringDevice(SensorDevice):
@@ -474,7 +454,7 @@ class MeasuringDevice(SensorDevice):
     }  # fmt: skip
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Set the overload bits in the status, in addition to the bits set from outside."""
+        """Set the overload bits in the status, in addition to the status bits set by a client."""
         if signal.status is not None and signal.status in self.store.values:
             status = int(self.outside.get(f"status{signal.subindex - 1}", 0.0)) | (2 if by > 0 else 4 if by < 0 else 0)
             if self.store.values[signal.status] != status:
@@ -495,13 +475,13 @@ class BatteryDevice(SensorDevice):
     _RESISTANCE: Final = 0.05  # Ohm
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the raw number of a value; the voltage falls with the discharge current."""
+        """Return the raw number of a value, with the voltage drop by the discharge current."""
         if signal.name == "battery_voltage":
             value += self._RESISTANCE * self.outside["battery_current"]
         return super().raw_of(signal, value, gain)
 
     def move(self, seconds: float) -> None:
-        """Change the state of charge by the current that flowed for `seconds`."""
+        """Change the state of charge by the current of the last `seconds`."""
         capacity = self.outside.get("battery_capacity", 0.0) or 100.0
         flowed = self.outside["battery_current"] * seconds / 3600.0 / capacity * 100.0
         present = self.outside.get("battery_percentage", 0.0)
@@ -509,10 +489,10 @@ class BatteryDevice(SensorDevice):
 
 
 class Charger(SensorDevice):
-    """Battery charger (CiA 419) that receives battery data, and a requested current."""
+    """Battery charger (CiA 419), which receives battery data and a requested current."""
 
     def _fail(self, _now: int) -> None:
-        """Set the requested current to zero when communication is lost, because the battery may be gone."""
+        """Set the requested current to zero when communication is lost, because the battery may be disconnected."""
         requested = self.signals.get("charge_current_requested")
         if requested is not None and requested.output:
             self.store.set(*requested.address, 0)
@@ -550,17 +530,16 @@ class Encoder(SensorDevice):
         store.on_write([_TIMER], self._timer_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the raw number of a value; a position is counted in steps with preset and range."""
+        """Return the raw number of a value; positions are in steps, with preset and measuring range."""
         if signal.name != "position":
             return super().raw_of(signal, value, gain)
         return self._counted(value, gain) + self._shift if not self._range else self._wrapped(value, gain)
 
     def full_scale(self, signal: Signal) -> float:
-        """Return one turn in the unit of the signal."""
         return abs(self.gain(signal)) * (self.number((_STEPS, 0)) or 4096)
 
     def _counted(self, value: float, gain: float) -> float:
-        """Convert a position to encoder steps, before preset and measuring range are applied."""
+        """Convert a position to encoder steps, without preset and measuring range."""
         operation = int(self.number((_OPERATION, 0), _SCALING))
         single_turn = self.number((_SINGLE_TURN, 0))
         if not operation & _SCALING and single_turn:
@@ -582,18 +561,17 @@ class Encoder(SensorDevice):
             self.show_all(self.clock.now)
 
     def _timer_written(self, _entry: Entry, value: Value) -> None:
-        """Copy the cyclic timer 0x6200 to the event timer of TPDO 1, as encoders with both objects do."""
+        """Copy the cyclic timer 0x6200 to the event timer of TPDO 1, like encoders with both objects."""
         timer = self.store.od.get(*_EVENT_TIMER)
         if timer is not None and self.store.number(*_EVENT_TIMER) != value:
             self.store.write(timer, value)
 
     def follow(self, world: ShaftWorld, node_id: int) -> None:
-        """Follow the shaft of node `node_id` in `world` from now on."""
         self._world, self._node_id = world, node_id
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name; raise ConfigError for position or velocity of an encoder that a shaft turns."""
+        """Set inputs by name; raise ConfigError for position or velocity of an encoder on the shaft of a drive."""
         if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
         super().set_signals(values, now)
@@ -602,7 +580,7 @@ class Encoder(SensorDevice):
         return super()._moves_at() if self._world is None else (self._moved_at or 0) + self.step_ns
 
     def move(self, seconds: float) -> None:
-        """Advance the position by the velocity, or set it to that of the shaft."""
+        """Advance the position by the velocity, or read the position of the shaft."""
         if self._world is not None:
             place = self._world.shaft_position(self._node_id)
             if place is not None:
@@ -611,7 +589,7 @@ class Encoder(SensorDevice):
         self.outside["position"] += self.outside["velocity"] * seconds
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes are an event that triggers a TPDO; a position with an event timer is none."""
+        """Whether changes trigger a TPDO; a position does not while an event timer is set."""
         timed = self.number((_TIMER, 0)) or self.number(_EVENT_TIMER)
         return any(address[0] != _POSITION or not timed for address in changed)
 
@@ -638,14 +616,14 @@ class Inclinometer(SensorDevice):
         store.on_write([axis + 2 for axis in axes], self._preset_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return an angle in steps, with the inversion and the offsets that are enabled."""
+        """Return an angle in steps, with the enabled inversion and offsets."""
         raw, axis = super().raw_of(signal, value, gain), signal.index & 0xFFF0
         operation = int(self.number((axis + 1, 0)))
         raw = -raw if operation & self._INVERT else raw
         return raw + self.number((axis + 3, 0)) + self.number((axis + 4, 0)) if operation & self._SCALE else raw
 
     def _preset_written(self, entry: Entry, value: Value) -> None:
-        """Set the offset so that the present angle is equal to the written preset."""
+        """Set the offset so that the present angle equals the written preset."""
         axis = entry.index - 2
         signal = next((signal for signal in self.signals.values() if signal.index == axis), None)
         if signal is not None and isinstance(value, int):

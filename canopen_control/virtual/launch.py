@@ -1,6 +1,6 @@
-"""Fast start of the process of virtual drives: the bus is queried first, and modules are imported meanwhile.
+"""Fast start of the process of virtual drives: modules are imported while the bus check is in progress.
 
-A node-ID at which a node already answers on the bus is refused.
+A node-ID that another node on the bus already uses is refused.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 
 class NodeIdCheck:
-    """Check, started at its creation, that no node on `port` uses one of `node_ids` already.
+    """Check whether other nodes on `port` use `node_ids`; the requests are sent at creation.
 
     The node-ID 255 (unconfigured) is not checked: by CiA 305 any number of such nodes may wait on one bus for a
     node-ID.
@@ -53,7 +53,7 @@ class NodeIdCheck:
         port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
 
     def finish(self) -> None:
-        """Wait for the rest of the answer time; raise NodeIdTaken if another node answered."""
+        """Wait for the rest of the response time; raise NodeIdTaken if another node answered."""
         self._reactor.add_reader(self._port, self._listen)
         self._reactor.run_until(lambda: self._used_id is not None, max(0, self._until - self._reactor.now()))
         self._reactor.remove_reader(self._port)
@@ -124,7 +124,7 @@ def run_drives(
 
 
 def reopen(channel: str, label: str) -> Port | None:
-    """Reopen a lost channel; return None if the channel is still missing, or a bus inside this process.
+    """Reopen a lost channel; None if the channel is still missing, or is a bus inside this process.
 
     The port joins a local bus without a check, because a hub that is about to end may pass the check and be gone when
     the port is opened.

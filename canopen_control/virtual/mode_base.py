@@ -1,8 +1,8 @@
 """Base classes of the modes of operation of one axis, and the statistics of set-points.
 
-A mode acts only while the power state machine is `live`. `update` is called after every write that may matter and makes
-a new demand only if an input of the mode changed. `control` gets the controlword and the previous controlword,
-`arrived` is called at the end of a demand, and `bits` returns bits 10, 12 and 13 of the statusword.
+A mode acts only while the power state machine is `live`. `update` is called after every write that may affect the
+mode, and makes a new demand only if an input of the mode changed. `control` gets the present and the previous
+controlword, `arrived` is called at the end of a demand, and `bits` returns bits 10, 12 and 13 of the statusword.
 """
 
 from __future__ import annotations
@@ -43,21 +43,17 @@ _MILLI = 1e-6  # relative rounding error of the sums
 
 
 class _Sums:
-    """Count, minimum, maximum and sum of values, and the sums of their magnitudes and of their squares."""
-
     __slots__ = ("count", "high", "low", "magnitudes", "squares", "total")
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Remove all values."""
         self.count = 0
         self.total = self.magnitudes = self.squares = 0.0
         self.low, self.high = math.inf, -math.inf
 
     def add(self, value: float, times: int = 1) -> None:
-        """Add `value` as often as `times` says."""
         self.count += times
         self.total += value * times
         self.magnitudes += abs(value) * times
@@ -69,17 +65,16 @@ class _Sums:
 
     @property
     def mean(self) -> float:
-        """Mean of the values."""
         return self.total / self.count
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of the values; 0 if it is below the rounding error of the sums."""
+        """Standard deviation of the values; 0 if below the rounding error of the sums."""
         variance = self.squares / self.count - self.mean * self.mean
         return math.sqrt(variance) if variance > _MILLI * _MILLI * self.squares / self.count else 0.0
 
     def spread(self, unit: float) -> Spread:
-        """Return the minimum, mean and maximum, multiplied by `unit`, which may be negative."""
+        """Return minimum, mean and maximum in units of `unit`, which may be negative."""
         ends = self.low * unit, self.high * unit
         return Spread(min(ends), self.mean * unit, max(ends))
 
@@ -116,7 +111,7 @@ class SetpointStatistics:
         self.restart()
 
     def restart(self) -> None:
-        """Remove all counts and samples; `used` is unchanged."""
+        """Clear all counts and samples; `used` is unchanged."""
         self.taken = self.missed = self.doubled = self.overwritten = 0
         for sums in (self._velocities, self._accelerations, self._phases):
             sums.clear()
@@ -128,11 +123,11 @@ class SetpointStatistics:
     # -- set-points
 
     def received(self, after_sync_ns: int) -> None:
-        """Record the delay in ns between a SYNC and the RPDO with a set-point."""
+        """Record the delay in ns from a SYNC to the RPDO with a set-point."""
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
-        """Count a set-point, and check whether it repeats the previous position; None skips the check."""
+        """Count a set-point, and whether the previous position is repeated; None only counts."""
         self.taken += 1
         if set_point is None:
             return
@@ -155,7 +150,7 @@ class SetpointStatistics:
         self._position = self._way = 0.0
 
     def follow(self, demand: DemandCurve, now: int) -> None:
-        """Sample the active demand on the grid of 0.5 ms, from the last sampled point up to `now`."""
+        """Sample the active demand every 0.5 ms, from the last sample up to `now`."""
         grid = self._grid
         if not grid or now - grid > _GAP_NS:
             self.pause()
@@ -172,7 +167,7 @@ class SetpointStatistics:
         self._grid = grid
 
     def _sample(self, position: float) -> None:
-        """Record the demanded position at the next point of the grid."""
+        """Record the demanded position at the next sampling time."""
         way, self._position = position - self._position, position
         self._points += 1
         if self._points == 1:  # the first point has no way
@@ -189,7 +184,7 @@ class SetpointStatistics:
             self._accelerations.add(change)
 
     def _go_on_evenly(self, position: float, points: int) -> None:
-        """Record `points` further grid points at constant velocity, the last of them at `position`."""
+        """Record `points` further samples at constant velocity, the last sample at `position`."""
         self._position = position
         self._points += points
         if self._way == 0.0:
@@ -199,7 +194,7 @@ class SetpointStatistics:
             self._accelerations.add(0.0, points)
 
     def _goes_on(self, way: float) -> None:
-        """Record a step of the motion; a short standstill before it counts as the effect of a late set-point."""
+        """Record a step of the motion; a short standstill before the step is attributed to a late set-point."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
             if self._resting > 1:  # the first point of the standstill had an acceleration, and was counted
@@ -210,7 +205,7 @@ class SetpointStatistics:
     # -- results
 
     def quality(self, velocity_unit: float) -> SetPointQuality | None:
-        """Return the statistics, None if no cyclic mode was used; `velocity_unit` is one velocity unit in counts/s."""
+        """Return the statistics, None if no cyclic mode was used; `velocity_unit` is in counts/s."""
         if not self.used:
             return None
         velocities, accelerations = self._velocities, self._accelerations
@@ -235,7 +230,7 @@ NEW_SET_POINT = 1 << 4  # of the controlword; HM and IP use the bit as well
 
 
 class AxisParts:
-    """Parts of one axis that its modes of operation use."""
+    """Parts of one axis that the modes of operation use."""
 
     __slots__ = ("clock", "limits", "meter", "mover", "objects", "outbox", "power")
 
@@ -254,7 +249,7 @@ class AxisParts:
 
 
 class Mode:
-    """Base of all modes of operation, and by itself the mode without motion, which stops the axis.
+    """Base class of all modes of operation; as a mode (0) the class stops the axis.
 
     `set_point` is the index of the object whose values in RPDOs are set-points, 0 if the mode has no stream of them.
     """
@@ -268,11 +263,11 @@ class Mode:
         self.reset()
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model from now on."""
+        """Replace the device model."""
         self.model = model
 
     def reset(self) -> None:
-        """Reset the mode when the axis is disabled or changes to another mode."""
+        """Discard the state of the mode when the axis is disabled or changes to another mode."""
 
     def start(self, now: int) -> None:
         """Start the mode in OPERATION ENABLED from the present motion; also called at the end of a halt."""
@@ -289,26 +284,26 @@ class Mode:
         self.mover.run(ramp_to(now, position, velocity, 0.0, 0.0, deceleration), now)
 
     def update(self, now: int) -> None:
-        """Apply set-points that may have changed."""
+        """Apply changed set-points."""
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO, even if it is unchanged."""
+        """Apply the set-point of an RPDO, even if unchanged."""
         self.update(now)
 
     def missed(self) -> None:
-        """Process a SYNC at which no set-point arrived."""
+        """Count a SYNC at which no set-point arrived."""
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Process the mode-specific bits of the controlword."""
+        """Apply the mode-specific bits of the controlword."""
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Process the mode-specific bits of the controlword while the motor has no power."""
+        """Apply the mode-specific bits of the controlword while the motor has no power."""
 
     def arrived(self, now: int) -> None:
         """Continue the mode after the end of a demand."""
 
     def bits(self) -> int:
-        """Return bits 10, 12 and 13 of the statusword; without a mode, bit 10 at standstill."""
+        """Return bits 10, 12 and 13 of the statusword; in no mode (0), bit 10 at standstill."""
         return REACHED if self.mover.at_standstill else 0
 
     def unpowered_bits(self) -> int:
@@ -346,7 +341,7 @@ class ModeGate:
 
 
 class GatedMode(Mode):
-    """Mode that passes set-points and controlwords to the mode `inner` only while a gate is open."""
+    """Wrapper that passes set-points and controlwords to the mode `inner` while a gate is open."""
 
     def __init__(self, inner: Mode, gate: ModeGate) -> None:
         self.inner, self.gate, self.set_point = inner, gate, inner.set_point
@@ -355,12 +350,10 @@ class GatedMode(Mode):
         self.outbox, self.clock, self.meter = inner.outbox, inner.clock, inner.meter
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model to this mode and to the inner mode."""
         self.model = model
         self.inner.set_model(model)
 
     def reset(self) -> None:
-        """Reset the inner mode."""
         self.inner.reset()
 
     def start(self, now: int) -> None:
@@ -371,82 +364,67 @@ class GatedMode(Mode):
             self.inner.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Stop the motor with the ramp that the inner mode has for `reaction`."""
         self.inner.stop(now, reaction)
 
     def update(self, now: int) -> None:
-        """Apply changed set-points while the gate is open."""
         if not self.gate.closed_by:
             self.inner.update(now)
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO while the gate is open."""
         if not self.gate.closed_by:
             self.inner.take(now)
 
     def missed(self) -> None:
-        """Process a SYNC at which no set-point arrived."""
         self.inner.missed()
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Pass the controlword to the inner mode if the gate is open and every filter in `takes` agrees."""
         if not self.gate.closed_by and all(takes(word, previous, now) for takes in self.gate.takes):
             self.inner.control(word, previous, now)
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Pass the controlword to the inner mode while the motor has no power."""
         self.inner.control_unpowered(word, previous, now)
 
     def arrived(self, now: int) -> None:
-        """Let the inner mode continue after the end of a demand."""
         self.inner.arrived(now)
 
     def bits(self) -> int:
-        """Return bits 10, 12 and 13 of the statusword from the inner mode."""
         return self.inner.bits()
 
     def unpowered_bits(self) -> int:
-        """Return bits 10, 12 and 13 of the statusword outside OPERATION ENABLED."""
         return self.inner.unpowered_bits()
 
     def measured_velocity(self) -> float:
-        """Return the velocity measured by the drive, in counts/s."""
         return self.inner.measured_velocity()
 
     def deceleration(self) -> float:
-        """Return the slow-down ramp of the inner mode in counts/s^2."""
         return self.inner.deceleration()
 
     def quick_stop_deceleration(self) -> float:
-        """Return the quick-stop ramp of the inner mode in counts/s^2."""
         return self.inner.quick_stop_deceleration()
 
     def can_halt(self) -> bool:
-        """Whether the halt bit (bit 8) of the controlword has an effect."""
         return self.inner.can_halt()
 
 
 class FollowingMode(Mode):
-    """Base of the modes that follow a target without a handshake; `update` acts only on changed inputs."""
+    """Base class of the modes that follow a target without a handshake; `update` acts only on changed inputs."""
 
     def reset(self) -> None:
-        """Reset the stored inputs, so that the next update makes a new demand."""
         self._inputs: object = None
         self._looked: tuple[int, float] | None = None  # at which version of the values, and with which zero
 
     def start(self, now: int) -> None:
-        """Move to the target from the present motion."""
         self._inputs = None
         if self.power.live:
             self.update(now)
 
     def inputs_may_change(self) -> bool:
-        """Whether inputs may have changed since the last update; always True if limit switches are wired."""
+        """Whether inputs may have changed since the last call; always True if limit switches are wired."""
         looked = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
         before, self._looked = self._looked, looked
         return looked is None or looked != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
-        """Store `inputs`, the target and its limits; return whether they differ from the previous inputs."""
+        """Store `inputs` (the target and its limits); return whether they differ from the previous inputs."""
         differs, self._inputs = inputs != self._inputs, inputs
         return differs

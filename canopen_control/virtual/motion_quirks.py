@@ -42,7 +42,7 @@ def _word(change: Callable[[VirtualDrive, int], int]) -> AxisAct:
 
 
 def _flickers(period_ns: int, duty: int, bits: int) -> Callable[[VirtualDrive, int], int]:
-    """Return a function that inverts `bits` of the statusword during one of every `duty` periods."""
+    """Return a function that inverts `bits` of the statusword in every `duty`-th period."""
     return lambda drive, word: word ^ bits if drive.mover.time // period_ns % duty == 0 else word
 
 
@@ -150,7 +150,7 @@ def _inputs_shifted(hooks: QuirkHooks, drive: VirtualDrive, bits: float) -> None
 
 
 def _takes(passes: Callable[[VirtualDrive, int, int], bool]) -> AxisAct:
-    """Return a quirk action that accepts a PP set-point only under a condition."""
+    """Return a quirk action that accepts a PP set-point only if `passes` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         def takes(word: int, previous: int, now: int) -> bool:

@@ -1,9 +1,9 @@
 """Host of virtual nodes on one port: many nodes in one process, with frames routed to their receivers.
 
-In one turn the host reads all frames of the port, passes them to the nodes that receive their identifiers, and sends
-all answers together. One timer is used for all nodes; an idle drive costs only its heartbeat. Nodes of one host receive
-each other's frames as on a wire, although a port does not receive its own frames. Without a bus the nodes continue to
-run and react like drives that are off the bus, until they get another port.
+In one turn the host reads all frames of the port, passes the frames to the nodes that receive the identifiers, and
+sends all answers together. One timer is used for all nodes; an idle drive costs only its heartbeat. Nodes of one host
+receive each other's frames as on a wire, although a port does not receive its own frames. Without a bus the nodes
+continue to run and react like drives that are off the bus, until `rejoin` sets another port.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def _ignore(*_arguments: object) -> None:
 
 
 class NodeIdTaken(BusError):
-    """Error: another node on the bus already answers with the node-ID."""
+    """Error: another node on the bus already uses the node-ID."""
 
     def __init__(self, node_id: int, channel: str) -> None:
         self.node_id = node_id
@@ -79,7 +79,6 @@ class NodeHost:
             self._timer.cancel()
 
     def _release(self) -> None:
-        """Stop using the port."""
         if self._off:
             return
         self._off = True
@@ -89,7 +88,7 @@ class NodeHost:
             self._writing = False
 
     def rejoin(self, port: Port) -> None:
-        """Continue on another port of the channel; no effect while the present port works."""
+        """Continue on a new port of the channel; no effect while the present port works."""
         if self._closed or not self._off:
             return
         self.port, self._off = port, False
@@ -98,7 +97,7 @@ class NodeHost:
         self._notify_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
-        """Send the frames of a node that was changed from outside, and update its timer."""
+        """Send the frames of a node that a client changed, and update the timer."""
         if not self._closed:
             self._finish({node: None})
 
@@ -124,7 +123,7 @@ class NodeHost:
         self._deliver(frame, now, self._touched)
 
     def _take_run(self, records: bytes, start: int, now: int) -> int:
-        """Pass SDO records from `start` on to the only receiver of their identifier; return the number processed."""
+        """Pass SDO records from `start` on to the only receiver of the identifier; return the number processed."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:
@@ -152,7 +151,6 @@ class NodeHost:
         self._finish(dict.fromkeys(expired))
 
     def _finish(self, touched: dict[VirtualNode, None]) -> None:
-        """Update routes, send frames, report events and set the timer of the nodes."""
         for node in touched:
             if node.routing.version != self._versions[node]:
                 self._reroute()

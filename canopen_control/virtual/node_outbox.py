@@ -1,7 +1,7 @@
-"""Clock, SYNC timing and outbox of one node: frames, events and errors of its services.
+"""Clock, SYNC timing and outbox of one node: the frames, events and errors of the services.
 
-An error goes to the EMCY producer and to the events. `changed` means that values changed without being written; the
-node then compares the values of event-driven TPDOs at the end of the current event.
+An error is passed to the EMCY producer and added to the events. `changed` means that values changed without a write;
+the node then compares the values of event-driven TPDOs at the end of the current event.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class ModeChanged:
 
 @dataclass(frozen=True, slots=True)
 class EmergencyRaised:
-    """Event: the node has reported the error `code`; 0 is an error reset."""
+    """Event: the node has sent EMCY with `code`; 0 is an error reset."""
 
     code: int
     data: bytes = b""
@@ -72,7 +72,7 @@ class EmergencyRaised:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatMissed:
-    """Event: the heartbeat of a node in 0x1016 is missing or back (node 0: guarding by the master)."""
+    """Event: the heartbeat of a node in 0x1016 is lost or back (node 0: node guarding by the master)."""
 
     node_id: int
     missed: bool
@@ -110,7 +110,7 @@ class BitRateActivated:
 
 @dataclass(frozen=True, slots=True)
 class PdoLeftOff:
-    """Event: a PDO is valid in its record but disabled, because its COB-ID is reserved or in use."""
+    """Event: a PDO is valid in its record but disabled, because the COB-ID is reserved or in use."""
 
     kind: str
     number: int
@@ -173,7 +173,7 @@ _MARGIN: Final = 1.25  # the next one may be later than any before
 
 
 class SyncPll:
-    """Recovery of the SYNC period by a phase lock.
+    """Phase lock (PLL) that recovers the SYNC period.
 
     `late_ns` is the delay of the newest SYNC (negative if early), `period_ns` the recovered period.
     """
@@ -190,7 +190,7 @@ class SyncPll:
 
     @property
     def slack_ns(self) -> float:
-        """Expected maximum delay of the next SYNC in ns, from earlier delays; 0 if all SYNCs came in time."""
+        """Expected maximum delay of the next SYNC in ns, from earlier delays; 0 if no SYNC was late."""
         return min(self._latest * _MARGIN, 0.5 * self.period_ns)
 
     def has_period(self, seconds: float) -> bool:
@@ -198,7 +198,6 @@ class SyncPll:
         return self._count >= _LOCKED and abs(self.period_ns * 1e-9 - seconds) <= _SAME * seconds
 
     def receive_sync(self, now: int) -> None:
-        """Update the period and the delay with a SYNC received at `now`."""
         gap, period = now - self._edge, self.period_ns
         if not period and self._count and gap > 0:
             self._edge, self.period_ns, self._count = float(now), gap, 2
@@ -230,10 +229,10 @@ _MOST_WAITING = 1000  # events, and frames of injected faults
 
 
 class NodeClock:
-    """Time of the node, and time of its last SYNC (None before the first SYNC), in monotonic ns.
+    """Time of the node, and time of the last SYNC (None before the first SYNC), in monotonic ns.
 
-    `rhythm` recovers the period of the SYNCs. Injection point `drift_ppm`: how much faster than the master's clock this
-    clock is.
+    `rhythm` recovers the period of SYNC. Injection point `drift_ppm`: by how much this clock is faster than that of the
+    master.
     """
 
     __slots__ = ("drift_ppm", "now", "rhythm", "sync_ns")
@@ -259,11 +258,10 @@ class NodeOutbox:
         self.changed = False
 
     def values_changed(self) -> None:
-        """Note that values changed without a write, so that event-driven TPDOs are checked."""
+        """Request a check of the event-driven TPDOs after values changed without a write."""
         self.changed = True
 
     def publish(self, event: object) -> None:
-        """Append an event."""
         self._events.put(event)
 
     def send(self, frame: CanFrame) -> None:
@@ -277,13 +275,13 @@ class NodeOutbox:
     # -- errors
 
     def emergency(self, code: int, register: int, data: bytes = b"") -> None:
-        """Raise an error until it is cleared; an active error is not reported again."""
+        """Raise an error that lasts until `clear_error`; an active error is not reported again."""
         if self._emcy.raise_error(code, int(register), self._clock.now, data):
             self.publish(EmergencyRaised(code, data))
         self.changed = True
 
     def report(self, code: int, register: int, data: bytes = b"") -> None:
-        """Report an error once, without a duration; nothing is reported while the error is active."""
+        """Report an error once, without a duration; no report is made while the error is active."""
         if code not in self._emcy.active:
             self._emcy.report(code, self._clock.now, data, register=int(register))
             self.publish(EmergencyRaised(code, data))

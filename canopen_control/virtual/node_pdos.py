@@ -58,27 +58,27 @@ if TYPE_CHECKING:
 
 
 class AxisPorts(Protocol):
-    """Interface of an axis that PDOs use."""
+    """Axis as seen by the PDOs."""
 
     def advance(self, now: int) -> None:
         """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Process written objects; the flags say whether the controlword or the set-point is among them."""
+        """Apply written objects; the flags tell whether the controlword or the set-point is among them."""
 
     @property
     def set_point(self) -> int:
         """Index of the object whose values in RPDOs are set-points of the active mode, 0 for none."""
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Record that an RPDO with a set-point arrived, and whether it replaces one that waited for SYNC."""
+        """Count an RPDO with a set-point; `overwrites` is True if another RPDO was waiting for SYNC."""
 
     def set_point_missed(self) -> None:
         """Count a SYNC at which no set-point arrived."""
 
 
 class Concern(NamedTuple):
-    """Axis to which an RPDO writes; `objects` are the written indices, converted to those of axis 0."""
+    """Axis to which an RPDO writes; `objects` are the written indices, converted to axis 0."""
 
     axis: AxisPorts
     controlword: bool
@@ -86,7 +86,7 @@ class Concern(NamedTuple):
 
 
 class MappedRpdo:
-    """RPDO with its mapped entries and the axes that it affects."""
+    """RPDO with the mapped entries and the axes that the RPDO affects."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -104,7 +104,7 @@ class MappedRpdo:
 
 
 class MappedTpdo:
-    """TPDO with the sources of its values and the last sampled data."""
+    """TPDO with the sources of the values and the last sampled data."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -116,7 +116,7 @@ class MappedTpdo:
         self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
 
     def sample(self) -> bytes:
-        """Return the present values of the mapped objects as PDO data."""
+        """Sample the mapped objects, and return the PDO data."""
         try:
             self.last = self.codec.pack([source() for source in self.sources])
         except LocalProtocolError:  # a file that maps an object narrower than its type
@@ -124,7 +124,7 @@ class MappedTpdo:
         return self.last
 
     def changed_since(self, before: bytes) -> list[Address]:
-        """Return the addresses of the mapped objects that have changed since the sample `before`."""
+        """Return the addresses of the mapped objects that differ from the sample `before`."""
         if len(before) != len(self.last) or len(self.mapped) != len(self.codec.objects):
             return list(self.mapped)
         pairs = zip(self.codec.unpack(before), self.codec.unpack(self.last), strict=True)
@@ -132,7 +132,7 @@ class MappedTpdo:
 
 
 def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) -> tuple[Concern, ...]:
-    """Return the axes to which an RPDO writes, in the order of its objects; empty if an object belongs to no axis."""
+    """Return the axes to which an RPDO writes, in order; empty if an object belongs to no axis."""
     bases: dict[int, set[int]] = {}
     for entry in entries:
         if entry is None:  # a gap
@@ -155,7 +155,7 @@ _SYNC, _EMCY = 0x1005, 0x1014
 
 
 def mapping_of(communication: int) -> int:
-    """Return the index of the mapping record for a communication record."""
+    """Return the index of the mapping record of a communication record."""
     return communication + 0x200
 
 
@@ -177,7 +177,7 @@ class PdoRecords:
         return sorted({entry.index - base for entry in self._store.od if base <= entry.index < base + 512})
 
     def guard(self, base: int, communication: int) -> None:
-        """Check all further writes to a communication record and to its mapping record."""
+        """Check all further writes to a communication record and the corresponding mapping record."""
         mapping = mapping_of(communication)
         rules = self._rules(base, mapping)
         self._store.guard([communication], self._communication_guard(rules))
@@ -228,7 +228,7 @@ class PdoRecords:
         return judge
 
     def _users(self) -> dict[int, int]:
-        """Return the record that uses an 11-bit identifier, by identifier; SYNC and EMCY come before PDOs."""
+        """Return the record that uses each 11-bit identifier; SYNC and EMCY have priority over PDOs."""
         store = self._store
         users: dict[int, int] = {}
         for index, default in ((_SYNC, 0x80), (_EMCY, INVALID_BIT)):
@@ -242,7 +242,7 @@ class PdoRecords:
         return users
 
     def is_valid(self, communication: int) -> bool:
-        """Whether the PDO of a communication record is valid (bit 31 clear)."""
+        """Whether the PDO of a communication record is valid (bit 31 of the COB-ID clear)."""
         return not self._store.number(communication, 1, INVALID_BIT) & INVALID_BIT
 
     def parameters(self, communication: int) -> PdoParameters:
@@ -259,7 +259,7 @@ class PdoRecords:
         return replace(params, enabled=False) if is_free else params
 
     def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
-        """Return the mapped objects and their entries; an empty list if a mapped object does not exist."""
+        """Return the mapped objects and their entries; empty if a mapped object does not exist."""
         objects: list[tuple[MappedObject, Entry | None]] = []
         for sub in range(1, min(64, self._store.number(record)) + 1):
             index, subindex, bits = parse_mapping_entry(self._store.number(record, sub))
@@ -276,7 +276,7 @@ class PdoRecords:
         return objects
 
     def shared(self, entries: Sequence[Entry | None]) -> tuple[tuple[int, Entry], ...]:
-        """Return the copies of shared objects on further axes, each with the position of its value in the RPDO."""
+        """Return the copies of shared objects on further axes, each with the position of the value in the RPDO."""
         copies = {} if self._motors is None else self._motors.shared
         return tuple(
             (position, self._store.od[copy])
@@ -285,7 +285,7 @@ class PdoRecords:
         )
 
     def codec(self, record: int) -> tuple[PdoCodec, tuple[Entry | None, ...]]:
-        """Return the codec of a mapping record and the mapped entries, None for a gap; empty if it is impossible."""
+        """Return the codec of a mapping record and the entries (None for a gap); empty for an invalid mapping."""
         objects = self._mapping(record)
         try:
             return PdoCodec([mapped for mapped, _ in objects]), tuple(entry for _, entry in objects)
@@ -299,7 +299,7 @@ class PdoRecords:
 
 
 class RpdoInput:
-    """Input of a node's RPDOs, where faults delay or drop frames.
+    """Input of a node's RPDOs, where faults can delay or drop frames.
 
     Injection points: `delay_ns`, and `lost` = n, which drops every n-th RPDO (0: none). `delayed` are the delayed
     frames with the times at which they are passed on; `received` counts the received RPDOs.
@@ -312,7 +312,7 @@ class RpdoInput:
         self.delayed: deque[tuple[int, Receive, CanFrame]] = deque()
 
     def receiver(self, receive: Receive) -> Receive:
-        """Return a handler that passes frames to `receive`, subject to the injected delay and loss."""
+        """Return a handler that passes frames to `receive`, with the injected delay and loss."""
 
         def take(frame: CanFrame, now: int) -> None:
             self.received += 1
@@ -327,14 +327,13 @@ class RpdoInput:
         return take
 
     def tick(self, now: int) -> None:
-        """Pass on the delayed frames that are due."""
         delayed = self.delayed
         while delayed and delayed[0][0] <= now:
             _, receive, frame = delayed.popleft()
             receive(frame, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which the next delayed frame is due, None without one."""
+        """Return the time in ns at which the next delayed frame is due, None if no frame is delayed."""
         return self.delayed[0][0] if self.delayed else None
 
 
@@ -399,7 +398,6 @@ class PdoExchange:
     # -- from the records to the PDOs
 
     def configure(self, now: int) -> None:
-        """Create all PDOs from their records."""
         for number in self.rpdos:
             self._make_rpdo(number)
         for number in self.tpdos:
@@ -424,7 +422,7 @@ class PdoExchange:
         self._tell_rebuilt()
 
     def _make_those_that_waited(self) -> None:
-        """Create the PDOs whose identifier was in use by another PDO until now."""
+        """Create the PDOs whose identifier was in use by another PDO before."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
@@ -507,7 +505,7 @@ class PdoExchange:
             tpdo.producer.stop()
 
     def routes(self) -> list[tuple[int, Callable[[CanFrame, int], None]]]:
-        """Return the identifiers received by the valid PDOs, with the flags of linux/can.h, and the receivers."""
+        """Return the CAN IDs that the valid PDOs receive (with the flags of linux/can.h), with receivers."""
         receivers = [(rpdo.consumer.parameters, self._receiver(rpdo)) for rpdo in self.rpdos.values()]
         handlers = [(_can_id(parameters), receive) for parameters, receive in receivers if parameters.enabled]
         for producer in (tpdo.producer for tpdo in self.tpdos.values()):
@@ -516,7 +514,7 @@ class PdoExchange:
         return handlers
 
     def sync_rpdo_handlers(self) -> list[tuple[int, Callable[[CanFrame, int], bool]]]:
-        """Return handlers that store RPDOs until SYNC, by identifier; False: not stored, use `routes` instead."""
+        """Return handlers by CAN ID that store RPDOs until SYNC; False means `routes` must be used."""
         parameters = [(rpdo, rpdo.consumer.parameters) for rpdo in self.rpdos.values()]
         return [(_can_id(params), self._holder(rpdo)) for rpdo, params in parameters if params.enabled]
 
@@ -605,7 +603,7 @@ class PdoExchange:
             self._act_on(applied, now)
 
     def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
-        """Update the axes of an RPDO whose values are all in place."""
+        """Update the axes of an RPDO that repeats the values of the objects."""
         for axis, controlword, objects in rpdo.concerns:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
@@ -624,7 +622,7 @@ class PdoExchange:
             self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
 
     def _report_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
-        """Report the device model's error for refused RPDO values, if it has one, while values are refused."""
+        """Report the device model's error, if any, while values of RPDOs are refused."""
         error = self._model.rpdo_error
         if refused:
             self._refusing.add(rpdo.number)
@@ -654,7 +652,7 @@ class PdoExchange:
                 self._axes[axis].set_point_missed()
 
     def send_changed(self, now: int) -> None:
-        """Send the event-driven TPDOs with changed values, unless the device profile suppresses them."""
+        """Send the event-driven TPDOs with changed values, unless the device function suppresses them."""
         gate = self.gate
         for tpdo in self._event_tpdos:
             before = tpdo.last
@@ -665,7 +663,6 @@ class PdoExchange:
             gate.tpdos_checked()
 
     def tick(self, now: int) -> None:
-        """Run event timers, inhibit times and RPDO deadlines, and pass on RPDOs that a fault delayed."""
         self.input.tick(now)
         for tpdo in self._event_tpdos:
             tpdo.producer.tick(now)
@@ -674,7 +671,6 @@ class PdoExchange:
             self._serve(rpdo, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None if no timer runs."""
         first = self.input.next_deadline() if self.input.delayed else None
         for part in self._timed:
             deadline = part.next_deadline()

@@ -36,7 +36,7 @@ _OPEN_ENDED = frozenset((DataType.VISIBLE_STRING, DataType.OCTET_STRING, DataTyp
 
 
 def check_limits(entry: Entry, value: Value) -> None:
-    """Raise SdoServerAbort if a value is outside the limits of its entry."""
+    """Raise SdoServerAbort if a value is outside the limits of the entry."""
     if isinstance(value, str | bytes):
         return
     if entry.high is not None and above_limit(entry, value):
@@ -46,7 +46,7 @@ def check_limits(entry: Entry, value: Value) -> None:
 
 
 def refuse(code: int | None) -> None:
-    """Raise SdoServerAbort with `code`, unless it is None."""
+    """Raise SdoServerAbort with `code`; no effect if `code` is None."""
     if code is not None:
         raise SdoServerAbort(code)
 
@@ -78,27 +78,26 @@ class VirtualStore:
     # -- the device's side
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Whether the dictionary has the entry."""
         return (index, subindex) in self.values
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value of an entry; raise KeyError if there is no such entry."""
+        """Return the present value of an entry; raise KeyError if the dictionary lacks the entry."""
         source = self._sources.get((index, subindex))
         return self.values[index, subindex] if source is None else source()
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return the stored integer of an entry, `default` if it is missing or no integer; sources are not used."""
+        """Return the stored integer of an entry without its source, `default` if missing or not an integer."""
         value = self.values.get((index, subindex), default)
         return value if isinstance(value, int) else default
 
     def set(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value without checks; no effect if there is no such entry."""
+        """Set a value without checks; no effect if the dictionary lacks the entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = value
             self.version += 1
 
     def preset(self, index: int, subindex: int, value: Value) -> None:
-        """Set a value now and after every reset; no effect if there is no such entry."""
+        """Set a value now and after every reset; no effect if the dictionary lacks the entry."""
         if (index, subindex) in self.values:
             self.values[index, subindex] = self.power_on[index, subindex] = value
             self._presets[index, subindex] = value
@@ -113,12 +112,12 @@ class VirtualStore:
                 values[address] = power_on.get(address, value)
 
     def rebase(self, od: ObjectDictionary) -> None:
-        """Replace the dictionary; its default values are used from the next reset on."""
+        """Replace the dictionary; the new defaults apply from the next reset on."""
         self.od = od
         self._initial = {entry.address: default_of(entry) for entry in od}
 
     def saved(self) -> dict[Address, Value]:
-        """Return the power-on values stored by 0x1010, without the defaults of the file and without presets."""
+        """Return the power-on values stored by 0x1010, without presets and EDS defaults."""
         nothing = object()
         return {
             address: value
@@ -140,7 +139,7 @@ class VirtualStore:
     # -- hooks
 
     def on_read(self, index: int, subindex: int, source: Source) -> None:
-        """Call `source` for the value of an entry when it is read; no effect if there is no such entry."""
+        """Call `source` for the value when an entry is read; no effect if the dictionary lacks the entry."""
         if (index, subindex) in self.values:
             self._sources[index, subindex] = source
 
@@ -157,7 +156,7 @@ class VirtualStore:
         self.version += 1
 
     def guard_of(self, index: int) -> tuple[Guard | None, bool]:
-        """Return the guard of an index (None without one), and whether it depends only on the store's values."""
+        """Return the guard of an index or None, and whether the guard depends only on the store's values."""
         return self._guards.get(index), index not in self._moody
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
@@ -186,11 +185,10 @@ class VirtualStore:
             self.on_read(index, subindex, source)
 
     def unwatch(self, index: int, watcher: Watcher) -> None:
-        """Remove a watcher of an index."""
         self._watchers[index].remove(watcher)
 
     def unset_preset(self, index: int, subindex: int, preset: Value | None, power_on: Value | None) -> None:
-        """Restore former presets and power-on values; None stands for the defaults of the file."""
+        """Restore an earlier preset and power-on value; None means the default of the EDS."""
         for values, value in ((self._presets, preset), (self.power_on, power_on)):
             if value is None:
                 values.pop((index, subindex), None)
@@ -198,21 +196,21 @@ class VirtualStore:
                 values[index, subindex] = value
 
     def preset_of(self, index: int, subindex: int) -> tuple[Value | None, Value | None]:
-        """Return the preset and the power-on value of an entry, None for the default of the file."""
+        """Return the preset and the power-on value of an entry, None for the default of the EDS."""
         return self._presets.get((index, subindex)), self.power_on.get((index, subindex))
 
     def source_of(self, index: int, subindex: int) -> Source | None:
-        """Return the source of an entry's value, None for the stored value."""
+        """Return the source of an entry's value, None if the value is stored."""
         return self._sources.get((index, subindex))
 
     def judges_by_values(self, index: int) -> bool:
-        """Whether a value accepted at `index` is accepted again as long as `version` is unchanged."""
+        """Whether a value accepted at `index` is accepted again while `version` is unchanged."""
         return index not in self._moody and not self.ceilings.value
 
     # -- the bus's side
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Return the bytes of an entry; raise SdoServerAbort if it is missing or not readable."""
+        """Return the encoded value of an entry; raise SdoServerAbort if missing or not readable."""
         entry = self._entry(index, subindex)
         if not entry.readable:
             raise SdoServerAbort(AbortCode.WRITE_ONLY)
@@ -222,10 +220,10 @@ class VirtualStore:
             raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the required length in bytes of a download to an entry, None if it is variable.
+        """Return the required length of a download in bytes, None if variable.
 
-        Raise SdoServerAbort if the entry is missing or not writable, or if its gate refuses, because the initiation is
-        refused then (CiA 301, 7.2.4.3.3).
+        Raise SdoServerAbort if the entry is missing or not writable, or if its gate refuses the download, because the
+        initiation is refused then (CiA 301, 7.2.4.3.3).
         """
         entry = self._entry(index, subindex)
         if not entry.writable:
@@ -236,7 +234,7 @@ class VirtualStore:
         return None if bits is None else (bits + 7) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an entry; raise SdoServerAbort, without a change, if a rule forbids it."""
+        """Write the encoded value of an entry; raise SdoServerAbort, without a change, if a rule forbids the write."""
         entry = self._entry(index, subindex)
         if not entry.writable:
             raise SdoServerAbort(AbortCode.READ_ONLY)
@@ -247,7 +245,7 @@ class VirtualStore:
         self.notify(entry, self.place(entry, value))
 
     def place(self, entry: Entry, value: Value) -> Value:
-        """Write a value like `write`, but without the watchers; return the accepted value."""
+        """Write a value like `write`, but without calling the watchers; return the accepted value."""
         try:
             check_limits(entry, value)
         except SdoServerAbort:
@@ -294,13 +292,12 @@ def _decoded(entry: Entry, data: bytes) -> Value:
 
 
 class DeviceStore:
-    """Objects of a device with several motors in one object set, with the values of `store`."""
+    """SDO view of a device with several motors in one object set; `store` has the values by axis."""
 
     def __init__(self, store: VirtualStore, motors: MotorMap) -> None:
         self._store, self._motors = store, motors
 
     def upload(self, index: int, subindex: int) -> bytes:
-        """Return the bytes of an object; raise SdoServerAbort if it is missing or not readable."""
         entry = self._entry(index, subindex)
         if entry is None:
             return self._store.upload(index, subindex)
@@ -311,7 +308,6 @@ class DeviceStore:
         return b"".join(self._store.upload(*address)[:size] for address in parts)
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the length of a download in bytes, None if variable; raise SdoServerAbort like `VirtualStore`."""
         entry = self._entry(index, subindex)
         if entry is None:
             return self._store.size_of(index, subindex)
@@ -320,7 +316,7 @@ class DeviceStore:
         return (entry.data_type.bits or 0) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the bytes of an object to all axes to which it belongs; raise SdoServerAbort if refused."""
+        """Write an object to all axes to which the object belongs; raise SdoServerAbort if refused."""
         entry = self._entry(index, subindex)
         if entry is None:
             for address in ((index, subindex), *self._motors.shared.get((index, subindex), ())):
@@ -339,7 +335,7 @@ class DeviceStore:
             self._store.download(*address, encode(value, kind))
 
     def _entry(self, index: int, subindex: int) -> Entry | None:
-        """Return the device's entry of an object that has another address in the store, else None."""
+        """Return the device's entry if the object has another address in the store, else None."""
         entry = self._motors.device.get(index, subindex)
         if entry is None and (index, subindex) in self._motors.places:  # an address of the view alone
             present = index in self._motors.device.objects

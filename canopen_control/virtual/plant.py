@@ -1,10 +1,10 @@
-"""Mechanics of the drives: motor and load of each axis (`Plant`), and their common simulation (`World`).
+"""Mechanics of the drives: motor and load of each axis (`Plant`), and the simulation of all axes (`World`).
 
-Both are Protocols, so that another engine can replace the built-in one: it returns the plant of each axis once, and
-then follows the commands of the drives. A plant moves from one time to another along the demand of the drive, in closed
-form if its equation has one, otherwise in fixed steps, so that the result does not depend on when it is read. Its
-quantities are counts, seconds and per mille of the rated torque; it does not depend on CANopen. The position is that of
-the motor, and homing does not change it.
+Both are Protocols, so that another engine can replace the built-in one: a world returns the plant of each axis once,
+and then follows the commands of the drives. A plant moves from one time to another along the demand of the drive, in
+closed form if the equation of motion has one, otherwise in fixed steps, so that the result does not depend on when
+the plant is read. The quantities are counts, seconds and per mille of the rated torque; nothing depends on CANopen.
+The position is the position of the motor, and homing does not change it.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class Plant(Protocol):
     stiff: bool  # whether the position always equals the demand, so that it need not be read in between
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move along the demand by the position and velocity loops of a drive."""
+        """Move along the demand, as controlled by the position and velocity loops of a drive."""
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by a torque in per mille of the rated torque, given as the velocity of the curve `torque`."""
+        """Move by a torque in per mille of the rated torque; the torque is the velocity of the curve `torque`."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Move without power, and clear the feed-forward."""
@@ -59,7 +59,7 @@ class ServoGains(NamedTuple):
 
 
 class AxisOwner(Protocol):
-    """Interface of a drive's axis to its coupled plant: the demand, the limits and the timers."""
+    """Axis of a drive as seen by the coupled plant: the demand, the limits and the timers."""
 
     powered: bool
     torque: DemandCurve | None  # torque to apply, in per mille; None: follow `demand`
@@ -69,15 +69,15 @@ class AxisOwner(Protocol):
     gains: ServoGains | None  # of the drive's loops, None: the loops are tuned automatically
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, processing each timer at its own time."""
+        """Advance the axis to `now`, and call each timer at its due time."""
 
     def next_event(self) -> int | None:
-        """Return the time in ns of the next timer, None without one."""
+        """Return the time in ns of the next timer, None if no timer is set."""
 
 
 @runtime_checkable
 class CoupledPlant(Plant, Protocol):
-    """Plant in a world that advances all axes together and reads the demand of a drive at any time."""
+    """Plant in a world that moves all axes together and may read the demand of a drive at any time."""
 
     rated_torque: float  # N m, or N
     follow_ns: int  # period at which the drive checks position and load, without a timer of its own
@@ -87,7 +87,7 @@ class CoupledPlant(Plant, Protocol):
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
-    """Return the distance and the end velocity of a piece for a plant with a first-order lag behind its velocity."""
+    """Return the distance and the end velocity for a piece of demand with a first-order lag of the velocity."""
     seconds, demand, slope = piece
     decay = math.exp(-seconds / time_constant)
     offset = velocity - demand + slope * time_constant
@@ -107,10 +107,10 @@ def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_
 
 @dataclass(slots=True)
 class IdealPlant:
-    """Plant that is always at the demanded position, and stands still without power like a small stepper.
+    """Plant that is always at the demanded position and stops at once without power, like a small stepper.
 
-    In the torque modes it is a mass with viscous friction: `rated_velocity` is its final velocity at rated torque, and
-    `torque_time_constant` the time constant with which it approaches that velocity.
+    In the torque modes the plant is a mass with viscous friction: `rated_velocity` is the final velocity at rated
+    torque, and `torque_time_constant` the time constant of the approach to that velocity.
     """
 
     position: float = 0.0
@@ -121,16 +121,13 @@ class IdealPlant:
     stiff: bool = True
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the end is enough
-        """Set position and velocity to the demand at `end_ns`."""
         self.position, self.velocity = demand.at(end_ns)
         self.torque = 0.0
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Approach the velocity that corresponds to the torque."""
         _push(self, torque, start_ns, end_ns, self.torque_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # a standstill needs no times
-        """Stop at once."""
         self.velocity = self.torque = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:
@@ -155,25 +152,22 @@ class LagPlant:
     fed_velocity: float = 0.0  # counts/s, part of `velocity`
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Approach the demanded velocity, in closed form."""
         for piece in demand.slices(start_ns, end_ns):
             way, self.velocity = _lag(self.velocity, piece, self.time_constant)
             self.position += way
         self.torque = 0.0
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Approach the velocity that corresponds to the torque."""
         _push(self, torque, start_ns, end_ns, self.coast_time_constant)
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Coast with a velocity that decays exponentially."""
         decay = math.exp(-(end_ns - start_ns) * 1e-9 / self.coast_time_constant)
         self.position += self.velocity * self.coast_time_constant * (1.0 - decay)
         self.velocity = 0.0 if abs(self.velocity) < 1e-3 else self.velocity * decay
         self.torque = self.fed_velocity = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:  # noqa: ARG002 # a torque does not reduce the lag
-        """Change the velocity immediately by the feed-forward; the loop corrects the excess."""
+        """Change the velocity immediately by the feed-forward; the velocity loop corrects the excess."""
         self.velocity += velocity - self.fed_velocity
         self.fed_velocity = velocity
 
@@ -182,12 +176,12 @@ class LagPlant:
 class LoadedPlant:
     """Motor with torque limit, inertia, friction, external torque, backlash and stall, simulated in fixed steps.
 
-    Torques are in per mille of the rated torque. The rated torque alone accelerates the unloaded motor by
-    `acceleration` counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` acts in the positive
-    direction (gravity on a vertical axis), `friction` against the motion. The position is that of the motor: with a
-    `backlash` the load (`load_position`) stays up to half of that many counts behind or ahead. `stalled` blocks the
-    shaft. The velocity loop gets `velocity_feed_forward` of the demanded velocity in addition to the position loop, or
-    the velocity 0x60B1 instead.
+    Torques are in per mille of the rated torque. The rated torque accelerates the unloaded motor by `acceleration`
+    counts/s^2; a load of `inertia` divides that by 1 + inertia. `external` acts in the positive direction (gravity on a
+    vertical axis), `friction` against the motion. The position is that of the motor: with a `backlash` the load
+    (`load_position`) is up to half of that many counts behind or ahead. `stalled` blocks the shaft. The velocity loop
+    gets `velocity_feed_forward` of the demanded velocity in addition to the position loop, or the velocity 0x60B1
+    instead.
     """
 
     position: float = 0.0
@@ -211,7 +205,6 @@ class LoadedPlant:
     _STEP_NS = 500_000
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Follow the demand with a position loop over a velocity loop, within the torque limit."""
         for clock in self._steps(start_ns, end_ns):
             position, velocity = demand.at(clock)
             fed = self.fed_velocity or velocity * self.velocity_feed_forward
@@ -222,29 +215,26 @@ class LoadedPlant:
             self._step(max(-self.torque_limit, min(self.torque_limit, need)))
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by the torque alone, within the torque limit."""
         for clock in self._steps(start_ns, end_ns):
             self._step(max(-self.torque_limit, min(self.torque_limit, torque.at(clock)[1])))
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Coast without motor torque, under friction and external torque."""
         self.feed_forward(0.0, 0.0)
         for _ in self._steps(start_ns, end_ns):
             self._step(0.0)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the velocity loop and of the torque."""
         self.fed_velocity, self.fed_torque = velocity, torque
 
     def _steps(self, start_ns: int, end_ns: int) -> range:
-        """Return the end times of the steps between two times, on a fixed grid that does not depend on the calls."""
+        """Return the end times of the steps between two times, on a fixed grid."""
         step = self._STEP_NS
         return range((start_ns // step + 1) * step, end_ns + 1, step)
 
     def _correction(self, error: float) -> float:
-        """Return the velocity that corrects a position error, limited so that the torque limit can stop the motor.
+        """Return the velocity that corrects a position error, low enough for a stop within the torque limit.
 
-        Without that bound a motor that is weak for its load oscillates between both torque limits for ever.
+        Without that bound a motor that is weak for its load would oscillate between both torque limits for ever.
         """
         braked = math.sqrt(self.torque_limit / self._mass() * abs(error))  # at half of the limit
         return max(-braked, min(braked, self.position_gain * error))
@@ -271,7 +261,7 @@ class LoadedPlant:
 
 
 class World(Protocol):
-    """Common simulation of the axes of a process, which creates the plant of each axis."""
+    """Simulation of all axes of a process, which creates the plant of each axis."""
 
     period_ns: int | None
     """Period in ns at which every axis is advanced even without an event; None if that is not needed."""
@@ -280,29 +270,29 @@ class World(Protocol):
         """Return the plant of an axis; called once for every axis."""
 
     def describe(self) -> WorldState:
-        """Return the state beyond the axes, such as the true pose of a base at the time reached by all its axes."""
+        """Return the state besides the axes, such as the true pose of a base."""
 
     def close(self) -> None:
-        """Release the resources of the world."""
+        """Release files and other resources of the world."""
 
 
 @runtime_checkable
 class ReportsAssumptions(World, Protocol):
-    """World that reports, as sentences in `notes`, the assumptions made while it was built."""
+    """World that reports the assumptions made during its construction, as sentences in `notes`."""
 
     notes: tuple[str, ...]
 
 
 @runtime_checkable
 class HasScenery(World, Protocol):
-    """World with shapes that do not belong to a robot."""
+    """World with shapes that are not part of a robot."""
 
     def shapes(self) -> tuple[WorldShape, ...]:
         """Return the shapes of the scenery at their present poses."""
 
 
 class SharedWorld(ReportsAssumptions, Protocol):
-    """World shared by several buses, of one robot or of several."""
+    """World shared by several buses, of one robot or of several robots."""
 
     def side(self, robot: str, bus: str = "") -> World:
         """Return the part of the world for a robot's drives on one bus; raise KeyError for an unknown robot."""
@@ -310,7 +300,7 @@ class SharedWorld(ReportsAssumptions, Protocol):
 
 @runtime_checkable
 class AcceptsEvents(World, Protocol):
-    """World in which disturbances can be applied, such as a payload, a push or a blocked joint."""
+    """World to which disturbances can be applied, such as a payload, a push or a blocked joint."""
 
     def act(self, world_act: WorldAct) -> None:
         """Apply a disturbance now; raise ConfigError for an unknown link or joint."""
@@ -322,11 +312,9 @@ class IndependentPlants:
     period_ns: int | None = None
 
     def plant(self, node_id: int, axis: int) -> Plant:  # noqa: ARG002 # all plants are alike
-        """Return a new ideal plant for any axis."""
         return IdealPlant()
 
     def describe(self) -> WorldState:
-        """Return an empty state."""
         return WorldState()
 
     def close(self) -> None:

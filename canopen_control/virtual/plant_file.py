@@ -1,4 +1,4 @@
-"""Plant file (YAML) of a process of drives: the plant of every axis, encoders, and a base with two wheels.
+"""Plant file (YAML) of a drive process: the plant of every axis, encoders, and a base with two wheels.
 
 An engine is a `plant.World`; the default is `OwnWorld`, another engine is named in the file.
 
@@ -80,7 +80,7 @@ class WorldError(ConfigError):
 
 @dataclass(frozen=True)
 class AxisFile:
-    """Section of an axis in the plant file; None stands for the default of the plant."""
+    """Section of an axis in the plant file; None means the default of the plant."""
 
     kind: Literal["ideal", "lag", "loaded"] = "loaded"
     rated_velocity: float | None = setting(None, low=0.0)
@@ -101,18 +101,17 @@ class AxisFile:
     here: Node = position()  # noqa: RUF009 - makes a field
 
     def parameters(self) -> dict[str, float]:
-        """Return the parameters of the plant that the file sets."""
+        """Return the plant parameters that the file sets."""
         names = [field.name for field in dataclasses.fields(self) if field.name not in ("kind", "here")]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
     def check(self) -> None:
-        """Report parameters that this kind of plant does not have."""
+        """Report parameters that this kind of plant does not have as errors of the file."""
         fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
         for name in self.parameters().keys() - fields:
             self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(fields))}")
 
     def make(self) -> Plant:
-        """Create the plant of this axis."""
         return _KINDS[self.kind](**self.parameters())
 
 
@@ -133,7 +132,7 @@ class BaseFile:
     here: Node = position()  # noqa: RUF009 - makes a field
 
     def radius(self, side: int) -> float:
-        """Return the true radius of the wheel of a side, in m."""
+        """Return the true radius of a wheel in m; `side` is LEFT or RIGHT."""
         own = (self.left_wheel_radius, self.right_wheel_radius)[side]
         return self.wheel_radius if own is None else own
 
@@ -152,7 +151,6 @@ class EncoderFile:
 
     @property
     def coupling(self) -> Coupling:
-        """Coupling between the axis and the encoder."""
         return Coupling(self.counts_per_revolution, self.gear, self.reversed, self.lead)
 
 
@@ -186,16 +184,14 @@ class OwnWorld:
             self._base = SharedBase(separation, shared_path(share)) if share else DiffBase(separation)
 
     def plant(self, node_id: int, axis: int) -> Plant:
-        """Return a new plant for an axis, coupled to the base if the axis drives one of its wheels."""
+        """Return a new plant for an axis; the axis of a wheel also moves the base."""
         new_plant = self._shafts[node_id, axis] = self._make(node_id, axis)
         return new_plant
 
     def has_shaft(self, node_id: int) -> bool:
-        """Return whether a node is an encoder in the plant file."""
         return node_id in self._encoders
 
     def shaft_position(self, node_id: int) -> float | None:
-        """Return the position of an encoder in rad (m if linear), None while it is unknown."""
         encoder = self._encoders[node_id]
         axis, file = _address(encoder.axis), self._files.get(encoder.share)
         plant = self._shafts.get(axis)
@@ -203,7 +199,6 @@ class OwnWorld:
         return None if counts is None else encoder.coupling.place(counts)
 
     def publish(self) -> None:
-        """Write the shaft positions of this process to the shared files."""
         for encoder in self._encoders.values():
             axis = _address(encoder.axis)
             if encoder.share and axis in self._shafts:
@@ -222,7 +217,6 @@ class OwnWorld:
         return wheel
 
     def describe(self) -> WorldState:
-        """Return the pose of the base; an empty state without a base."""
         if self._base is None:
             return WorldState()
         for wheel in self._wheels:
@@ -230,7 +224,6 @@ class OwnWorld:
         return WorldState(self._base.pose())
 
     def close(self) -> None:
-        """Close the files that are shared with other processes."""
         for file in self._files.values():
             file.close()
         if isinstance(self._base, SharedBase):
@@ -247,7 +240,7 @@ def _address(name: str) -> tuple[int, int]:
 
 
 def read_world(path: Path) -> World:
-    """Return the world that a plant file describes; raise WorldError that lists every error with its line."""
+    """Return the world defined by a plant file; raise WorldError that lists every error with its line."""
     engine = _engine(path)
     if engine is not None:
         return engine
@@ -274,7 +267,7 @@ def _check(file: WorldFile, _problems: Problems) -> None:
 
 
 def _engine(path: Path) -> World | None:
-    """Return the engine named in the file, None for the default; raise WorldError if it cannot be used."""
+    """Return the world of the engine named in the file, None for the default; raise WorldError if unusable."""
     root = tree(path, error=WorldError)
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:

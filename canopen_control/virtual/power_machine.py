@@ -1,8 +1,8 @@
 """Power state machine of one axis: states, transitions, and stops of the motor (CiA 402-2, 6.3).
 
 The table of `cia402.state` gives the command of the controlword in the present state. `_act` has a case for every
-transition with an action; the option codes decide how the motor is stopped. The motor has power in OPERATION ENABLED,
-QUICK STOP ACTIVE and FAULT REACTION ACTIVE only, and OPERATION ENABLED can be entered only while the node is
+transition with an action; the option codes determine how the motor is stopped. The motor has power only in OPERATION
+ENABLED, QUICK STOP ACTIVE and FAULT REACTION ACTIVE, and OPERATION ENABLED can be entered only while the node is
 OPERATIONAL.
 """
 
@@ -49,7 +49,7 @@ _RISING = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 class MotorMode(Protocol):
-    """Interface through which the power state machine uses the active mode of operation."""
+    """Active mode of operation as seen by the power state machine."""
 
     def start(self, now: int) -> None:
         """Start the mode in OPERATION ENABLED from the present motion; also called at the end of a halt."""
@@ -61,7 +61,7 @@ class MotorMode(Protocol):
         """Whether the halt bit (bit 8) of the controlword has an effect."""
 
     def released(self) -> None:
-        """Reset the mode, because the motor has no power."""
+        """Reset the mode after the motor lost power."""
 
 
 class PowerMachine:
@@ -117,12 +117,12 @@ class PowerMachine:
         return self.running and not self.halted and self.operational
 
     def _option(self, index: int) -> Option:
-        """Return the meaning of an option code; a manufacturer-specific code counts as the default."""
+        """Return the meaning of an option code; a manufacturer-specific code is treated as the default."""
         codes = OPTION_CODES[index]
         return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
 
     def obey(self, command: Command, now: int) -> None:
-        """Execute a command in the present state; no effect if the table has no transition for it."""
+        """Execute a command in the present state; no effect if the table has no transition for the command."""
         if command is Command.ENABLE_OPERATION and self.running:
             return  # as in every cycle
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
@@ -145,7 +145,7 @@ class PowerMachine:
             self._begin(transition, now)
 
     def _resume(self, now: int) -> None:
-        """Start the mode again after an enable during the ramp of transition 5 or 8."""
+        """Restart the mode after an enable during the ramp of transition 5 or 8."""
         if self.state is State.OPERATION_ENABLED:
             self.stop_target = None
             self._motor.start(now)
@@ -170,11 +170,11 @@ class PowerMachine:
             self.obey(command, now)
 
     def act_of(self, number: int) -> Callable[[Transition, int], None]:
-        """Return the action of a transition: that of a quirk, or `_act`."""
+        """Return the action of a transition, which a quirk may replace."""
         return self.acts.get(number, self._act)
 
     def _act(self, transition: Transition, now: int) -> None:
-        """Execute the action of a transition by its number; a transition without an action changes the state."""
+        """Execute the action of a transition; a transition without a special action only changes the state."""
         match transition.number:
             case 4:
                 self._enable(transition, now)
@@ -213,13 +213,13 @@ class PowerMachine:
             self._enable(transition, now)
 
     def _leave(self, transition: Transition, now: int) -> None:
-        """Perform transition 5 or 8: stop as the option code says, then enter the new state."""
+        """Perform transition 5 or 8: stop according to the option code, then enter the new state."""
         if self.stop_target is not transition.target:
             index = o.DISABLE_OPERATION_OPTION if transition.number == 5 else o.SHUTDOWN_OPTION
             self._stop_as(self._option(index).reaction, transition.target, now)
 
     def _quick_stop(self, _transition: Transition, now: int) -> None:
-        """Perform transition 11: enter QUICK STOP ACTIVE at once, and stop as 0x605A says."""
+        """Perform transition 11: enter QUICK STOP ACTIVE at once, and stop according to 0x605A."""
         option = self._option(o.QUICK_STOP_OPTION)
         self.enter(State.QUICK_STOP_ACTIVE, now)
         self._stop_as(option.reaction, option.final_state, now)
@@ -236,7 +236,7 @@ class PowerMachine:
             self._outbox.clear_errors()
 
     def _ignore(self, why: str) -> None:
-        """Report a controlword without effect; not repeated while controlword and reason are unchanged."""
+        """Report an ignored controlword, once until the controlword, the reason or the state changes."""
         if self._ignored != (self.controlword, why):
             self._ignored = self.controlword, why
             self._outbox.publish(ControlwordIgnored(self._objects.axis, self.controlword, why))
@@ -251,7 +251,7 @@ class PowerMachine:
         self._motor.stop(now, reaction)
 
     def finish(self, target: State, now: int) -> None:
-        """End a stop and enter the state `target`, unless a quirk has set another end."""
+        """End a stop and enter the state `target`, unless a quirk has defined another state."""
         end = self.ends.get(self.state, target)
         if end is None:
             return
@@ -260,7 +260,7 @@ class PowerMachine:
             self.enter(end, now)
 
     def enter(self, state: State, now: int) -> None:
-        """Enter `state`; the power is switched off when the states with power are left."""
+        """Enter `state`; the power is switched off if `state` is a state without power."""
         previous, self.state, self.bits = self.state, state, state.value
         if previous in POWERED_STATES and state not in POWERED_STATES:
             self.power_off(now)
@@ -277,7 +277,7 @@ class PowerMachine:
         self._motor.released()
 
     def halt(self, on: bool, now: int) -> None:
-        """Stop as 0x605D says when the halt (bit 8) begins, and continue the mode when the halt ends."""
+        """Stop according to 0x605D when the halt (bit 8) begins, and continue the mode when the halt ends."""
         if on == self.halted or (on and not self._motor.can_halt()):
             return
         self.halted = on
@@ -287,18 +287,18 @@ class PowerMachine:
             self._motor.start(now)
 
     def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
-        """Report the fault `code` (transition 13), stop as 0x605E says, then enter FAULT."""
+        """Report the fault `code` (transition 13), stop according to 0x605E, then enter FAULT."""
         self._outbox.emergency(code, register, data)
         self.enter_fault(code, now)
 
     def hold_cause(self, code: int, *, until_communication_reset: bool = False) -> None:
-        """Prevent fault resets until the cause is dropped, or until a reset of communication if so requested."""
+        """Prevent fault resets until `drop_cause`, or until a reset of communication if requested."""
         self.causes.add(code)
         if until_communication_reset:
             self._communication_causes.add(code)
 
     def drop_cause(self, code: int) -> None:
-        """Remove a cause, so that the fault can be reset."""
+        """Remove the cause of a fault, so that the fault can be reset."""
         self.causes.discard(code)
         self._communication_causes.discard(code)
 
@@ -321,7 +321,7 @@ class PowerMachine:
             self.finish(State.FAULT, now)
 
     def lose_voltage(self, now: int) -> None:
-        """Switch off the supply of the power stage, which leaves the enabled states without a fault."""
+        """Switch off the supply of the power stage, which ends the powered states without a fault."""
         self._mover.advance(now)
         self.voltage.inject(False)
         self._mover.cancel("transition")
@@ -330,7 +330,7 @@ class PowerMachine:
         self._outbox.values_changed()
 
     def abort_connection(self, code: int, now: int) -> None:
-        """React to lost communication as 0x6007 says while enabled; without 0x6007 by its default, a fault."""
+        """React to lost communication according to 0x6007 (default: fault) while the axis is enabled."""
         self._mover.advance(now)
         if self.state not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
             return
@@ -364,7 +364,7 @@ class DriveLimits:
         self._most = 0.0
 
     def reset(self) -> None:
-        """Clear the active limits, because the motor has no power."""
+        """Clear the active limits after the motor lost power."""
         self.active = False
         self.following_error = 0.0
         self._bound = None
@@ -385,7 +385,7 @@ class DriveLimits:
         return lowest, highest
 
     def velocity(self, target: float) -> float:
-        """Return `target` limited by 0x607F and by the highest velocity of the device model, in counts/s."""
+        """Return `target` in counts/s, limited by 0x607F and the highest velocity of the device model."""
         objects = self._objects
         inputs = objects.store.version, objects.units.speed, objects.model
         if inputs != self._most_of:
@@ -395,12 +395,12 @@ class DriveLimits:
         return target if -most <= target <= most else most if target > most else -most
 
     def target_velocity(self) -> float:
-        """Return 0x60FF plus 0x60B1 in counts/s, limited as by `velocity`."""
+        """Return 0x60FF plus 0x60B1 in counts/s, limited like `velocity`."""
         number = self._objects.number
         return self.velocity((number(o.TARGET_VELOCITY) + number(o.VELOCITY_OFFSET)) * self._objects.units.velocity)
 
     def position(self, target: float) -> float:
-        """Return `target`, in plant counts, limited to the bounds; bit 11 is set if that changes it."""
+        """Return `target` in plant counts, limited to the bounds; a limited target sets bit 11."""
         low, high = self.bounds()
         within = max(low, min(high, target))
         self.active, self._bound = within != target, None
@@ -409,7 +409,7 @@ class DriveLimits:
         return within
 
     def torque(self, target: float) -> float:
-        """Return `target` limited by 0x6072, 0x60E0 and 0x60E1, in per mille; bit 11 is set if that changes it."""
+        """Return `target` in per mille, limited by 0x6072, 0x60E0 and 0x60E1; a limited target sets bit 11."""
         number = self._objects.number
         most = float(number(o.MAX_TORQUE)) or INFINITE
         high = min(most, float(number(o.POSITIVE_TORQUE_LIMIT)) or INFINITE)
@@ -435,7 +435,7 @@ class DriveLimits:
             mover.run(ramp_to(now, position, velocity, 0.0, up, down), now)
 
     def arrived(self, now: int) -> None:
-        """Set bit 11 and report the position limit, if the demand has ended at this limit."""
+        """Set bit 11 and report the position limit, if the demand ended at a limit."""
         demand = self._mover.demand
         if self._bound is not None and demand.end_ns <= now and demand.final_position == self._bound:
             self.active = True
@@ -454,7 +454,7 @@ class DriveLimits:
     # -- following error
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Check a following error in counts; beyond 0x6065 for longer than 0x6066 it is fault 0x8611."""
+        """Fault with 0x8611 if a following error in counts exceeds 0x6065 for longer than 0x6066."""
         self.following_error = error
         mover = self._mover
         if not self.exceeded:
@@ -465,7 +465,7 @@ class DriveLimits:
 
     @property
     def exceeded(self) -> bool:
-        """Whether the following error exceeds its window; 0 or 0xFFFFFFFF disables the window."""
+        """Whether the following error exceeds the window 0x6065; 0 and 0xFFFFFFFF disable the window."""
         window = self._objects.number(o.FOLLOWING_ERROR_WINDOW)
         return 0 < window < 0xFFFFFFFF and abs(self.following_error) > window * self._objects.units.length
 

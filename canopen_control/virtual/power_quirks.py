@@ -37,12 +37,12 @@ _IPOS_MODES = "yarp-devices: TechnosoftIpos, embedded-pid/IControlModeRawImpl.cp
 
 
 def _point(seam: Callable[[VirtualDrive], InjectionPoint[Any]], value: Callable[[float], Any]) -> AxisAct:
-    """Return a quirk action that changes the normal value of an injection point."""
+    """Return a quirk action that changes the healthy value of an injection point."""
     return lambda hooks, drive, strength: hooks.healthy(seam(drive), value(strength))
 
 
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
-    """Return a quirk action that allows a change of mode only under a condition."""
+    """Return a quirk action that allows a change of mode only if `holds` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         modes = drive.modes
@@ -208,7 +208,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
 
 
 def _delays(number: int) -> AxisAct:
-    """Return a quirk action that delays transition `number` of the power state machine by the strength in s."""
+    """Return a quirk action that delays transition `number` by the strength in s."""
     return lambda hooks, drive, strength: hooks.delay(drive, number, strength)
 
 

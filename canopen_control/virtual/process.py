@@ -2,9 +2,9 @@
 
 The process prints a line for each bus when the nodes are on the bus, and then their events as sentences. SIGTERM and
 SIGINT end the process with exit code 0. When the parent process ends (the lifeline breaks), the process runs until its
-drives stand still by their own reaction to the missing master, for at most five seconds. It waits for a channel that is
-only down; a channel that is gone is opened again if it is back within three seconds, otherwise it is given up.
-BusClosed ends the process when the last channel is given up.
+drives stand still by their own reaction to the missing master, for at most five seconds. The process waits for a
+channel that is only down; a missing channel is reopened within three seconds, otherwise the bus is abandoned.
+BusClosed ends the process when the last bus is abandoned.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ class BusNodes:
 class ServedBus:
     """Nodes of one bus with their host, control sockets, log and timeline, from `open` to `close`.
 
-    `log` receives the lines of the log, `on_lost` is called when the channel is given up. `error` is the reason why the
-    channel is gone, None while the channel works.
+    `log` receives the lines of the log, `on_lost` is called when the bus is abandoned. `error` is the reason why the
+    channel is missing, None while the channel works.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class ServedBus:
         self.error: BusClosed | None = None
 
     def open(self) -> None:
-        """Start the nodes and their control sockets; raise NodeIdTaken if another process has such a node."""
+        """Start the nodes and their control sockets; raise NodeIdTaken if another process uses a node-ID."""
         self._host = NodeHost(
             self._reactor,
             self.port,
@@ -103,7 +103,6 @@ class ServedBus:
                 self._log("another drive without a node id has the control socket; this one gets one with its node id")
 
     def close(self) -> None:
-        """Stop the nodes and their control sockets, and close the port."""
         if self._host is not None:
             self._host.close()
         for control in self._controls.values():
@@ -111,25 +110,23 @@ class ServedBus:
         self.port.close()
 
     def play_timeline(self) -> None:
-        """Start the timeline of the scenario, if there is one."""
+        """Start the timeline of the scenario, if there is a scenario."""
         if self._bus.timeline:
             from canopen_control.virtual.scenario import Timeline  # imports YAML, which is slow
 
             Timeline(self._reactor, self._controls, self._started_with, self._log).plan(self._bus.timeline)
 
     def advance(self, now: int) -> None:
-        """Advance the axes of all nodes to `now`."""
         for node in self.nodes:
             node.advance_drives(now)
 
     @property
     def moving(self) -> bool:
-        """Whether an axis of the bus moves."""
         return any(not drive.mover.at_standstill for node in self.nodes for drive in node.drives.values())
 
     @property
     def ready_line(self) -> str:
-        """Line that names the nodes and the channel when all nodes are ready."""
+        """Line with the names of nodes and channel, printed when all nodes are ready."""
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
@@ -152,7 +149,7 @@ class ServedBus:
                 self._rename(self._host, node)
 
     def _rename(self, host: NodeHost, node: VirtualNode) -> None:
-        """Replace the control socket after a change of the node-ID, because the node-ID is part of its name."""
+        """Replace the control socket, whose name contains the node-ID, after a change of the node-ID."""
         self._controls[node].close()
         try:
             self._controls[node] = NodeControl(host, node, self.world)
@@ -161,7 +158,7 @@ class ServedBus:
             self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Log the first bus event of a kind at once, and those of the next 10 s as a summary."""
+        """Log the first bus event of a kind at once, and further events within 10 s as a summary."""
         self._folded.report(event.kind, event.text, 1)
 
     def _on_closed(self, error: BusClosed) -> None:
@@ -171,7 +168,7 @@ class ServedBus:
         self._rejoin()
 
     def _rejoin(self) -> None:
-        """Reopen the channel as soon as it is back; give up after `REJOIN_NS`."""
+        """Reopen the channel when it exists again; abandon the bus after `REJOIN_NS`."""
         if self.error is None or self._host is None:
             return
         port = self._bus.reopen()
@@ -187,7 +184,7 @@ class ServedBus:
 
 
 class FoldedLog:
-    """Rate-limited log, which writes the first lines of a kind in 10 s, and then only the newest with a count."""
+    """Rate-limited log: within 10 s the first lines of a kind are written, and the rest is summarized."""
 
     def __init__(self, reactor: Reactor, write: Callable[[str], object]) -> None:
         self._reactor, self._write = reactor, write
@@ -195,7 +192,7 @@ class FoldedLog:
         self._left_out: dict[Hashable, tuple[str, int]] = {}
 
     def report(self, kind: Hashable, text: str, at_most: int) -> None:
-        """Write a line, or only count it if `at_most` lines of its kind were already written."""
+        """Write a line, or only count the line if `at_most` lines of its kind were already written."""
         if not self._counts:
             self._reactor.call_later(WINDOW_NS, self._end_window)
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
@@ -301,7 +298,7 @@ class DriveProcess:
             self._early.append(line)
 
     def _on_lost(self) -> None:
-        """End the process if all buses are lost."""
+        """End the process if all buses are abandoned."""
         errors = [bus.error for bus in self._buses]
         if all(error is not None for error in errors):
             self._lost = errors[0]

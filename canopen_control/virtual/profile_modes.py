@@ -79,7 +79,7 @@ class _Leg(NamedTuple):
 
 
 class HomingMode(Mode):
-    """Homing mode (HM): a rising edge of controlword bit 4 starts homing, a falling edge interrupts it.
+    """Homing mode (HM): a rising edge of controlword bit 4 starts homing, a falling edge aborts homing.
 
     While the injection point `fails` is True, every homing ends with an error.
     """
@@ -89,7 +89,7 @@ class HomingMode(Mode):
         self.fails: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
-        """Discard a homing in progress and its result bits; a home position that was found is kept."""
+        """Discard a homing in progress and the result bits; a home position found before is kept."""
         self._legs: list[_Leg] = []
         self._running = False
         self._attained = False
@@ -104,7 +104,7 @@ class HomingMode(Mode):
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Start homing at a rising edge of bit 4, and interrupt it at a falling edge."""
+        """Start homing at a rising edge of bit 4, and abort homing at a falling edge."""
         if word & ~previous & NEW_SET_POINT:
             self._begin(now)
         elif previous & ~word & NEW_SET_POINT and self._running:
@@ -122,11 +122,10 @@ class HomingMode(Mode):
         return self.objects.ramp(o.HOMING_ACCELERATION)
 
     def can_halt(self) -> bool:
-        """Whether the halt bit interrupts homing on this device."""
         return self.model.homing_halts
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Set the present position as home by method 35 or 37, if the device supports homing without power."""
+        """Set the present position as home by method 35 or 37, if the device can home without power."""
         number = self.objects.number(o.HOMING_METHOD)
         if word & ~previous & NEW_SET_POINT and self.model.homes_without_power and number in _IN_PLACE:
             self._begin(now)
@@ -169,7 +168,7 @@ class HomingMode(Mode):
         self._run(now)
 
     def _run(self, now: int) -> None:
-        """Start the motion of the first leg, and schedule the moment at which its position is crossed."""
+        """Start the motion of the first leg, and schedule the time at which the leg's position is crossed."""
         leg = self._legs[0]
         position, velocity = self.mover.state(now)
         speed = self.objects.speed(o.HOMING_SPEEDS, leg.speed) * leg.direction
@@ -214,7 +213,7 @@ class HomingMode(Mode):
 
 
 def _legs_to(position: float, edge: float, direction: int, *, is_limit: bool) -> list[_Leg]:
-    """Return the passes over a switch edge: the first one fast, the others slow, the last one in `direction`.
+    """Return the passes over a switch edge: the first pass fast, the others slow, the last in `direction`.
 
     A motor that stands exactly on the edge moves away from it first. Beyond a limit switch all passes are slow.
     """
@@ -240,14 +239,12 @@ class ProfileVelocity(FollowingMode):
     """
 
     def reset(self) -> None:
-        """Reset the target velocity and the cached windows."""
         super().reset()
         self._target = 0.0
         self._windows_of = -1  # version of the values from which the windows were read
         self._reached_within = self._slow_within = 0.0
 
     def update(self, now: int) -> None:
-        """Apply a changed target or ramp; the motion stops at a position limit."""
         if not self.inputs_may_change():
             return
         target = self.limits.target_velocity()
@@ -297,18 +294,17 @@ class VelocityMode(FollowingMode):
             self.limits.ramp_velocity(*inputs, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Continue at the present speed when bit 5 of the controlword locks the ramp."""
+        """Keep the present speed when bit 5 of the controlword locks the ramp."""
         if previous & ~word & 0x20:
             self._inputs = None
             position, velocity = self.mover.state(now)
             self.mover.run(ramp_to(now, position, velocity, velocity, 0.0, 0.0), now)
 
     def bits(self) -> int:
-        """Return 0, because VL sets none of bits 10, 12 and 13."""
+        """Return 0, because VL uses none of bits 10, 12 and 13."""
         return 0
 
     def deceleration(self) -> float:
-        """Return the deceleration 0x6049 in counts/s^2."""
         return self._slope(o.VL_DECELERATION)
 
     def quick_stop_deceleration(self) -> float:
@@ -329,7 +325,6 @@ class ProfilePosition(Mode):
     """
 
     def reset(self) -> None:
-        """Discard the active and the buffered set-point."""
         self._target: float | None = None  # active or reached set-point, in plant counts
         self._next: float | None = None
         self._busy = False  # on its way
@@ -345,7 +340,7 @@ class ProfilePosition(Mode):
             self._go(self._target, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Process the set-point handshake of bits 4 and 12."""
+        """Execute the set-point handshake of bits 4 and 12."""
         single = self.model.single_set_point
         if word & ~previous & NEW_SET_POINT:
             at_once = single or bool(word & IMMEDIATELY) or not self._busy
@@ -379,7 +374,7 @@ class ProfilePosition(Mode):
             self._target, self._busy = target, True
 
     def _blend(self, now: int) -> None:
-        """Pass the active set-point without a stop (bit 9) if the next one lies further in the same direction."""
+        """Pass the active set-point without a stop (bit 9) if the next set-point is in the same direction."""
         target, following = self._target, self._next
         position, velocity = self.mover.state(now)
         if target is None or following is None or (target - position) * (following - target) <= 0.0:
@@ -397,7 +392,7 @@ class ProfilePosition(Mode):
         self.mover.run(move_to(now, position, velocity, target, *self._profile, end=end), now)
 
     def arrived(self, now: int) -> None:
-        """Start the buffered set-point, or check the position window, when the target is reached."""
+        """Start the buffered set-point, or check the position window."""
         if self._target is None or not self._busy or self.mover.demand.final_position != self._target:
             return
         if self._next is not None:

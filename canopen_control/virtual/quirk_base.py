@@ -47,7 +47,7 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """Strength of a quirk: unit, default and bounds; `whole` means that it must be an integer."""
+    """Strength of a quirk: unit, default and bounds; `whole` means that only integers are valid."""
 
     unit: str
     default: float
@@ -62,13 +62,13 @@ def in_seconds(default: float, high: float = 60.0) -> Strength:
 
 
 def whole(unit: str, default: float, low: float, high: float) -> Strength:
-    """Return a strength that is an integer in units of `unit`."""
+    """Return an integer strength."""
     return Strength(unit, default, low, high, whole=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """Entry of the quirk table; either `axis` (an action on an axis) or `node` (an action on the node) is set."""
+    """Entry of the quirk table; exactly one of `axis` (action on an axis) and `node` (action on the node) is set."""
 
     name: str
     does: str
@@ -80,7 +80,7 @@ class Quirk:
     group: str = ""
 
     def listing(self, on: Sequence[str] = ()) -> QuirkListing:
-        """Return the quirk as a message for lists; `on` are its active settings in text form."""
+        """Return the row of the quirk for lists; `on` are the active settings in text form."""
         strength = self.strength
         return QuirkListing(
             name=self.name,
@@ -97,7 +97,7 @@ class Quirk:
 
 
 class QuirkHooks:
-    """Hooks by which quirk actions change `node`; they are undone in reverse order.
+    """Hooks by which quirk actions change `node`; the changes are undone in reverse order.
 
     `outgoing` and `incoming` are functions that change the frames that leave or reach the node.
     """
@@ -110,14 +110,13 @@ class QuirkHooks:
         self._gates: dict[int, ModeGate] = {}
 
     def undo(self) -> None:
-        """Undo the changes of all quirks."""
         self._undo.close()
         self.outgoing.clear()
         self.incoming.clear()
         self._gates.clear()
 
     def later(self, undo: Callable[[], object]) -> None:
-        """Call `undo` when the changes of all quirks are undone."""
+        """Call `undo` when the quirks are undone."""
         self._undo.callback(undo)
 
     def attribute(self, part: Any, name: str, value: object) -> None:  # noqa: ANN401 - any part of a node
@@ -131,14 +130,14 @@ class QuirkHooks:
         table[key] = value
 
     def healthy(self, point: InjectionPoint[T], value: T) -> None:
-        """Set the healthy value of an injection point, to which the end of a fault restores it."""
+        """Set the healthy value of an injection point, which is also the value after the end of a fault."""
         self.attribute(point, "healthy", value)
         self.attribute(point, "value", value)
 
     # -- objects
 
     def guard(self, indices: Iterable[int], judge: Judge) -> None:
-        """Check writes to `indices` by `judge`, which gets the previous check as its last argument."""
+        """Check writes to `indices` by `judge`, which gets the previous check as the last argument."""
         store = self.node.store
         for index in indices:
             if index not in {entry.index for entry in store.od}:
@@ -148,7 +147,7 @@ class QuirkHooks:
             store.set_guard(index, _checked(judge, present))
 
     def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
-        """Apply `view` to the value that is read from an entry."""
+        """Apply `view` to the value when an entry is read."""
         store = self.node.store
         if not store.has(index, subindex):
             return
@@ -174,28 +173,26 @@ class QuirkHooks:
         store.preset(index, subindex, value)
 
     def absent(self, *indices: int) -> None:
-        """Answer SDO requests as if the objects did not exist, and refuse to map them."""
+        """Answer SDO requests as if the objects did not exist, and refuse to map these objects."""
         self.incoming.append(refusing(AbortCode.NO_OBJECT, lambda _command, index: index in indices))
         self.guard(pdo_mappings(self.node), partial(_not_mapped, indices))
 
     # -- axes
 
     def word(self, drive: VirtualDrive, change: Callable[[int], int]) -> None:
-        """Apply `change` to the statusword of an axis."""
         statusword = drive.readings.statusword
         self.attribute(statusword, "changes", (*statusword.changes, change))
 
     def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
-        """Perform transition `number` of an axis by `act`, which gets the previous action as its last argument."""
+        """Perform transition `number` of an axis by `act`, which gets the previous action as the last argument."""
         before = drive.power.act_of(number)
         self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
 
     def delay(self, drive: VirtualDrive, number: int, seconds: float) -> None:
-        """Delay transition `number` of an axis by `seconds`."""
         self.entry(drive.power.delays_ns, number, round(seconds * _S))
 
     def gate(self, drive: VirtualDrive) -> ModeGate:
-        """Return the gate in front of the modes of an axis, which is created at the first call."""
+        """Return the gate in front of the modes of an axis; the first call creates the gate."""
         if drive.axis not in self._gates:
             gate = self._gates[drive.axis] = ModeGate()
             drive.modes.set_gate(gate)
@@ -203,7 +200,6 @@ class QuirkHooks:
         return self._gates[drive.axis]
 
     def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
-        """Change fields of the device model of an axis."""
         self.later(partial(drive.set_model, drive.objects.model))
         drive.set_model(replace(drive.objects.model, **changed))
 
@@ -245,7 +241,7 @@ def pdo_mappings(node: VirtualNode) -> list[int]:
 
 
 def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int, float], bool]) -> AxisAct:
-    """Return a quirk action that refuses values of an object of the axis with `code`."""
+    """Return a quirk action that refuses values of an object of the axis with `code` if `when` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
         def judge(entry: Entry, value: Value, before: Guard) -> Value:
@@ -259,12 +255,12 @@ def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int,
 
 
 def lacks(*indices: int) -> NodeAct:
-    """Return a quirk action that makes objects of the node absent."""
+    """Return a quirk action that hides objects of the node."""
     return lambda hooks, _strength: hooks.absent(*indices)
 
 
 def turns(switch: Switch) -> NodeAct:
-    """Return a quirk action that calls `switch` with True, and with False when it is undone."""
+    """Return a quirk action that calls `switch` with True when enabled, and with False when undone."""
 
     def act(hooks: QuirkHooks, _strength: float) -> None:
         node = hooks.node

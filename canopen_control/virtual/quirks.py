@@ -1,4 +1,4 @@
-"""Table of the quirks, ways in which real, healthy drives differ from the standards, and the quirks of a node.
+"""Table of the quirks (deviations of real, healthy drives from the standards), and the quirks of a node.
 
 A quirk is written as ``NAME``, ``NAME=VALUE`` or, for one axis of several, ``NAME=VALUE@AXIS``.
 """
@@ -32,7 +32,7 @@ QUIRKS: Final[dict[str, Quirk]] = {
 
 @dataclass(frozen=True, slots=True)
 class QuirkSetting:
-    """Quirk with its strength (0 if it has none), for one axis, or for the whole node if `axis` is None."""
+    """Quirk with a strength (0 if not applicable), for one axis, or for the whole node if `axis` is None."""
 
     quirk: Quirk
     value: float
@@ -40,17 +40,17 @@ class QuirkSetting:
 
     @property
     def text(self) -> str:
-        """Text form of the setting, which `parse_quirk` accepts."""
+        """Text form of the setting, as accepted by `parse_quirk`."""
         strength = "" if self.quirk.strength is None else f"={self.value:.10g}"
         return f"{self.quirk.name}{strength}{'' if self.axis is None else f'@{self.axis}'}"
 
     def meets(self, other: QuirkSetting) -> bool:
-        """Whether this setting and the other one apply to a common axis."""
+        """Whether both settings apply to a common axis."""
         return self.axis is None or other.axis is None or self.axis == other.axis
 
 
 def parse_quirk(text: str) -> QuirkSetting:
-    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; raise ConfigError if it is not valid."""
+    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; raise ConfigError for other texts."""
     head, at, place = text.partition("@")
     name, equals, number = head.partition("=")
     quirk = QUIRKS.get(name)
@@ -114,7 +114,7 @@ def quirks_of(personality: Personality) -> list[str]:
 
 
 class QuirkSwitches:
-    """Switches of the quirks of `node`.
+    """Quirk switches of `node`.
 
     Switching a quirk undoes the hooks of all quirks, and then hooks the active quirks in the order of `QUIRKS`.
     """
@@ -126,21 +126,20 @@ class QuirkSwitches:
 
     @property
     def active(self) -> list[str]:
-        """Active quirks in text form."""
         return [setting.text for setting in self._on]
 
     def settings(self, name: str) -> list[str]:
-        """Return the active settings of the quirk `name` in text form; several if they are for different axes."""
+        """Return the active settings of the quirk `name` in text form; several if the axes have different settings."""
         return [setting.text for setting in self._on if setting.quirk.name == name]
 
     def start_with(self, texts: Iterable[str]) -> None:
-        """Enable these quirks at power-on; raise ConfigError if one of them is not possible on the node."""
+        """Enable quirks at power-on; raise ConfigError for a quirk that the node cannot have."""
         settings = [self._fitting(parse_quirk(text)) for text in texts]
         check_quirks(settings)
         self._hook(settings)
 
     def set(self, text: str, on: bool, now: int) -> None:
-        """Enable or disable a quirk, on all axes if `text` names none; a new strength replaces the old one."""
+        """Enable or disable a quirk, on all axes if `text` names no axis; a new strength replaces the old strength."""
         setting = self._fitting(parse_quirk(text))
         remaining = [
             setting_on
@@ -156,7 +155,7 @@ class QuirkSwitches:
         self._node.follow(now)
 
     def _fitting(self, setting: QuirkSetting) -> QuirkSetting:
-        """Return `setting`; raise ConfigError if the node has no such axis."""
+        """Return `setting`; raise ConfigError if the node lacks the axis."""
         axes = self._node.drives
         if setting.quirk.axis is not None and not axes:
             raise ConfigError(

@@ -77,7 +77,7 @@ class Push:
 
 
 def world_words(act: WorldAct) -> list[tuple[str, str]]:
-    """Return the keys of a scenario step for a disturbance, with the text of their values."""
+    """Return the keys and the text of the values by which a scenario step describes a disturbance."""
     if isinstance(act, BlockJoint):
         return [("block", act.joint)]
     if isinstance(act, SetGrip):
@@ -127,7 +127,7 @@ _LONGEST_S: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """Timed event of a scenario: a switched fault or quirk, a changed plant, or a disturbance of the world."""
+    """Timed event of a scenario: a fault, a quirk, a change of a plant, or a disturbance of the world."""
 
     at_ns: int
     node_id: int
@@ -152,7 +152,7 @@ def seconds_of(value: float | str) -> float:
 
 
 def nanoseconds_of(value: float | str) -> int:
-    """Return the nanoseconds of a time as in `seconds_of`; raise ValueError for other texts."""
+    """Return a time in ns; the same texts as in `seconds_of` are valid."""
     return round(seconds_of(value) * 1e9)
 
 
@@ -181,12 +181,12 @@ class ScenarioStep(WorldEvent):
 
     @property
     def at_ns(self) -> int:
-        """Time of the step in ns; a text that is not a time is reported as an error of the file."""
+        """Time of the step in ns; an invalid text is reported as an error of the file."""
         return nanoseconds_at(self.here, self.at)
 
     @property
     def for_ns(self) -> int | None:
-        """Duration in ns, None without one; a text that is not a time is reported as an error of the file."""
+        """Duration in ns or None; an invalid text is reported as an error of the file."""
         return None if self.length is None else nanoseconds_at(self.here, self.length)
 
     def check_name(self, fault: str | None, quirk: str | None) -> None:
@@ -209,7 +209,7 @@ class ScenarioFile:
 
 
 def nanoseconds_at(here: Node, value: float | str) -> int:
-    """Return a time in ns; for a text that is not a time, report an error at `here` and return 1."""
+    """Return a time in ns; for an invalid text, report an error at `here` and return 1."""
     try:
         return nanoseconds_of(value)
     except ValueError as error:
@@ -218,7 +218,7 @@ def nanoseconds_at(here: Node, value: float | str) -> int:
 
 
 def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the events in a scenario file by time; raise ScenarioError that lists all errors with their lines."""
+    """Return the events of a scenario file in order of time; ScenarioError lists all errors with their lines."""
     switchings: list[Switching] = []
 
     def check(file: ScenarioFile, _problems: Problems) -> None:
@@ -266,7 +266,7 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 
 
 class Timeline:
-    """Player of scenario events on the nodes of one process; times count from its creation.
+    """Player of scenario events on the nodes of one process; times count from the creation of the player.
 
     `controls` is read when a step is due; `report` gets a sentence about a step that failed.
     """

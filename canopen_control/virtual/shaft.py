@@ -1,4 +1,4 @@
-"""Base with two wheels and shafts with encoders, both moved by virtual drives.
+"""Base with two wheels, and shafts with encoders, both moved by virtual drives.
 
 The shaft of a virtual encoder (CiA 406) is turned by the motor of a virtual drive through a gear. The encoder reads a
 drive in the same process directly; a drive in another process writes its shaft positions at the world's period to a
@@ -47,8 +47,6 @@ Point = tuple[int, float]
 
 
 class _Record(TypedDict):
-    """Complete state of a `DiffBase`, as stored in a file."""
-
     x: float
     y: float
     heading: float
@@ -78,7 +76,7 @@ class DiffBase:
         self._integrate()
 
     def pose(self) -> BasePose:
-        """Return the pose at the last time known for both wheels."""
+        """Return the pose at the latest time known for both wheels."""
         return BasePose(self.x, self.y, self.heading, self.time_ns)
 
     def _integrate(self) -> None:
@@ -101,7 +99,7 @@ class DiffBase:
                 self._next[wheel].append((other_wheel[-1][0], last[1]))
 
     def _step(self, wheel: int, time_ns: int) -> float:
-        """Advance a wheel to `time_ns`; return the distance travelled, interpolated between its points."""
+        """Advance a wheel to `time_ns`; return the distance travelled, interpolated between the wheel's points."""
         ahead, last = self._next[wheel], self._last[wheel] or self._next[wheel][0]
         when, way = ahead[0]
         if when == time_ns:
@@ -112,7 +110,7 @@ class DiffBase:
         return way - last[1]
 
     def _advance(self, remaining: float, right: float) -> None:
-        """Advance the pose along an arc; `remaining` and `right` are the distances of the left and right wheel."""
+        """Advance the pose along an arc by the distances of the left and right wheel."""
         way, turn = 0.5 * (remaining + right), (right - remaining) / self.separation
         half = 0.5 * turn
         chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -154,7 +152,6 @@ class SharedBase:
         self._file: int | None = None
 
     def report(self, wheel: int, points: Sequence[Point]) -> None:
-        """Add points of a wheel and store the new state in the file."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_EX)
         try:
@@ -191,21 +188,20 @@ class SharedBase:
             self._base = DiffBase(self._base.separation)
 
     def close(self) -> None:
-        """Close the shared file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
 
 
 def shared_path(text: str) -> Path:
-    """Return the path for a `share:` value; a bare name is a file in this user's private folder."""
+    """Return the path for a `share:` value; a name without / is a file in the user's private folder."""
     if "/" in text:
         return Path(text).expanduser()
     return runtime_dir() / f"share-{text}"
 
 
 def open_shared(path: Path) -> int:
-    """Open a file shared by several processes, and create it if it is missing; raise ConfigError on failure.
+    """Open or create a file shared by several processes; raise ConfigError on failure.
 
     A link, another user's file and a file that others may write to are refused: in a shared folder such as /tmp
     another user may have created it.
@@ -252,14 +248,14 @@ _BUNDLE = 4
 
 
 class WheelOdometry(Protocol):
-    """Interface of a base, which receives the distances of its wheels."""
+    """Base that integrates the distances of the wheels."""
 
     def report(self, wheel: int, points: Sequence[tuple[int, float]]) -> None:
         """Add points of a wheel: monotonic time in ns and distance in metres."""
 
 
 class WheelPlant:
-    """Plant of a wheel, which moves like the plant `inner` and reports its travel to `floor` as wheel `side`.
+    """Plant of a wheel: moves like the plant `inner`, and reports the distances of wheel `side` to `floor`.
 
     `metres` is the distance of one count, negative if the wheel is reversed.
     """
@@ -281,7 +277,7 @@ class WheelPlant:
 
     @position.setter
     def position(self, value: float) -> None:
-        """Displace the motor without moving the base, as if the wheel were lifted."""
+        """Position of the motor in counts."""
         self._reported += value - self.inner.position
         self.inner.position = value
 
@@ -368,10 +364,10 @@ _AXES: Final = 8
 
 @runtime_checkable
 class ShaftWorld(World, Protocol):
-    """World with shafts whose positions encoders measure."""
+    """World with shafts that turn encoders."""
 
     def has_shaft(self, node_id: int) -> bool:
-        """Return whether a node is an encoder on a shaft."""
+        """Whether a node is an encoder on a shaft."""
 
     def shaft_position(self, node_id: int) -> float | None:
         """Return the position of an encoder's shaft in rad (m if linear), None while it is unknown."""
@@ -393,13 +389,13 @@ class Coupling:
     lead: float | None = None
 
     def place(self, counts: float) -> float:
-        """Return the position of the encoder in rad (m if linear) for a motor position in counts."""
+        """Return the encoder position in rad (m if linear) for a motor position in counts."""
         turns = counts / self.counts_per_revolution / self.gear
         return (-turns if self.reversed else turns) * (self.lead or math.tau)
 
 
 def load_counts(plant: Plant) -> float:
-    """Return the position of the load of an axis, in counts of its motor."""
+    """Return the position of the load of an axis, in counts of the motor."""
     inner = plant.inner if isinstance(plant, WheelPlant) else plant
     return inner.load_position if isinstance(inner, LoadedPlant) and inner.backlash else inner.position
 
@@ -421,7 +417,7 @@ class ShaftFile:
             fcntl.flock(fd, fcntl.LOCK_UN)
 
     def get(self, node_id: int, axis: int) -> float | None:
-        """Return a shaft position in motor counts, None if it was never written."""
+        """Return a shaft position in motor counts, None if the file has no value yet."""
         fd = self._open()
         fcntl.flock(fd, fcntl.LOCK_SH)
         try:
@@ -432,7 +428,6 @@ class ShaftFile:
         return float(counts) if content == 1 and math.isfinite(counts) else None
 
     def close(self) -> None:
-        """Close the shared file."""
         if self._file is not None:
             os.close(self._file)
             self._file = None

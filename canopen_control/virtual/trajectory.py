@@ -29,7 +29,7 @@ class Piece(NamedTuple):
     acceleration: float
 
     def distance(self, seconds: float) -> float:
-        """Return the distance covered in the first `seconds` of the piece."""
+        """Return the distance in the first `seconds` of the piece."""
         return (self.velocity + 0.5 * self.acceleration * seconds) * seconds
 
 
@@ -76,7 +76,7 @@ class DemandCurve:
         return self.final_position, self.final_velocity
 
     def steady_until(self, now: int) -> int | None:
-        """Return the time until which the velocity is constant, None if for ever; `now` while it changes."""
+        """Return the time until which the velocity is constant: `now` while it changes, None without end."""
         if now >= self.end_ns:
             return None
         seconds = (now - self.start_ns) * _NS
@@ -121,7 +121,7 @@ class DemandCurve:
 
 
 def _first_crossing(piece: Piece, way: float) -> float | None:
-    """Return the first time in s at which a piece has covered the distance `way`, None if it never does."""
+    """Return the time in s at which a piece first covers the distance `way`, None if never."""
     if piece.acceleration == 0.0:
         roots = [way / piece.velocity] if piece.velocity else []
     else:
@@ -162,7 +162,7 @@ def ramp_to(
 
 
 def _add_ramp(pieces: list[Piece], velocity: float, target: float, rate: float) -> None:
-    """Append the ramp from `velocity` to `target`; a rate of 0 or infinity is a step and needs no piece."""
+    """Append the ramp from `velocity` to `target`; a rate of 0 or infinity is a step without a piece."""
     if 0.0 < rate < INFINITE and target != velocity:
         pieces.append(Piece(abs(target - velocity) / rate, velocity, math.copysign(rate, target - velocity)))
 
@@ -177,11 +177,11 @@ def move_to(
     deceleration: float,
     end: float = 0.0,
 ) -> DemandCurve:
-    """Return the fastest curve along ramps to `target` that stops there, or passes `target` at the speed `end`.
+    """Return the fastest curve to `target` along ramps, which stops there or passes `target` at the speed `end`.
 
     Motion in the wrong direction, or too fast to stop at the target, is first braked to standstill. If `speed` or
-    `acceleration` is 0, the curve only stops. If the speed `end` cannot be reached on the way, the curve comes as close
-    to it as possible.
+    `acceleration` is 0, the curve only stops. If the speed `end` cannot be reached before `target`, the curve comes as
+    close to that speed as possible.
     """
     deceleration = deceleration if deceleration > 0.0 else INFINITE
     if speed <= 0.0 or acceleration <= 0.0:
@@ -231,7 +231,7 @@ def _peak(way: float, velocity: float, acceleration: float, deceleration: float,
 
 
 def linear_to(now: int, position: float, target: float, seconds: float, onward: float = 0.0) -> DemandCurve:
-    """Return a curve that moves to `target` at constant velocity in `seconds` and then stands, for interpolated modes.
+    """Return a curve to `target` at constant velocity in `seconds`, followed by a stop (for interpolated modes).
 
     `onward` is the time in s for which the curve continues beyond `target`: the extrapolation for a late set-point.
     """

@@ -1,8 +1,8 @@
 """Axis of a CiA 402 drive: power, modes, limits and motion on an object store.
 
-All objects of a message are written first and used afterwards, in this order: mode, controlword, set-points; so all
-values of a PDO are in place when its controlword is used. Set-points apply only in OPERATION ENABLED while the node is
-OPERATIONAL.
+All objects of a message are written first and applied afterwards, in this order: mode, controlword, set-points; thus
+all values of a PDO are written when its controlword is applied. Set-points apply only in OPERATION ENABLED while the
+node is OPERATIONAL.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 def clamp(value: float, bits: int = 32) -> int:
-    """Round a value, and limit it to the range of a signed integer with `bits` bits."""
+    """Round a value, and limit the value to the range of a signed integer with `bits` bits."""
     edge, number = 1 << bits - 1, round(value)
     if -edge <= number < edge:
         return number
@@ -137,7 +137,7 @@ class AxisReadings:
         return clamp(-value if self.inverted.value else value)
 
     def rpm(self, velocity: float) -> int:
-        """Convert a velocity in counts/s to the unit of velocity mode, rpm."""
+        """Convert a velocity in counts/s to rpm, the unit of velocity mode."""
         return clamp(velocity / self.objects.counts_per_rpm * self.units.turn, 16)
 
     def torque(self) -> int:
@@ -198,7 +198,7 @@ class OverloadGuard:
         self._looked: int | None = None
 
     def exceeded(self, torque: float, now: int) -> bool:
-        """Return whether the motor is too hot at `now` (ns), after `torque` (per mille) since the last call."""
+        """Whether the motor is too hot at `now` (ns), after `torque` (per mille) since the last call."""
         seconds = 0.0 if self._looked is None else (now - self._looked) * 1e-9
         self._looked = now
         ratio = 0.0 if seconds > _GAP_S else torque / 1000.0
@@ -224,14 +224,13 @@ _POSITIONS = (
 
 
 class TouchProbes:
-    """The two touch probes of one axis (CiA 402-2, 9.3.4)."""
+    """Touch probes 1 and 2 of one axis (CiA 402-2, 9.3.4)."""
 
     def __init__(self, objects: AxisObjects, mover: AxisMotion, outbox: NodeOutbox) -> None:
         self._objects, self._mover, self._outbox = objects, mover, outbox
         self._armed = 0
 
     def reset(self) -> None:
-        """Reset the probes at power-on."""
         self._armed = 0
 
     def update(self, now: int) -> None:
@@ -249,7 +248,7 @@ class TouchProbes:
         self._mover.watch_index(now)
 
     def inputs_changed(self, before: int, after: int) -> None:
-        """Capture the position at the edges of the probe inputs, from the old and new bits of 0x60FD."""
+        """Capture the position at edges of the probe inputs; `before` and `after` are the bits of 0x60FD."""
         position = self._mover.plant.position
         for probe, shift in enumerate(_SHIFTS):
             bit = 1 << _FIRST_INPUT + probe
@@ -257,7 +256,7 @@ class TouchProbes:
                 self._catch(probe, position, rising=bool(after & bit))
 
     def index_passed(self, place: float) -> None:
-        """Capture the position `place` of an index pulse, in plant counts."""
+        """Capture the position `place` (plant counts) of an index pulse."""
         for probe, shift in enumerate(_SHIFTS):
             if self._armed >> shift & _INDEX:
                 self._catch(probe, place, rising=True)
@@ -268,7 +267,7 @@ class TouchProbes:
         return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next index pulse of `demand`; None if no probe waits for one."""
+        """Return time and position of the next index pulse of `demand`; None if no probe waits for a pulse."""
         if not self.wants_index:
             return None
         position = demand.at(now)[0]
@@ -301,7 +300,7 @@ _OPTIONS = (o.QUICK_STOP_OPTION, o.SHUTDOWN_OPTION, o.DISABLE_OPERATION_OPTION, 
 
 
 class VirtualDrive:
-    """Axis of a virtual drive (CiA 402), which attaches itself to the objects of `store`.
+    """Axis of a virtual drive (CiA 402), attached to the objects of `store`.
 
     `shows_motion` returns whether an event-driven TPDO contains values that change with a motion. The axis is the
     `MotorMode` of its power state machine and implements the `Reactions` of its mover.
@@ -338,7 +337,6 @@ class VirtualDrive:
 
     @property
     def state(self) -> State:
-        """State of the power state machine."""
         return self.power.state
 
     def statusword(self) -> int:
@@ -346,7 +344,7 @@ class VirtualDrive:
         return self.readings.statusword.value()
 
     def describe(self) -> AxisState:
-        """Return the state of the axis and of its motor as a message."""
+        """Return the state of the axis and the motor as a message."""
         plant = self.mover.plant
         return AxisState(
             axis=self.axis,
@@ -435,12 +433,12 @@ class VirtualDrive:
         self.modes.select(now)
 
     def set_model(self, model: DeviceModel) -> None:
-        """Apply another device model from now on."""
+        """Replace the device model."""
         self.objects.model = model
         self.modes.set_model(model)
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Process written objects: the mode, then the controlword, then the set-points.
+        """Apply written objects: the mode, then the controlword, then the set-points.
 
         `set_point` is True if an RPDO contained the set-point of the active mode.
         """
@@ -455,11 +453,9 @@ class VirtualDrive:
 
     @property
     def set_point(self) -> int:
-        """Index of the object whose values in RPDOs are set-points of the active mode, 0 for none."""
         return self.modes.active.set_point
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
-        """Record that an RPDO with a set-point arrived, and whether it replaces one that waited for SYNC."""
         if self.power.live:
             sync_ns = self._clock.sync_ns
             if sync_ns is not None:
@@ -467,7 +463,6 @@ class VirtualDrive:
             self.meter.overwritten += overwrites
 
     def set_point_missed(self) -> None:
-        """Count a SYNC at which no set-point arrived."""
         if self.power.live:
             self.modes.active.missed()
 
@@ -477,7 +472,7 @@ class VirtualDrive:
         self.mover.torque_limit = min(limits, default=math.inf)
 
     def _tune(self) -> None:
-        """Set the gains of the loops from the objects; without a velocity P gain the loops tune themselves."""
+        """Set the gains of the loops from the objects; without a velocity P gain the plant uses its own loops."""
         values = {gain: self._gain(place) for gain, place in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
@@ -516,7 +511,7 @@ class VirtualDrive:
             self._outbox.values_changed()
 
     def fault(self, code: int, now: int, *, register: int = ErrorRegister.GENERIC, data: bytes = b"") -> None:
-        """Raise a fault with the EMCY `code`: stop as 0x605E says, then enter FAULT."""
+        """Raise a fault with the EMCY `code`: stop according to 0x605E, then enter FAULT."""
         self.power.fault(code, now, register=register, data=data)
 
     def set_inputs(self, bits: int, now: int) -> None:
@@ -527,40 +522,34 @@ class VirtualDrive:
         self._outbox.values_changed()
 
     def connection_lost(self, now: int) -> None:
-        """React to lost communication as 0x6007 says; without 0x6007 the node reacts by 0x1029:01."""
+        """React to lost communication according to 0x6007; without 0x6007 the node reacts by 0x1029:01."""
         if self.objects.has(o.ABORT_CONNECTION_OPTION) or not self._store.has(0x1029, 1):
             self.power.abort_connection(0x8130, now)
 
     def communication_stopped(self, now: int) -> None:
-        """React to NMT STOPPED or a reset of communication as 0x6007 says; without 0x6007 an enabled drive faults."""
+        """React to NMT STOPPED or a reset of communication according to 0x6007 (default: fault)."""
         self.power.abort_connection(0x8100, now)
 
     # -- time
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`."""
         self.mover.advance(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `advance` is due next, None without a timer."""
         return self.mover.next_deadline()
 
     # -- the motor of the power state machine
 
     def start(self, now: int) -> None:
-        """Start the active mode from the present motion."""
         self.modes.active.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
-        """Stop the motor as the active mode does for `reaction`."""
         self.modes.active.stop(now, reaction)
 
     def can_halt(self) -> bool:
-        """Whether the halt bit of the controlword has an effect in the active mode."""
         return self.modes.active.can_halt()
 
     def released(self) -> None:
-        """Clear limits and set-points, because the motor has no power."""
         self.limits.reset()
         self.modes.reset()
 
@@ -583,7 +572,6 @@ class VirtualDrive:
             self.stop(now, Reaction.QUICK_STOP_RAMP)
 
     def judge_following_error(self, error: float, now: int) -> None:
-        """Check a following error in counts against the window 0x6065."""
         self.limits.judge_following_error(error, now)
 
     def judge_load(self, torque: float, now: int) -> None:
@@ -592,13 +580,10 @@ class VirtualDrive:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 
     def sampled(self) -> None:
-        """Note that values that change with the motion have changed."""
         self._outbox.values_changed()
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next index pulse that a touch probe waits for, None without one."""
         return self.probes.next_index(demand, now)
 
     def index_passed(self, place: float) -> None:
-        """Pass an index pulse to the touch probes."""
         self.probes.index_passed(place)

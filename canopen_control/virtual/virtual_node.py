@@ -1,8 +1,8 @@
 """Device side of CiA 301 for one object dictionary: a virtual node for any master.
 
-A node consists of services on an object store; each service gets only what it needs: the store, the outbox and the
-clock. This module creates the services, passes frames to them and executes NMT state changes and resets. A node sends
-the boot-up message, enters PRE-OPERATIONAL, and starts only on a command, unless its dictionary makes it start by
+A node consists of services on an object store; each service gets only its dependencies: the store, the outbox and the
+clock. This module creates the services, passes frames to the services and executes NMT state changes and resets. A node
+sends the boot-up message, enters PRE-OPERATIONAL, and starts only on a command, unless its dictionary makes it start by
 itself (0x1F80). Reset node restores all power-on values, reset communication those of 0x1000 to 0x1FFF. Between two
 events a node needs no CPU time.
 """
@@ -67,7 +67,7 @@ SYNC_LENGTH_ERROR = 0x8240
 
 
 class FrameRoutes:
-    """Routing table of one node, from CAN identifiers (with the flags of linux/can.h) to receivers.
+    """Routing table of one node, from CAN IDs (with the flags of linux/can.h) to receivers.
 
     `version` increases when the set of identifiers changes. `sync_rpdo_handlers` get the RPDOs that take effect only at
     SYNC and whose identifier has no other receiver.
@@ -93,7 +93,7 @@ class FrameRoutes:
 
     @property
     def sdo_alone(self) -> bool:
-        """Whether the SDO server is the only receiver of the COB-ID of its requests."""
+        """Whether the SDO server is the only receiver of its request COB-ID."""
         return self.table.get(self._sdo.request_cob_id) == self._on_sdo
 
     def begin(self) -> None:
@@ -129,7 +129,7 @@ class FrameRoutes:
         return {} if self._lss is None else {MASTER_COB_ID: self._lss.receive}
 
     def _sync_routes(self) -> list[tuple[int, Receiver]]:
-        """Return the receiver of SYNC; an empty list if the identifier in 0x1005 is not valid."""
+        """Return the route of SYNC, or an empty list if the identifier in 0x1005 is invalid."""
         can_id = self._sync.cob_id
         return [] if not can_id & EXTENDED_FLAG and is_restricted(can_id) else [(can_id, self._on_sync)]
 
@@ -159,7 +159,7 @@ class FrameRoutes:
 
 
 def merged(routes: Iterable[tuple[int, Receiver]]) -> dict[int, Receiver]:
-    """Return the routes as a table; a frame whose identifier has several receivers is passed to all in order."""
+    """Combine routes into a table; a frame with several receivers is passed to all of them in order."""
     table: dict[int, Receiver] = {}
     for can_id, receiver in routes:
         table[can_id] = _both(table[can_id], receiver) if can_id in table else receiver
@@ -206,7 +206,7 @@ class NodeLss:
         self.slave = LssSlave(LssIdentity(0, 0, 0, 0), node_id, bit_timings=timings, store=self._keep)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Process a frame of the LSS master."""
+        """Handle a frame of the LSS master."""
         self.slave.identity = LssIdentity(*(self._store.number(0x1018, part) for part in range(1, 5)))
         self.slave.receive(frame, now)
         for event in self.slave.events():
@@ -216,7 +216,7 @@ class NodeLss:
                 self._outbox.publish(BitRateActivated(event.bitrate))
 
     def reset(self, *, power: bool) -> int:
-        """Activate the pending node-ID, or at power-on the stored node-ID, and return it."""
+        """Activate and return the pending node-ID, or the stored node-ID at power-on."""
         if power:
             self.slave.pending_node_id, self.slave.pending_bitrate = self.stored_node_id, self.stored_bitrate
         self.slave.reset()
@@ -236,7 +236,7 @@ PROTOCOL_ERRORS = 0x82  # high byte of the EMCY codes of PDO and SYNC errors
 
 
 class Timed(Protocol):
-    """Interface of a service with timers."""
+    """Service with timers."""
 
     def next_deadline(self) -> int | None:
         """Return the time in ns at which `tick` is due next, None if no timer runs."""
@@ -246,10 +246,10 @@ class Timed(Protocol):
 
 
 class ParameterKeeper(Protocol):
-    """Interface to the storage that keeps the parameters of a node while the node has no power."""
+    """Storage that keeps the parameters of a node while the node has no power."""
 
     def keep(self, node: VirtualNode) -> bool:
-        """Save parameters changed by 0x1010, 0x1011 or LSS; return whether that succeeded."""
+        """Save parameters changed by 0x1010, 0x1011 or LSS; return whether they were saved."""
         ...
 
 
@@ -258,7 +258,7 @@ _SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x
 
 
 def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
-    """Return `od` with the mandatory object 0x1000 (CiA 301, 7.5.1), which is added if the file lacks it."""
+    """Return `od`, with the mandatory object 0x1000 (CiA 301, 7.5.1) added if the file lacks it."""
     if (0x1000, 0) in od:
         return od
     complete = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
@@ -268,7 +268,7 @@ def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
 
 
 class VirtualNode:
-    """Virtual CANopen node: the services of CiA 301, and either the axes of a drive or the function of another device.
+    """Virtual CANopen node: the services of CiA 301, and either the axes of a drive or another device function.
 
     `serial` (default: the node-ID) fills an empty 0x1018:04; `plant` creates the plant of an axis. `filter` applies the
     active faults and quirks to frames, None if there are none; `switches` switches the faults, `quirks` the quirks.
@@ -331,7 +331,7 @@ class VirtualNode:
         return NodeLss(self.store, self.node_id, self.outbox, assigned=self._power_up_with, stored=self._stored)
 
     def _common_statusword(self) -> int:
-        """Return the statusword shared by all motors: that of the first motor in a fault, else of the first motor."""
+        """Return the statusword shared by all motors: of the first motor in a fault, else of the first motor."""
         words = [drive.statusword() for drive in self.drives.values()]
         return next((word for word in words if word & _FAULT_BIT), words[0])
 
@@ -349,7 +349,7 @@ class VirtualNode:
         )
 
     def _lay_out(self) -> None:
-        """Collect services, deadlines and queues in tuples, which speeds up the processing of frames."""
+        """Collect services, deadlines and queues in tuples, which speeds up the handling of frames."""
         outbox = self.outbox
         self._cores: tuple[Timed, ...] = (
             self.heartbeat,
@@ -391,7 +391,7 @@ class VirtualNode:
     # -- the sans-IO verbs
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Process a received frame of any kind; a frame without a receiver is ignored.
+        """Handle a received frame of any kind; a frame without a receiver is ignored.
 
         `receive_sync_rpdo` and `receive_records` are faster paths for two kinds of frames and refuse every frame that
         needs more; callers need not use them.
@@ -408,7 +408,7 @@ class VirtualNode:
             self._settle(now)
 
     def receive_sync_rpdo(self, frame: CanFrame, now: int) -> bool:
-        """Store an RPDO that takes effect at the next SYNC; return False if the frame must go to `receive` instead."""
+        """Store an RPDO that applies at the next SYNC; False means that `receive` must be used."""
         handler = self.routing.sync_rpdo_handlers.get(frame.can_id)
         if handler is None or self.filter is not None:
             return False
@@ -416,7 +416,7 @@ class VirtualNode:
         return handler(frame, now)
 
     def receive_records(self, records: bytes, start: int, now: int) -> int:
-        """Process SDO segments like `SdoServer.receive_records`; return 0 if they must go to `receive` instead."""
+        """Handle SDO segments like `SdoServer.receive_records`; 0 means that `receive` must be used."""
         alone = self.filter is None and self.routing.sdo_alone
         return self.sdo.receive_records(records, start, now) if alone and self.nmt.state is not NmtState.STOPPED else 0
 
@@ -468,18 +468,17 @@ class VirtualNode:
         return frames if self.filter is None else self.filter.outgoing(frames, self.clock.now)
 
     def events(self) -> list[object]:
-        """Return and clear the events, in order."""
         return self.outbox.events()
 
     def routes(self) -> Iterable[int]:
-        """Return the identifiers that the node receives, with the flags of linux/can.h."""
+        """Return the CAN IDs that the node receives, with the flags of linux/can.h."""
         return self.routing.table.keys()
 
     # -- queries
 
     @property
     def name(self) -> str:
-        """Name of the device for messages: that of the model, else the product name, else "node"."""
+        """Name of the device for messages, from the device model or the EDS, else "node"."""
         return self.model.name or self.od.device.product_name or "node"
 
     @property
@@ -492,7 +491,7 @@ class VirtualNode:
         return self.pdos.has_event_pdos and self.operational
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value of an object; raise KeyError if it does not exist."""
+        """Return the present value of an object; raise KeyError if the dictionary lacks the object."""
         if self.motors is not None and len(parts := self.motors.parts(index, subindex)) == 1:
             return self.store.get(*parts[0])
         return self.store.get(index, subindex)
@@ -503,28 +502,27 @@ class VirtualNode:
     # -- actions from outside
 
     def advance_drives(self, now: int) -> None:
-        """Advance all axes to `now`."""
         for drive in self.drives.values():
             drive.mover.advance(now)
 
     def _parts(self) -> Iterable[VirtualDrive | DeviceFunction]:
-        """Return the parts that start and stop with the node: its axes, or the function of a device without axes."""
+        """Return the parts that start and stop with the node: the axes, or the function of another device."""
         return self.drives.values() if self.function is None else (self.function,)
 
     def follow(self, now: int) -> None:
-        """Send objects that were changed from outside, and run due timers; no effect while a frame is processed."""
+        """Send objects changed by a client, and run due timers; no effect while a frame is being handled."""
         if not self._settling:
             self.tick(now)
 
     def bus_event(self, kind: BusEventKind, now: int) -> None:
-        """React to an event of the node's CAN controller, such as bus-off."""
+        """Handle an event of the node's CAN controller, such as bus-off."""
         self._advance(now)
         self.advance_drives(now)
         self.error_control.bus_event(kind, now)
         self._settle(now)
 
     def command(self, command: NmtCommand, now: int) -> None:
-        """Execute an NMT command that does not come from the bus."""
+        """Execute a local NMT command, which does not come from the bus."""
         self._advance(now)
         self.nmt.command(command)
         self._settle(now)
@@ -563,7 +561,7 @@ class VirtualNode:
             clock.now = now
 
     def _settle(self, now: int) -> None:
-        """Process the events of the services until there are none left, then send changed TPDOs."""
+        """Handle all events of the services, including the resulting events, then send changed TPDOs."""
         if self._settling:
             return
         self._settling = True
@@ -644,7 +642,7 @@ class VirtualNode:
         self.routing.rebuild()
 
     def _power_up_with(self, node_id: int, now: int) -> None:
-        """Initialise the node with its first node-ID, assigned by LSS."""
+        """Initialise the node with the first node-ID assigned by LSS."""
         self._assign(node_id)
         self.nmt.state = NmtState.INITIALISING
         self._reset(NmtCommand.RESET_NODE, now)
