@@ -1,4 +1,4 @@
-"""Invariants of answers: an accepted command moves its axis, or the robot reports why the axis does not move.
+"""Invariants of commands: an accepted command moves its axis, or the robot reports why the axis does not move.
 
 An axis has a motion command if its target on the bus requests motion, or if a client's velocity or position was
 accepted. It must then move within 2 s plus the delay of its brake (quirk `brake_delay`). Otherwise an error, or a
@@ -51,7 +51,7 @@ _ENDS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave", "can
 
 @dataclass(slots=True)
 class _Request:
-    """Motion of a joint requested by a client, with the times of the first and last request, and the newest value."""
+    """Motion of a joint that a client has requested: first and last time of the request, and its newest value."""
 
     since: int
     last: int
@@ -60,7 +60,7 @@ class _Request:
 
 @dataclass(slots=True)
 class _Axis:
-    """Axis under observation: time of its last motion, and since when its target requests motion (None: no request)."""
+    """Observed axis: time of its last motion, and time since which its target requests motion (None: no request)."""
 
     view: ObservedNode
     joints: list[str]
@@ -72,7 +72,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Waiting:
-    """Pending breach, which is reported at `deadline` unless the robot gives a reason before."""
+    """Breach that is reported at `deadline` unless the robot reports a reason before."""
 
     axis: _Axis
     rule: str
@@ -82,7 +82,7 @@ class _Waiting:
 
 
 class AnswerInvariants:
-    """Check that commands are answered by a motion or a reason; `report(rule, text)` receives the breaches."""
+    """Check that every command leads to a motion or to a reported reason; breaches go to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -110,12 +110,11 @@ class AnswerInvariants:
     # -- reports
 
     def event(self, now: int, event: Event) -> None:
-        """Record an event of the robot, unless its level is INFO."""
         if event.level is not Level.INFO:
             self._reports.append((now, event))
 
     def reported(self, node_id: int, since: int, word: str = "") -> bool:
-        """Whether the robot has reported a reason that concerns a node since a time, or an event with `word`."""
+        """Whether the robot has reported, since a time, a reason for a node's standstill, or an event with `word`."""
         axis = self._axes.get(node_id)
         if axis is None:
             return False
@@ -128,7 +127,7 @@ class AnswerInvariants:
         )
 
     def unless_reported(self, node_id: int, rule: str, text: str, since: int) -> None:
-        """Report a breach unless the robot reports a reason in time; reasons reported after `since` count too."""
+        """Report a breach later, unless the robot reports a reason after `since` and in time."""
         axis, now = self._axes.get(node_id), self._robot.now_ns
         if axis is None:
             self._report(rule, text)
@@ -136,7 +135,7 @@ class AnswerInvariants:
             self._waiting.append(_Waiting(axis, rule, text, since, now + self._limit(axis)))
 
     def requested(self, _now: int, act: ScenarioEvent) -> None:
-        """Discard the recorded commands if the request of a client may end them."""
+        """Discard the recorded commands after a client request that may end commands."""
         if act.kind in _ENDS:
             self._requests.clear()
 
@@ -164,7 +163,7 @@ class AnswerInvariants:
     # -- what is observed
 
     def sampled(self, now: int) -> None:
-        """Check all axes and pending breaches now."""
+        """Check all axes and the pending breaches."""
         if self._robot.floor is not None:
             return
         for node_id, axis in self._axes.items():
@@ -201,7 +200,7 @@ class AnswerInvariants:
                     self._report("motion_missing", text)
 
     def _since(self, axis: _Axis, now: int) -> Iterator[int]:
-        """Yield the times since which motion of an axis is requested, by its target and by clients."""
+        """Yield the start times of the motion requests to an axis, from its target and from clients."""
         if axis.asked_since is not None:
             yield axis.asked_since
         for joint in axis.joints:
@@ -228,7 +227,7 @@ class AnswerInvariants:
         return abs(wrap32(target - place)) > axis.way
 
     def _limit(self, axis: _Axis) -> int:
-        """Return the time in ns within which an axis must move."""
+        """Return the time in ns that an axis has to start a motion."""
         device = self._robot.drives[axis.view.node_id].device
         drive = None if device is None else device.drives.get(0)
         gate = None if drive is None else drive.modes.gate
@@ -236,5 +235,5 @@ class AnswerInvariants:
 
 
 def _stops(event: Event, joints: Sequence[str]) -> bool:
-    """Whether an event is a stop of the robot that names one of the joints."""
+    """Whether an event is a stop of the robot that names one of the joints as its cause."""
     return event.text.startswith("stopping") and any(joint in event.text for joint in joints)

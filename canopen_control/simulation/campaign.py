@@ -1,4 +1,4 @@
-"""Simulation campaign: random schedules of many seeds on a robot; a schedule that breaks an invariant is minimised.
+"""Simulation campaign: random schedules of many seeds, and minimised schedules for violated invariants.
 
 Seeds run in worker processes; if a worker dies, the seeds without a result run in this process. The results do not
 depend on the number of processes or on the order.
@@ -80,7 +80,7 @@ _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
 
 
 def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> list[Cell]:
-    """Return up to `most` uncovered pairs of state and fault that can be targeted, spread over the table."""
+    """Return at most `most` uncovered cells that a targeted schedule can reach, evenly spread over the table."""
     empty = [cell for cell in cells_of(faults) if cell not in hit and cell[:2] in _WAYS]
     return [empty[number * len(empty) // most] for number in range(most)] if len(empty) > most else empty
 
@@ -88,7 +88,7 @@ def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> l
 def targeted_schedule(
     seed: int, cell: Cell, motions: Sequence[SampleMotion], nodes: Sequence[int]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return a schedule that injects the fault of `cell` in its state, with details determined by the seed."""
+    """Return a schedule that injects the fault of `cell` in the state of `cell`; `seed` determines the details."""
     machine, state, kind = cell
     draw = Random(f"{seed}/aimed").random
     way, armed = _WAYS[machine, state]
@@ -102,7 +102,7 @@ def targeted_schedule(
 
 
 def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
-    """Return the commands before and after the fault; empty if no controller moves joints from the start."""
+    """Return commands before and after the fault; empty without an active controller that moves joints."""
     motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
         return []
@@ -114,7 +114,7 @@ def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]
 
 
 def _led(way: str, node: str) -> list[ScenarioEvent]:
-    """Return the events that lead into a state and back."""
+    """Return the events that bring the node into a state and back to operation."""
     again = [
         ScenarioEvent(_BACK_NS - 100 * _MS, "axis", name="fault-reset"),
         ScenarioEvent(_BACK_NS, "axis", name="enable"),
@@ -133,7 +133,7 @@ def _led(way: str, node: str) -> list[ScenarioEvent]:
 
 
 def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
-    """Return the fault event, which waits for the state `when`."""
+    """Return the fault event, which the player delays until the state `when` is reached."""
     lasts = (50 + int(1000 * drawn)) * _MS
     if kind not in KINDS:
         return ScenarioEvent(armed, "fault", node, kind, for_ns=lasts, when=when)
@@ -154,7 +154,7 @@ _SHORT_NS: Final = 20_000_000
 
 
 class Shrinker:
-    """Search for the smallest schedule for which `breaks(acts)` is true; `tries` counts the calls of `breaks`."""
+    """Search for the smallest schedule for which `breaks(acts)` is true; `tries` counts the calls."""
 
     def __init__(self, breaks: Callable[[Acts], bool], most: int = MOST_TRIES) -> None:
         self.tries = 0
@@ -177,7 +177,7 @@ class Shrinker:
         return self._breaks(acts)
 
     def _drop(self, acts: Acts) -> Acts:
-        """Return the schedule without as many of its events as possible."""
+        """Remove as many events as possible, in ever smaller groups."""
         size = max(1, len(acts) // 2)
         while acts:
             at = 0
@@ -193,7 +193,7 @@ class Shrinker:
         return acts
 
     def _shorten(self, acts: Acts) -> Acts:
-        """Return the schedule with durations and start times halved where the rule still breaks."""
+        """Halve durations and start times as long as the rule still breaks."""
         for number in range(len(acts)):
             for changed in self._shorter(acts, number):
                 if self._still(changed):
@@ -212,7 +212,7 @@ class Shrinker:
 
 
 def _whole(time_ns: int) -> int:
-    """Return a time in ns, rounded down to whole ms."""
+    """Round a time in ns down to whole ms."""
     return time_ns // 1_000_000 * 1_000_000
 
 
@@ -222,7 +222,7 @@ _AFTER_NS: Final = 3_000_000_000  # duration of a minimised schedule after its l
 
 @dataclass(frozen=True, slots=True)
 class SeedResult:
-    """Result of one seed; `troubles` counts the faults by kind and by the state of the robot.
+    """Result of one seed; `troubles` counts the faults by kind and state of the robot.
 
     `edges` counts the transitions of the state machines, `cells` the kinds of faults by the states in which they
     occurred.
@@ -242,12 +242,11 @@ class SeedResult:
 
 @dataclass(slots=True)
 class Totals:
-    """Results of a campaign by seed, and their sums."""
+    """Results of a campaign by seed, with their sums."""
 
     results: dict[int, SeedResult] = field(default_factory=dict)
 
     def add(self, result: SeedResult) -> None:
-        """Add the result of a seed, replacing an earlier result of the same seed."""
         self.results[result.seed] = result
 
     @property
@@ -262,7 +261,6 @@ class Totals:
 
     @property
     def frames(self) -> int:
-        """Number of frames in all seeds."""
         return sum(result.frames for result in self.results.values())
 
     @property
@@ -291,7 +289,7 @@ class Totals:
 
 
 class Campaign:
-    """Campaign of seeds of `duration_ns` each on a robot, with the named faults; `tries` limits the minimisation."""
+    """Campaign of simulations on a robot, one of `duration_ns` per seed; `tries` limits the minimisation."""
 
     def __init__(self, setup: RobotSetup, duration_ns: int, faults: Sequence[str], tries: int = MOST_TRIES) -> None:
         self._tries = tries
@@ -301,7 +299,7 @@ class Campaign:
         self._nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
 
     def aim(self, seeds: Sequence[int], hit: Container[Cell]) -> list[int]:
-        """Assign uncovered pairs of state and fault to seeds; return the seeds to which a pair was assigned."""
+        """Assign uncovered cells (a state and a fault) to seeds; return the seeds with a cell."""
         cells = cells_to_aim_at(hit, self._faults, len(seeds)) if self._nodes else []
         self._aims.update(zip(seeds, cells, strict=False))
         return list(seeds[: len(cells)])
@@ -313,7 +311,7 @@ class Campaign:
         return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
     def why_never(self) -> str:
-        """Return the reason why the undisturbed robot does not run; "" if it runs."""
+        """Return why the undisturbed robot never reaches RUNNING; "" if the robot reaches RUNNING."""
         run = SimulationRun(self._setup, 0, (), motions=self._motions)
         most = max(self._duration_ns, _TO_RUN_NS)
         try:
@@ -323,7 +321,7 @@ class Campaign:
             run.close()
 
     def run(self, seeds: Sequence[int], jobs: int) -> Iterator[SeedResult]:
-        """Yield the results of the seeds as they are completed, in `jobs` processes."""
+        """Yield the results of the seeds in the order of completion, from `jobs` processes."""
         if jobs == 1:
             yield from map(self.run_seed, seeds)
             return
@@ -339,14 +337,13 @@ class Campaign:
             yield from map(self.run_seed, [seed for seed in seeds if seed not in done])
 
     def run_seed(self, seed: int) -> SeedResult:
-        """Run one seed and return its result."""
         least = AIMED_NS if seed in self._aims else 0
         return self._result(seed, self.schedule(seed), max(self._duration_ns, least))
 
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the seed's first broken rule; `hear` is called before each try."""
+        """Return the smallest schedule that breaks the seed's first broken rule; `hear` gets the number of each try."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:
@@ -364,7 +361,7 @@ class Campaign:
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))
 
     def length_of(self, acts: Sequence[ScenarioEvent]) -> int:
-        """Return how long the schedule is simulated in ns: until 3 s after the end of its last event."""
+        """Return the duration in ns of the simulation of a schedule: 3 s longer than its last event."""
         return max((act.at_ns + (act.for_ns or 0) for act in acts), default=0) + _AFTER_NS
 
     def _result(self, seed: int, acts: Sequence[ScenarioEvent], duration_ns: int) -> SeedResult:
@@ -392,7 +389,6 @@ _inherited: list[Campaign] = []  # in a worker process
 
 
 def _inherit(campaign: Campaign) -> None:
-    """Store the campaign in a worker process."""
     _inherited[:] = [campaign]
 
 

@@ -34,7 +34,7 @@ _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;te
 def write_breach(
     folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
-    """Write the scenario of a breach and its frames, and return the path of the scenario; ConfigError if that fails.
+    """Write the scenario and the frames of a breach; return the path of the scenario; ConfigError on failure.
 
     `command` is the command that replays the scenario, without the file name.
     """
@@ -57,7 +57,7 @@ def _record(writer: RecordingWriter, now: int, _label: str, record: bytes) -> No
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder for output files, if it does not exist; ConfigError if that fails."""
+    """Create a folder for output files if necessary; ConfigError if the folder is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
@@ -67,7 +67,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file and create its folder; ConfigError if that fails."""
+    """Write a text file, and create its folder if necessary; ConfigError on failure."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
@@ -76,7 +76,7 @@ def write_text(path: Path, text: str) -> None:
 
 
 def junit_summary(robot: str, totals: Totals) -> str:
-    """Return the results of a campaign as JUnit XML, with one test case per seed."""
+    """Return the results of a campaign as JUnit XML with one test case per seed."""
     cases = "".join(_case(robot, result) for _, result in sorted(totals.results.items()))
     count = f'tests="{len(totals.results)}" failures="{len(totals.broken)}"'
     seconds = sum(result.real_s for result in totals.results.values())
@@ -95,7 +95,7 @@ def _case(robot: str, result: SeedResult) -> str:
 
 
 def html_summary(robot: str, totals: Totals) -> str:
-    """Return the results of a campaign as HTML: breaches, faults by state, and transitions that occurred."""
+    """Return the results of a campaign as an HTML page: breaches, faults by state, state transitions."""
     states = sorted({state for _, state in totals.troubles})
     kinds = sorted({kind for kind, _ in totals.troubles})
     head = "".join(f"<th>{escape(heading)}</th>" for heading in ("", *states))
@@ -127,7 +127,7 @@ def html_summary(robot: str, totals: Totals) -> str:
 
 
 def _cell_tables(totals: Totals) -> str:
-    """Return a table for each state machine with the number of faults by kind and state, including zero."""
+    """Return one HTML table per state machine with the number of faults by kind and state."""
     cells = totals.cells
     kinds = sorted({kind for _, _, kind in cells})
     tables = ""

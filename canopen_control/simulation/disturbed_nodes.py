@@ -1,4 +1,4 @@
-"""Record of the last disturbance of each node.
+"""Record of the last disturbance of each node, for invariants that skip disturbed nodes.
 
 A disturbance is a fault, a stall, a lost or foreign frame, or the absence of the robot. Invariants that compare reports
 with the truth skip disturbed nodes: a drive that lost a frame does not have its target, and a drive with a broken
@@ -20,7 +20,7 @@ _WRAPS: Final = "position_wrap"  # fault that sets the count near the end of its
 
 
 class DisturbedNodes:
-    """Record of disturbances by node; call `troubled` for each event that begins, and `sampled` periodically.
+    """Times of the last disturbance of each node.
 
     `hidden_at` is the last time at which any node could not receive or answer, because of a bus, foreign frames, or the
     robot; `deaf_at` is the same without foreign frames. `moved(node_id)` is the last time at which a shaft may have
@@ -35,19 +35,19 @@ class DisturbedNodes:
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
-        """Return the last time at which a count may have changed without a motion of the drive, 0 if it never did."""
+        """Return the last time of a count change that may not be a motion of the drive, 0 for never."""
         return self._moved[node_id]
 
     def put(self, node_id: int) -> int:
-        """Return the last time at which a count was set near the end of its 32 bits, which is a jump; 0 if never."""
+        """Return the last time at which a fault set the count near its 32-bit limit, 0 for never."""
         return self._put[node_id]
 
     def last(self, node_id: int) -> int:
-        """Return the time of the last disturbance of the node, its bus or the robot; 0 if there was none."""
+        """Return the time of the last disturbance of the node, its bus or the robot, 0 for never."""
         return self._last[node_id]
 
     def troubled(self, now: int, act: ScenarioEvent) -> None:
-        """Record an event that begins; only fault events, and plant values that were set, are disturbances."""
+        """Record the start of an event, if the event is a fault or sets values of the plant."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)
             if act.kind != "frame":
@@ -57,7 +57,7 @@ class DisturbedNodes:
             (self._put if act.name == _WRAPS else self._moved)[int(act.target)] = now
 
     def sampled(self, now: int) -> None:
-        """Record the disturbances that last at present."""
+        """Record all disturbances that are present at `now`."""
         robot = self._robot
         if not robot.up or now < robot.host.stalled_until:
             self._disturb_all(now)

@@ -1,4 +1,4 @@
-"""Player of a schedule on a simulated robot: requests of clients, and faults of drives, buses and processes.
+"""Player of a schedule on a simulated robot: client requests, and faults of drives, buses and processes.
 
 Clients use the functions behind the runtime's API, and renew a command ten times a second; refusals are counted. Times
 are in ns. from the start.
@@ -41,7 +41,7 @@ _COMMANDS: Final = frozenset({"command", "trajectory"})
 
 
 class EventPlayer:
-    """Player of scheduled events; `played` contains the events that have begun, `refused` counts refused requests.
+    """Player of scheduled events; `played` lists the started events, `refused` counts refused requests.
 
     `troubles` counts the faults by kind and by the state of the robot. The robot's `observers` are called. `torn`
     describes switches of controllers that were refused although they changed which controllers are active.
@@ -61,13 +61,13 @@ class EventPlayer:
         self._down = False
 
     def plan(self, acts: Iterable[ScenarioEvent]) -> None:
-        """Schedule events, whose times are relative to the present virtual time."""
+        """Schedule events relative to the present virtual time."""
         start = self.robot.time.now_ns
         for act in acts:
             self.robot.time.at(start + act.at_ns, partial(self.play, act))
 
     def play(self, act: ScenarioEvent) -> None:
-        """Execute an event now, or as soon as the state for which it waits is reached."""
+        """Execute an event when the state in its `when` is reached, without `when` at once."""
         if not state_reached(self.robot, act):
             self._later(_LOOK_NS, partial(self.play, act))
             return
@@ -79,20 +79,19 @@ class EventPlayer:
         _PLAY[act.kind](self, act)
 
     def requested(self, act: ScenarioEvent) -> None:
-        """Notify the observers that a client sends a request now."""
+        """Notify the observers of a client request."""
         for observer in self.robot.observers:
             observer.requested(self.robot.now_ns, act)
 
     # -- drives
 
     def fault(self, act: ScenarioEvent) -> None:
-        """Inject a fault into a drive, and clear it after `for_ns`, if given."""
+        """Inject a fault into a drive; clear the fault after `for_ns`, if given."""
         self._switch(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch(act, on=False))
 
     def heal(self, act: ScenarioEvent) -> None:
-        """Clear a fault of a drive."""
         self._switch(act, on=False)
 
     def _switch(self, act: ScenarioEvent, *, on: bool) -> None:
@@ -100,13 +99,12 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def quirk(self, act: ScenarioEvent) -> None:
-        """Enable a quirk of a drive, and disable it after `for_ns`, if given."""
+        """Enable a quirk of a drive; disable the quirk after `for_ns`, if given."""
         self._switch_quirk(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))
 
     def quirk_off(self, act: ScenarioEvent) -> None:
-        """Disable a quirk of a drive."""
         self._switch_quirk(act, on=False)
 
     def _switch_quirk(self, act: ScenarioEvent, *, on: bool) -> None:
@@ -114,19 +112,19 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def plant(self, act: ScenarioEvent) -> None:
-        """Set values of the plant on an axis of a drive."""
+        """Set values of the plant (load, friction) of a drive's axis."""
         request = SetPlant(numbers=dict(act.plant), axis=act.axis)
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def power(self, act: ScenarioEvent) -> None:
-        """Switch the supply of a drive off, and on again after `for_ns`, if given."""
+        """Switch the supply of a drive off, and back on after `for_ns`, if given."""
         drive = self.robot.drives[int(act.target)]
         drive.power_off()
         if act.for_ns is not None:
             self._later(act.for_ns, drive.power_on)
 
     def world(self, act: ScenarioEvent) -> None:
-        """Apply a disturbance to the physics world; release a blocked joint after `for_ns`."""
+        """Apply a disturbance to the physics world; a blocked joint is released after `for_ns`, if given."""
         floor, world_act = self.robot.floor, act.world
         if floor is None or world_act is None:
             return
@@ -143,7 +141,7 @@ class EventPlayer:
             actor.stall(act.for_ns or _BRIEFLY_NS)
 
     def kill(self, act: ScenarioEvent) -> None:
-        """Kill the robot's process, and restart it after `for_ns`, if given."""
+        """Kill the robot's process, and restart the process after `for_ns`, if given."""
         if self._down:
             return
         self._down = True
@@ -161,19 +159,19 @@ class EventPlayer:
     # -- buses
 
     def cut(self, act: ScenarioEvent) -> None:
-        """Cut the cable of the robot or of a drive, and repair it after `for_ns`, if given."""
+        """Cut the cable of the robot or of a drive, and repair the cable after `for_ns`, if given."""
         for wire, label in self._members(act.target):
             wire.cut.add(label)
             if act.for_ns is not None:
                 self._later(act.for_ns, partial(wire.cut.discard, label))
 
     def bus_off(self, act: ScenarioEvent) -> None:
-        """Set the CAN controller of the robot or of a drive to bus-off for `for_ns`."""
+        """Put the CAN controller of the robot or of a drive into bus-off for `for_ns`."""
         for wire, label in self._members(act.target):
             wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
 
     def disturb_frames(self, act: ScenarioEvent) -> None:
-        """Lose, double or disturb every n-th frame of the robot, a drive, or all; n is the first value, default 1."""
+        """Lose, double or disturb every n-th frame of a member or of all; n is the first value, default 1."""
         for wire, label in self._members(act.target):
             rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
             rule = DropRule(label, every=int(act.values[0]) if act.values else 1)
@@ -182,7 +180,7 @@ class EventPlayer:
                 self._later(act.for_ns, partial(rules.remove, rule))
 
     def frame(self, act: ScenarioEvent) -> None:
-        """Send a frame with an identifier and data bytes on every bus."""
+        """Send a frame with the identifier and data bytes in `values` on every bus."""
         can_id, *data = (int(value) for value in act.values)
         for wire in self.robot.wires.values():
             wire.inject(CanFrame(can_id, bytes(data)))
@@ -198,7 +196,7 @@ class EventPlayer:
     # -- clients
 
     def command(self, act: ScenarioEvent) -> None:
-        """Publish a command for its duration; a newer command for the same controller replaces it."""
+        """Publish a command repeatedly for its duration; a newer command to the controller replaces the command."""
         turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
         self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
 
@@ -215,7 +213,7 @@ class EventPlayer:
             observer.applied(self.robot.now_ns, act)
 
     def trajectory(self, act: ScenarioEvent) -> None:
-        """Send a trajectory that ends with zero velocity."""
+        """Send a trajectory that ends at standstill."""
         joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
         width = len(act.values) // max(1, len(act.times))
         stands = [0.0] * width
@@ -233,13 +231,12 @@ class EventPlayer:
             observer.goal(self.robot.now_ns, act, goal)
 
     def cancel(self, act: ScenarioEvent) -> None:
-        """Cancel the active goal of a controller."""
         self._ask(act, lambda core: core.manager.follower(act.target).cancel_goal())
 
     # -- clients of the robot's socket
 
     def connect(self, act: ScenarioEvent) -> None:
-        """Connect clients that send nothing, read nothing, or request the status; no-op if the robot does not run."""
+        """Connect clients that send nothing, never read, or request the status; no effect while the robot is down."""
         if self._down or not self.robot.up:
             return
         if act.kind == "silent":
@@ -250,7 +247,7 @@ class EventPlayer:
             self.clients.ask(act.for_ns)
 
     def dead_man(self, act: ScenarioEvent) -> None:
-        """Send a command that ends with the connection of its client, and disconnect after `for_ns`."""
+        """Send a command that ends with its client's connection, and disconnect after `for_ns`."""
         if self._down or not self.robot.up:
             return
         self.requested(replace(act, kind="command", name=act.kind))
@@ -261,23 +258,19 @@ class EventPlayer:
         self.requested(replace(act, kind="leave"))
 
     def stop(self, act: ScenarioEvent) -> None:
-        """Stop the robot."""
         self._ask(act, lambda core: core.stop(_ignore, by=SOURCE))
 
     def latch(self, act: ScenarioEvent) -> None:
-        """Stop the robot and latch the stop."""
         self._ask(act, lambda core: core.stop(_ignore, SOURCE, SOURCE))
 
     def release(self, act: ScenarioEvent) -> None:
-        """Release the latched stop."""
         self._ask(act, lambda core: core.latch.release(SOURCE, core.reactor.now()))
 
     def axis(self, act: ScenarioEvent) -> None:
-        """Execute an axis action on a node, or on all nodes."""
         self._ask(act, lambda core: core.axis(Action(act.name), act.target or "all", _ignore))
 
     def activate(self, act: ScenarioEvent) -> None:
-        """Activate a controller and deactivate all other active controllers except broadcasters."""
+        """Activate a controller and deactivate every other active controller except broadcasters."""
         self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
 
     def _switch_to(self, core: RobotCore, name: str) -> None:
@@ -289,12 +282,11 @@ class EventPlayer:
         )
 
     def deactivate(self, act: ScenarioEvent) -> None:
-        """Deactivate a controller."""
         switch = partial(RobotCore.switch, activate=[], deactivate=[act.target], strict=False)
         self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
 
     def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
-        """Switch controllers; record a refusal that nevertheless changed which controllers are active."""
+        """Switch controllers; record in `torn` a refused switch that changed the active controllers."""
         before = _active(core)
         try:
             switch()
@@ -305,7 +297,7 @@ class EventPlayer:
             raise
 
     def _ask(self, act: ScenarioEvent, verb: Callable[[RobotCore], object]) -> None:
-        """Send a request to the robot as a client; the request is lost if the robot does not run."""
+        """Send a client request to the robot; the request is lost while the robot is down."""
         if self._down:
             return
         self.requested(act)

@@ -1,4 +1,4 @@
-"""Coverage of state transitions and of faults by state, for axis power, CiA 402, NMT and boot of the nodes.
+"""Coverage of state transitions, and of faults by state, for axis power, CiA 402, NMT and the boot of nodes.
 
 A cell is a state machine, one of its states, and a kind of fault (the name of a drive's fault, or a fault of a supply,
 process or bus). The states of axis power and boot are those of the robot, the states of CiA 402 and NMT those of the
@@ -51,7 +51,7 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
 
 
 class _RowCounter:
-    """Counter of the transitions that fire in the statecharts of the axes."""
+    """Counter of the statechart rows that the axes apply."""
 
     def __init__(self) -> None:
         self.counts: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
@@ -61,7 +61,7 @@ class _RowCounter:
 
 
 class StateCoverage:
-    """Counter of a robot's state transitions; call `sampled` periodically, since a restarted robot has new objects."""
+    """Counter of a robot's state transitions."""
 
     def __init__(self, robot: RobotUnderTest, views: Iterable[WireView]) -> None:
         self._robot, self._nodes = robot, [node for view in views for node in view.nodes.values()]
@@ -70,7 +70,7 @@ class StateCoverage:
         self.sampled()
 
     def sampled(self) -> None:
-        """Observe the axes of the robot's current process."""
+        """Observe the axes of the present process of the robot, which a restart replaces."""
         core = self._robot.core
         if core is not self._core:
             self._core = core
@@ -79,7 +79,7 @@ class StateCoverage:
 
     @property
     def walked(self) -> dict[Edge, int]:
-        """Number of occurrences of each transition, including transitions that no diagram contains."""
+        """Number of occurrences of each transition, also of transitions that are in no diagram."""
         total: Counter[Edge] = Counter()
         for (state, trigger), count in self._rows.counts.items():
             total[POWER, state.name, trigger.name] += count
@@ -92,13 +92,13 @@ class StateCoverage:
 
 
 def coverage_words(walked: Mapping[Edge, int]) -> str:
-    """Return a text with the number of covered transitions of each state machine."""
+    """Return the number of covered transitions of each state machine as text."""
     counts = ((machine, sum(edge in walked for edge in edges), len(edges)) for machine, edges in EDGES.items())
     return ", ".join(f"{machine} {count} of {total}" for machine, count, total in counts)
 
 
 def left_out(walked: Mapping[Edge, int]) -> list[Edge]:
-    """Return the transitions that did not occur, sorted."""
+    """Return the uncovered transitions, sorted."""
     return sorted(edge for edges in EDGES.values() for edge in edges if edge not in walked)
 
 
@@ -125,19 +125,19 @@ STATES: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 def kind_of(act: ScenarioEvent) -> str:
-    """Return the kind of a fault event: the name of the fault, else the kind of the event."""
+    """Return the kind of a fault event: the name of its fault, if any, else the event kind."""
     return act.name or act.kind
 
 
 def cells_of(faults: Sequence[str]) -> list[Cell]:
-    """Return all pairs of state and fault, for these faults of drives and all other faults, in order."""
+    """Return all cells, with the given faults of drives and all other kinds of faults, in order."""
     names = [name for name, kind in KINDS.items() if kind.breaks and name != "fault"]
     kinds = sorted({*faults, *names})
     return [(machine, state, kind) for machine, states in STATES.items() for state in states for kind in kinds]
 
 
 def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
-    """Return a text with the number of covered pairs of state and fault of each state machine."""
+    """Return the number of covered cells of each state machine as text."""
     hit_cells, all_cells = set(hit), cells_of(faults)
     counts = Counter(machine for machine, _, _ in all_cells)
     hits = Counter(cell[0] for cell in all_cells if cell in hit_cells)
@@ -145,7 +145,7 @@ def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
 
 
 def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
-    """Yield the state machines of a node with their current states, for every axis."""
+    """Yield pairs of state machine and present state of a node, for every axis."""
     device = robot.drives[node_id].device
     if device is not None:
         yield NMT, device.nmt.state.name
@@ -162,7 +162,7 @@ def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
 
 
 def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
-    """Whether the state for which an event waits is reached by its node, or by any node if it has none."""
+    """Whether the event's node (any node if none is named) is in the state `when`; True without `when`."""
     nodes = [int(act.target)] if act.target.isdigit() else list(robot.drives)
     return not act.when or any(
         " ".join(machine_state) == act.when for node_id in nodes for machine_state in states_of(robot, node_id)
@@ -170,14 +170,14 @@ def state_reached(robot: RobotUnderTest, act: ScenarioEvent) -> bool:
 
 
 class FaultCoverage:
-    """Counter of the pairs of state and fault (cells) that occurred; call `troubled` for each event that begins."""
+    """Counter of the cells (pairs of state and fault) that occurred."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self.cells: Counter[Cell] = Counter()
         self._robot = robot
 
     def troubled(self, act: ScenarioEvent) -> None:
-        """Count the pairs of state and fault of a fault event, once for all affected nodes; ignore other events."""
+        """Count the cells of an event, once for all affected nodes; events other than faults are ignored."""
         if not KINDS[act.kind].breaks:
             return
         robot = self._robot

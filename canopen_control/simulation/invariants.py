@@ -1,4 +1,4 @@
-"""Invariants of every simulation, checked on the bus and at the shafts, and invariants defined by users.
+"""All invariants of a simulation, with the rules of installed packages.
 
 A user's rule is a function of the entry point group `canopen_control.invariants`. It is called with the
 `RobotUnderTest` every 20 ms of virtual time; it returns a sentence about a violation, or None.
@@ -53,7 +53,7 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 
 
 class ReportInvariants:
-    """Comparison of the runtime's reports with the truth; `report(rule, text)` receives the breaches.
+    """Check that the runtime reports the true states; breaches go to `report(rule, text)`.
 
     The owner calls `requested`, `applied` and `sampled` as time passes.
     """
@@ -73,13 +73,13 @@ class ReportInvariants:
         self._latch_asked = self._latch_heard = 0
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a latch or release request of a client; a stalled process receives the request when it continues."""
+        """Record a client's latch or release request, which a stalled process receives after the stall."""
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
             self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
-        """Report an accepted command if all drives that it moves have been disabled for a while."""
+        """Report a command that was accepted although all its drives have been disabled for a while."""
         core = self._robot.core
         joints = [core.joints.get(command.joint) for command in core.manager.get(act.target).commands]
         moved = {joint.node.node_id for joint in joints if joint is not None}
@@ -88,7 +88,7 @@ class ReportInvariants:
             self._report("command_taken", f"a command to {act.target} is taken, and its drives are off")
 
     def sampled(self, now: int) -> None:
-        """Check the current reports of the robot against the bus."""
+        """Check the present reports of the robot against the bus."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
             self._report("program_error", f"{type(error).__name__}: {error}")
@@ -108,7 +108,7 @@ class ReportInvariants:
             self._judge_axes(node, now, troubled=troubled)
 
     def _judge_latch(self, now: int) -> None:
-        """Check that STOP is latched exactly from a client's latch request to a release."""
+        """Check that STOP is latched from a latch request to a release request, and at no other time."""
         latch_held, latched = self._robot.core.latch.held, self._latched
         if latch_held is not latched or self._wrong_since:
             self._hold(
@@ -117,7 +117,7 @@ class ReportInvariants:
             self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
-        """Check that no node is silent or in fault in RUNNING; return whether the node is silent or in fault."""
+        """Check that the state is not RUNNING with a silent or faulty node; return whether the node is so."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
@@ -129,7 +129,7 @@ class ReportInvariants:
         return silent or fault
 
     def _judge_axes(self, node: ObservedNode, now: int, *, troubled: bool) -> None:
-        """Check that axes reported as enabled are enabled on the bus, and in RUNNING all claimed axes."""
+        """Check on the bus that axes reported as enabled, and claimed axes in RUNNING, are enabled."""
         wrong = now - node.status_at < _FRESH_NS and not node.enabled
         if not (wrong or self._wrong_since):
             return
@@ -142,7 +142,7 @@ class ReportInvariants:
                 self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
 
     def _hold(self, text: str, subject: str, wrong: bool, now: int) -> None:
-        """Report a violation that lasts longer than the time allowed for reporting an event."""
+        """Report a violation that lasts longer than the time allowed for a report, once."""
         since, key = self._wrong_since, (text, subject)
         if not wrong:
             if since:
@@ -162,7 +162,7 @@ class ReportInvariants:
 
 
 def _is_off(node: ObservedNode, now: int) -> bool:
-    """Whether a drive has not been enabled for a while, according to its statusword."""
+    """Whether the statusword has shown a disabled drive for a while."""
     return not node.enabled and node.shown_enabled_at < now - _SOON_NS and now - node.status_at < _FRESH_NS
 
 
@@ -177,7 +177,7 @@ _DEAF_NS: Final = 5000 * _MS  # after this time a client that does not read has 
 
 
 class ClientInvariants:
-    """Check that the robot answers its clients; `report(rule, text)` receives the breaches.
+    """Check that the robot answers its clients and drops clients that never read.
 
     The owner calls `sampled` as time passes.
     """
@@ -188,7 +188,6 @@ class ClientInvariants:
         self._reports: set[SimulatedClient] = set()
 
     def sampled(self, now: int) -> None:
-        """Check all clients now."""
         if self._clients.blocked > self._blocked:
             self._blocked = self._clients.blocked
             self._report("client_blocks", "the robot waits for a client that does not read")
@@ -217,7 +216,7 @@ _MOST: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Breach:
-    """Violated invariant, `at_s` seconds after the start; `rule` is the short name of the invariant."""
+    """Violation of the invariant `rule`, `at_s` seconds after the start."""
 
     at_s: float
     rule: str
@@ -225,23 +224,22 @@ class Breach:
 
     @property
     def sentence(self) -> str:
-        """Description of the breach in one line."""
         return f"{self.at_s:.3f} s: {self.rule}: {self.text}"
 
 
 def user_rules() -> list[tuple[str, Rule]]:
-    """Return the names and functions of the rules that installed packages provide."""
+    """Return the rules of the entry point group `canopen_control.invariants`, by name."""
     return [(entry_point.name, entry_point.load()) for entry_point in _entry_points()]
 
 
 @functools.cache
 def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
-    """Return the entry points, cached because they are read from a file of each installed package."""
+    """Return the entry points, cached, since each search reads a file of every installed package."""
     return tuple(importlib.metadata.entry_points(group=GROUP))
 
 
 class Invariants(SimulationObserver):
-    """Observer that checks all invariants of a robot; `breaches` has at most a hundred items.
+    """Observer that checks all invariants of a robot; `breaches` has at most 100 items.
 
     `coverage` counts state transitions, `troubled` the faults by the states in which they occurred.
     """
@@ -281,7 +279,6 @@ class Invariants(SimulationObserver):
             self.breaches.append(Breach((self._robot.now_ns - self._began) / 1e9, rule, text))
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Process a request of a client."""
         self._motion.requested(now, act)
         self._targets.requested(now, act)
         self._answers.requested(now, act)
@@ -289,20 +286,16 @@ class Invariants(SimulationObserver):
         self._goals.requested(now, act)
 
     def event(self, event: Event) -> None:
-        """Process an event of the robot."""
         self._answers.event(self._robot.now_ns, event)
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Process an accepted goal."""
         self._goals.applied(now, act, goal)
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
-        """Process an accepted command."""
         self._answers.applied(now, act)
         self._reports.applied(now, act)
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        """Process the start of a scheduled event."""
         self._disturbed.troubled(now, act)
         self.troubled.troubled(act)
 

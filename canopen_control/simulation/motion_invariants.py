@@ -1,4 +1,4 @@
-"""Invariants of motion: no motion without a command, stops end in time, no enable without a request.
+"""Invariants of motion: no motion without a command, stops in time, no enable without a request.
 
 They use the bus, the drives' shafts and the requests of clients, never reports of the runtime. A reason to stop is a
 requested stop or disable, a drive in fault, a node that boots or falls silent, a silent master. The shafts must then
@@ -44,7 +44,7 @@ _ON_A_FLOOR: Final = 2.0  # rad/s (m/s) instead with physics, where a robot rock
 
 @dataclass(slots=True)
 class _Stop:
-    """Reason to stop, with the time of its detection, and the latest time of standstill if there were no ramps."""
+    """Reason to stop: time of its detection, cause, and latest time of standstill without the drives' ramps."""
 
     since: int
     why: str
@@ -52,7 +52,7 @@ class _Stop:
 
 
 class MotionInvariants:
-    """Check of a robot's motion; `report(rule, text)` receives the breaches.
+    """Check of the motion of all shafts; breaches go to `report(rule, text)`.
 
     The owner calls `requested` and `sampled` as time passes.
     """
@@ -89,7 +89,7 @@ class MotionInvariants:
         self._ramps: dict[int, tuple[float, int]] = {}  # node -> largest speed, and the ramp from it
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client; a stalled process receives the request when it continues."""
+        """Record a client request, which a stalled process receives after the stall."""
         reception = max(now, self._robot.host.stalled_until)
         request = f"{act.kind} {act.name}".strip()
         self._latched = _LATCHES.get(act.kind, self._latched)
@@ -114,23 +114,23 @@ class MotionInvariants:
             self._fresh[act.target] = reception + (act.for_ns or 0) + 2000 * _MS
 
     def _all_at_standstill(self) -> bool:
-        """Whether all shafts are known to stand still; False on a floor, where a rocking robot turns its shafts."""
+        """Whether all shafts stand still; always False with physics, where a rocking robot turns its shafts."""
         return self._robot.floor is None and all(
             self._speed(node.node_id) <= self._standstill_speed(node.node_id) for node in self._nodes
         )
 
     def _speed(self, node_id: int) -> float:
-        """Return the speed of the shaft of a node in counts/s."""
+        """Return the shaft speed of a node in counts/s."""
         device = self._robot.drives[node_id].device
         axis = None if device is None else next(iter(device.drives.values()), None)
         return 0.0 if axis is None else abs(axis.mover.plant.velocity)
 
     def _standstill_speed(self, node_id: int) -> float:
-        """Return the speed in counts/s up to which a shaft counts as standing still."""
+        """Return the highest speed in counts/s that counts as standstill of a node's shaft."""
         return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
 
     def sampled(self, now: int) -> None:
-        """Check the shafts and drives now."""
+        """Check all shafts and drives."""
         if self._robot.started_ns > self._enabled_ns:  # a start enables the drives once
             self._enabled_ns, self._stop = self._robot.started_ns, None
             if self._latched:  # the robot restarts with STOP latched
@@ -151,7 +151,7 @@ class MotionInvariants:
             self._stop = _Stop(since, why, until)
 
     def _reasons(self, now: int) -> Iterator[_Stop]:
-        """Yield the reasons to stop that arose after a drive has followed the last enable."""
+        """Yield new reasons to stop; there are none until a drive has followed the last enable."""
         if self._stop is not None:
             return
         if self._followed_ns <= self._enabled_ns:
@@ -177,7 +177,7 @@ class MotionInvariants:
     # -- checks
 
     def _judge_enable(self, node: ObservedNode) -> None:
-        """Report a controlword that enables a drive after a reason to stop, without a request."""
+        """Report a controlword that enables a drive after a stop without a new request."""
         at = node.enabled_at
         if self._judged.get(node.node_id, 0) == at:
             return
@@ -190,7 +190,7 @@ class MotionInvariants:
             )
 
     def _judge_power(self, now: int) -> None:
-        """Report drives that are still enabled when the time for a stop has elapsed."""
+        """Report drives that are enabled longer than a stop may take."""
         stop = self._stop
         if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
             self._still_enabled.clear()
@@ -209,7 +209,7 @@ class MotionInvariants:
                 self._report("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")
 
     def _judge_reach(self, node: ObservedNode, now: int) -> None:
-        """Record until when a drive cut off from the robot may move, because it detects the loss only then."""
+        """Record how long a drive without a connection may move until it detects the loss."""
         drive = self._robot.drives[node.node_id]
         if not (drive.wire.silences(MASTER) or drive.wire.silences(drive.label)):
             self._alone_since.pop(node.node_id, None)
@@ -255,7 +255,7 @@ class MotionInvariants:
         self._report(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
 
     def _ramp_ns(self, node_id: int) -> int:
-        """Return the longest ramp of a node in ns as computed by `check`, 1 s if there is no bound.
+        """Return the longest stop ramp of a node in ns as computed by `check`, 1 s if unlimited.
 
         It starts from the maximum speed in the files, or else from the largest speed observed.
         """

@@ -1,4 +1,4 @@
-"""Possible commands of a robot's controllers with the ranges of their values, for random schedules."""
+"""Commands that a robot's controllers accept, with the ranges of their values, for random schedules."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MARGIN: Final = 0.9  # fraction of a limit, so that commands are valid
 
 @dataclass(frozen=True, slots=True)
 class SampleMotion:
-    """Controller that moves joints, its kind of command (`command` or `trajectory`), and the range of each value.
+    """Controller that moves joints, the kind of its commands, and the range of each value.
 
     `starts` is True if the controller is active from the start. `life_ns` is the command timeout, 0 for none. `joints`
     are the joints of a trajectory, in the controller's order, `ends` the command interfaces that receive single values.
@@ -45,7 +45,7 @@ class SampleMotion:
 
 
 def motions_of(setup: RobotSetup) -> tuple[SampleMotion, ...]:
-    """Return the possible commands, in the order of the controllers file.
+    """Return the commands that a robot's controllers accept, in the order of the controllers file.
 
     Controllers that cannot be loaded are omitted.
     """

@@ -1,4 +1,4 @@
-"""Random schedule of a seed: commands and switches of clients, and faults of drives, buses and processes.
+"""Random schedule of a seed: client commands and switches, and faults of drives, buses and processes.
 
 Random numbers come only from `random()`, whose sequence is the same in all versions of Python. After most faults, they
 are reset and the drives enabled, so that the next fault occurs in a moving robot.
@@ -52,7 +52,7 @@ _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the events of a seed by time; without `faults` or without nodes no faults are among them."""
+    """Return the events of a seed in order of time; without `faults` or `nodes` only client requests."""
     return RandomSchedule(seed, duration_ns, motions, nodes, faults).acts()
 
 
@@ -69,7 +69,6 @@ class RandomSchedule:
         self._active = next((motion for motion in motions if motion.starts), None)
 
     def acts(self) -> tuple[ScenarioEvent, ...]:
-        """Return the generated events in order of their times."""
         now = self._late_boot() if self._faults and self._random() < _LATE else _BOOTED_NS
         soon = self._duration <= _SHORT_NS
         trouble = now + self._between(0 if soon else 1 * _S, self._duration // 4 if soon else 5 * _S)
@@ -89,7 +88,7 @@ class RandomSchedule:
     # -- numbers
 
     def _between(self, low: int, high: int) -> int:
-        """Return a random time between two times, in whole ms."""
+        """Return a random time from `low` to `high`, in whole ms."""
         return (low + int((high - low) * self._random())) // _MS * _MS
 
     def _one(self, these: Sequence[T]) -> T:
@@ -101,7 +100,7 @@ class RandomSchedule:
     # -- clients
 
     def _move(self, now: int) -> int:
-        """Add a command with a duration, sometimes followed by a pause in which the command expires."""
+        """Add a command; return the time after the command and a random pause, in which commands expire."""
         motion, lasts = self._active, self._between(_S // 2, 3 * _S)
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
@@ -127,7 +126,7 @@ class RandomSchedule:
         return self._recover(max(later, moved) + 50 * _MS)
 
     def _switch(self, now: int) -> int:
-        """Add a switch to another controller, sometimes with a time in between without any active controller."""
+        """Add a switch to another controller, sometimes after a time without an active controller."""
         if self._active is not None and self._random() < 0.3:
             self._add(now, "deactivate", self._active.controller)
             now += self._between(50 * _MS, 2 * _S)
@@ -137,7 +136,7 @@ class RandomSchedule:
         return now + self._between(0, _S // 2)
 
     def _recover(self, now: int) -> int:
-        """Add a fault reset and an enable, with a pause after each."""
+        """Add a fault reset and an enable; return the time after both."""
         self._add(now, "axis", name="fault-reset")
         self._add(now + 300 * _MS, "axis", name="enable")
         if self._active is not None and self._random() < 0.5:
@@ -145,7 +144,7 @@ class RandomSchedule:
         return now + 900 * _MS
 
     def _hang(self) -> None:
-        """Add blocked clients for some seeds; the other events of a seed do not depend on them."""
+        """Add blocked clients to some seeds, without a change of the other events."""
         self._random = Random(f"{self._seed}/clients").random
         if self._random() >= _HANGING:
             return
@@ -162,7 +161,7 @@ class RandomSchedule:
             self._add(at, kind, motion.controller, values=values, for_ns=self._between(50 * _MS, 400 * _MS))
 
     def _cancel(self) -> None:
-        """Cancel some of the trajectories; the other events of a seed do not depend on this."""
+        """Cancel some trajectories, without a change of the other events."""
         self._random = Random(f"{self._seed}/cancels").random
         for act in [candidate for candidate in self._acts if candidate.kind == "trajectory"]:
             if self._random() < _CANCELLED:
@@ -171,13 +170,13 @@ class RandomSchedule:
     # -- faults
 
     def _late_boot(self) -> int:
-        """Add a drive that boots while the robot waits for it, sometimes after the robot has given up."""
+        """Add a drive that boots late, sometimes after the robot has given up waiting."""
         late = self._between(50 * _MS, 4 * _S)
         self._add(0, "power", str(self._one(self._nodes)), for_ns=late)
         return self._recover(late + _BOOTED_NS)
 
     def _trouble(self, now: int) -> int:
-        """Add a fault or foreign frames during motion, and mostly a recovery, else the next fault may overlap."""
+        """Add a fault or foreign frames during a motion, in most cases with a recovery; return the time after."""
         moved = self._move(now)
         kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
         at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
@@ -206,13 +205,13 @@ class RandomSchedule:
         return self._one(losses if losses and self._random() < 1 / 3 else self._faults)
 
     def _frame(self) -> list[float]:
-        """Return identifier and data of an unexpected frame: any COB-ID of the predefined connection set, any data."""
+        """Return a random frame: identifier of the predefined connection set, then data bytes."""
         base = self._one((0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E5))
         data = [float(int(256 * self._random())) for _ in range(self._one((0, 1, 2, 4, 6, 8)))]
         return [float(base + (int(self._one(self._nodes)) if base not in (0, 0x7E5) else 0)), *data]
 
 
 def known_faults(*, physics: bool = False) -> list[str]:
-    """Return the faults of drives; with `physics` without the faults that turn the drive's own shaft."""
+    """Return the faults of drives; with `physics` only faults that do not turn the drive's own shaft."""
     encoders = _OF_ENCODERS if physics else ()
     return [fault.name for fault in FAULTS.values() if fault.acts not in _OF_DEVICES and fault.name not in encoders]

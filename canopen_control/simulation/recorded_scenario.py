@@ -1,4 +1,4 @@
-"""Conversion of a robot's recording to a scenario, with client requests and bus faults at their original times.
+"""Conversion of a recording to a scenario with the client requests and bus faults at their times.
 
 Commands are the recorded requests (of a flight recording); faults are derived from the frames. In a scenario the robot
 boots first: if a recording begins later than its robot, one second is inserted for the boot.
@@ -61,7 +61,7 @@ _OTHER: Final = "drive_fault"
 
 @dataclass(slots=True)
 class _Receptions:
-    """Times of the frames received from a node: of any frame, heartbeats, boot-ups, and EMCY with their codes."""
+    """Reception times of a node's frames: any frame, heartbeats, boot-ups, and EMCY with error codes."""
 
     any: list[int]
     alive: list[int]
@@ -70,7 +70,7 @@ class _Receptions:
 
 
 class BusHistory:
-    """Faults on one bus, derived from its frames; `resets` are the times of requested fault resets in Unix ns."""
+    """Faults on one bus, inferred from its frames; `resets` are the times of fault reset requests in Unix ns."""
 
     def __init__(self, config: BusConfig, frames: Frames, resets: Sequence[int] = ()) -> None:
         self._config, self._frames, self._resets = config, frames, sorted(resets)
@@ -125,7 +125,7 @@ class BusHistory:
             )
 
     def _silences(self) -> list[tuple[int, int | None]]:
-        """Return the intervals without SYNC or heartbeat of the master; an end of None means until the last frame."""
+        """Return the intervals without SYNC or heartbeat of the master; end None: until the last frame."""
         config = self._config.master
         period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_producer * _MS)
         return _gaps(self._master, 5 * period, self._end) if period else []
@@ -170,7 +170,7 @@ class BusHistory:
                 yield ScenarioEvent(now, "fault", str(node), shown, for_ns=None if off is None else off - now)
 
     def _ended(self, end: int, fault: str) -> int:
-        """Return the end of the cause of a fault, which precedes the fault reset whose result was reported at `end`."""
+        """Return the estimated end of a fault's cause, shortly before the fault reset that led to `end`."""
         if fault in _PASSING:
             return end
         at = bisect_left(self._resets, end)
@@ -178,7 +178,7 @@ class BusHistory:
 
 
 def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | None]]:
-    """Return the intervals without a frame that are longer than `limit`; an end of None means until the last frame."""
+    """Return the intervals longer than `limit` without a frame; end None: until the last frame."""
     gaps: list[tuple[int, int | None]] = [
         (last + _MS, after) for last, after in pairwise(times) if after - last > limit
     ]
@@ -186,7 +186,7 @@ def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | N
 
 
 def _is_consequence(code: int) -> bool:
-    """Whether an EMCY reports a consequence of a communication fault: 0x81xx and 0x82xx, except error passive."""
+    """Whether an EMCY reports the effect of a communication fault: 0x81xx or 0x82xx, but not error passive."""
     return code >> 8 in (0x81, 0x82) and code != 0x8120
 
 
@@ -198,7 +198,7 @@ _ACTIONS: Final = {"enable", "disable", "halt", "quick-stop", "fault-reset"}
 
 @dataclass(slots=True)
 class RecordedRobot:
-    """Content of a recording: frames by Unix ns and bus, events, requests, and the initially `active` controllers."""
+    """Contents of a recording: frames, events, requests, and controllers active at its start."""
 
     frames: Sequence[tuple[int, str, CanFrame]]
     events: Sequence[RobotEvent] = ()
@@ -207,7 +207,7 @@ class RecordedRobot:
 
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
-    """Return the scenario; ConfigError for a recording without frames, or with none on a bus of the robot."""
+    """Convert a recording to a scenario; ConfigError without a frame on a bus of the robot."""
     known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
         buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no frame"
@@ -230,25 +230,25 @@ def _whole(time_ns: int) -> int:
 
 
 def _placed(act: ScenarioEvent, origin: int) -> ScenarioEvent:
-    """Return an event with its time relative to `origin`, in whole ms."""
+    """Shift an event to a time relative to `origin`, in whole ms."""
     lasts = None if act.for_ns is None else _whole(act.for_ns)
     return replace(act, at_ns=round((act.at_ns - origin) / _MS) * _MS, for_ns=lasts)
 
 
 def _end(recorded: RecordedRobot, last: int) -> int:
-    """Return the end of the recording, or the time at which its robot stopped, if that is earlier."""
+    """Return the end of the recording, or the time of the robot's shutdown if earlier."""
     ended = [round(event.time * 1e9) for event in recorded.events if event.kind == "stopping"]
     return min([last, *ended])
 
 
 def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
-    """Return time 0 of the scenario, and whether the robot ran before the recording began."""
+    """Return the time 0 of the scenario, and whether the recording began after the robot's start."""
     began = min((round(event.first * 1e9) for event in recorded.events), default=0)
     return (began - _LED_NS, False) if began > first - _S else (first - _BEFORE_NS, True)
 
 
 def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterator[ScenarioEvent]:
-    """Yield events that activate the controllers that were active when the recording began."""
+    """Yield events that activate the controllers that were active at the start of the recording."""
     for name in recorded.active:
         config = setup.controllers.controllers.get(name)
         if config is not None and name not in setup.to_activate and "broadcaster" not in config.type.lower():
@@ -256,7 +256,7 @@ def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterato
 
 
 def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
-    """Return the events in order, with consecutive equal commands merged into one command with a duration."""
+    """Return the events in order of time, with repeated equal commands merged into one command."""
     merged: list[ScenarioEvent] = []
     latest: dict[str, tuple[int, int]] = {}  # controller -> its last command, and when it was renewed
     for act in sorted(acts, key=lambda act: act.at_ns):
@@ -274,14 +274,14 @@ def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
 
 
 class RequestActs:
-    """Converter of client requests to events; points of a trajectory that are uploaded in advance are kept for it."""
+    """Converter of client requests to events; stores trajectory points that arrive before their request."""
 
     def __init__(self, motions: Sequence[SampleMotion]) -> None:
         self._motions: Mapping[str, SampleMotion] = {motion.controller: motion for motion in motions}
         self._points: list[Any] = []
 
     def acts(self, record: RequestSeen) -> Iterator[ScenarioEvent]:
-        """Yield the events of a request, at Unix ns; none for a request without effect on motion."""
+        """Yield the events of a request at Unix ns; none if the request has no effect on motion."""
         method = ROBOT.methods.get(record.method)
         if method is None:
             return

@@ -1,4 +1,4 @@
-"""Robot in virtual time: the runtime, and for each node of bus.yml a drive as a process on the bus.
+"""Robot in virtual time: the runtime, and one simulated process with a drive per node of bus.yml.
 
 The classes are those of `run` and `drive`; only the bus and the clocks are simulated. The same seed and events give the
 same frames and reports, to the nanosecond.
@@ -55,26 +55,26 @@ _ENOUGH: Final = 1 << 16
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SimulationObserver:
-    """Base class of observers of a simulated robot; methods that are not overridden do nothing. Times are in ns."""
+    """Base class of observers of a simulated robot; all methods are optional, times are in ns."""
 
     def event(self, event: Event) -> None:
-        """Process an event of the robot."""
+        """Handle an event that the robot reports."""
 
     def played(self, now: int, act: ScenarioEvent) -> None:
-        """Process the start of a scheduled event."""
+        """Handle the start of a scheduled event."""
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Process a request of a client."""
+        """Handle a request that a client sends."""
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
-        """Process an accepted command."""
+        """Handle a command that the robot has accepted."""
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Process an accepted goal."""
+        """Handle a goal that the robot has accepted."""
 
 
 class EventDigest:
-    """Digest of frames and events in order; `events` counts the events, `folders` are removed from their texts."""
+    """SHA-256 over frames and events; `events` counts the events, `folders` are removed from their texts."""
 
     def __init__(self, folders: Iterable[str] = ()) -> None:
         self.events = 0
@@ -85,7 +85,6 @@ class EventDigest:
         self._pack = _HEAD.pack
 
     def frame(self, now: int, label: str, record: bytes) -> None:
-        """Add a frame with its time and the label of its sender."""
         waiting, name = self._waiting, self._labels.get(label)
         if name is None:
             name = self._labels[label] = label.encode()
@@ -95,7 +94,6 @@ class EventDigest:
             waiting.clear()
 
     def event(self, event: Event) -> None:
-        """Add an event of the robot."""
         self.events += 1
         self._waiting += self._pack(event.time)
         sentence = event.sentence
@@ -105,7 +103,6 @@ class EventDigest:
 
     @property
     def hex(self) -> str:
-        """Current digest in hexadecimal."""
         self._sha256.update(self._waiting)
         self._waiting.clear()
         return self._sha256.hexdigest()
@@ -119,7 +116,7 @@ _DRIVE: Final = Timing(latency_ns=10_000, jitter_ns=60_000)
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """Wake-up delays of the processes, and the largest frequency error of their oscillators in `ppm`.
+    """Wake-up delays of host and drives, and the largest oscillator error in `ppm`.
 
     The actual delays and errors are drawn from the seed.
     """
@@ -130,7 +127,7 @@ class Timings:
 
 
 def dictionary_of(path: Path) -> ObjectDictionary:
-    """Return the dictionary of an EDS; the file is read only once while it is unchanged."""
+    """Return the object dictionary of an EDS file, cached until the file changes."""
     return _dictionary(str(path), Path(path).stat().st_mtime_ns)
 
 
@@ -140,7 +137,7 @@ def _dictionary(path: str, _changed: int) -> ObjectDictionary:
 
 
 class SimulatedDrive:
-    """Virtual drive as a process in virtual time; `device` is None while the drive has no supply.
+    """Virtual drive as a simulated process; `device` is None without supply.
 
     `quirks` and the personality `like` take effect at power-on.
     """
@@ -158,7 +155,7 @@ class SimulatedDrive:
         self._methods: NodeMethods | None = None
 
     def power_on(self) -> None:
-        """Switch the supply on, so that the drive boots; no-op if it is on."""
+        """Switch the supply on, unless already on; the drive boots."""
         if self.device is not None:
             return
         self._times += 1
@@ -187,13 +184,13 @@ class SimulatedDrive:
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:
-        """Execute a control request as if it came from the drive's socket; without supply the request is lost."""
+        """Execute a control request in the drive's process; without supply the request is lost."""
         if self._methods is not None and self.actor is not None:
             self.actor.call(functools.partial(work, self._methods))
 
 
 class RobotUnderTest:
-    """Runtime, buses and drives with one virtual clock; nothing happens before `start`.
+    """Runtime, buses and drives with one virtual clock, idle until `start`.
 
     `core` is the runtime, `drives` contains the drives by node id, `wires` the buses by name. `started_ns` is the time
     at which the robot's process was last started, `up` whether it runs, `errors` the exceptions raised in its program.
@@ -243,17 +240,15 @@ class RobotUnderTest:
 
     @property
     def now_ns(self) -> int:
-        """Current virtual time in ns."""
         return self.time.now_ns
 
     @property
     def frames(self) -> int:
-        """Number of frames on all buses."""
         return sum(wire.frames for wire in self.wires.values())
 
     @property
     def running(self) -> bool:
-        """Whether the robot has booted and has not stopped: its state is RUNNING, DISABLED or FAULT."""
+        """Whether the robot has booted and has not stopped (state RUNNING, DISABLED or FAULT)."""
         return self.core.state in (RobotState.RUNNING, RobotState.DISABLED, RobotState.FAULT)
 
     def start(self) -> None:
@@ -270,23 +265,21 @@ class RobotUnderTest:
         self.host.end()
 
     def restart(self) -> None:
-        """Restart the robot's process."""
         self._boot()
         self._join()
 
     def run_for(self, duration_ns: int) -> None:
-        """Advance virtual time by `duration_ns`."""
         self.time.run_until(self.time.now_ns + duration_ns)
 
     def close(self) -> None:
-        """End the robot and the drives, and delete the temporary files."""
+        """Shut down robot and drives, and delete the temporary files."""
         self.kill()
         for drive in self.drives.values():
             drive.power_off()
         self._state.cleanup()
 
     def actor(self, name: str, timing: Timing, times: int = 1) -> Actor:
-        """Return a new process in virtual time, with the frequency error of its oscillator drawn from the seed."""
+        """Create a process in virtual time, with an oscillator error drawn from the seed."""
         limit = self.timings.ppm
         drawn = round(self._ppm.uniform(-limit, limit), 3)
         shared = self.setup.physics and name != MASTER  # the drives of one world share a clock
@@ -296,7 +289,7 @@ class RobotUnderTest:
         return actor
 
     def awake(self) -> Iterator[VirtualNode]:
-        """Yield the devices that have a supply and whose process is not stalled."""
+        """Yield the devices with supply whose process is not stalled."""
         now = self.time.now_ns
         for drive in self.drives.values():
             if drive.device is not None and drive.actor is not None and now >= drive.actor.stalled_until:
@@ -329,7 +322,7 @@ class RobotUnderTest:
 
 
 class _CoreObserver(RobotObserver):
-    """Observer of the robot's current process, which passes on its events."""
+    """Forwarder of the events of the robot's present process."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self._robot = robot

@@ -1,4 +1,4 @@
-"""Events of a simulation: the entries of a schedule, and the table of their kinds.
+"""Events of a simulation, and the table of their kinds.
 
 A schedule is a list of events, random or from a scenario file; `EventPlayer` executes it.
 """
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class EventKind(NamedTuple):
-    """Kind of an event, with the type of its target (`node`, `member`, `controller` or none) and its description.
+    """Kind of an event: target (`node`, `member`, `controller` or none), description, allowed keys.
 
     `breaks` is True for a fault; faults are counted by the states in which they occur.
     """
@@ -97,7 +97,6 @@ class ScenarioEvent:
 
     @property
     def words(self) -> str:
-        """Description of the event in one line."""
         world = "" if self.world is None else " ".join(f"{key} {value}" for key, value in world_words(self.world))
         text = " ".join(word for word in (self.kind, self.target, self.name, world) if word)
         values = " ".join(f"{word:g}" for word in self.values)

@@ -1,4 +1,4 @@
-"""Reader of scenario files of simulations, which contain timed events; all errors are reported at once.
+"""Reader of scenario files with timed events for simulations; all errors are reported together.
 
     for: 20s
     seed: 7
@@ -54,7 +54,7 @@ _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() fo
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Content of a scenario file; `duration_ns` and `seed` are None if absent."""
+    """Contents of a scenario file; `duration_ns` and `seed` are None if the file has no value."""
 
     acts: tuple[ScenarioEvent, ...]
     duration_ns: int | None = None
@@ -62,7 +62,7 @@ class Scenario:
 
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a file for a robot; raise ScenarioError with all errors and their lines."""
+    """Read a scenario file for a robot; raise ScenarioError that lists all errors with lines."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[ScenarioEvent] = []
@@ -83,7 +83,7 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
 
 
 def _check_ends(file: ScenarioFile, length: int) -> None:
-    """Report steps whose time is after the end of the scenario."""
+    """Report steps later than the end of the scenario."""
     for step in file.steps:
         with contextlib.suppress(ValueError):  # of a time that is reported already
             if (at := nanoseconds_of(step.at)) > length:
@@ -91,7 +91,7 @@ def _check_ends(file: ScenarioFile, length: int) -> None:
 
 
 def _kind_of(step: ScenarioStep) -> str:
-    """Return the kind of a step that names a plant, a quirk or a fault."""
+    """Return the event kind of a step without `do`: plant, quirk or fault."""
     if step.plant:
         return "plant"
     if step.quirk:
@@ -100,13 +100,13 @@ def _kind_of(step: ScenarioStep) -> str:
 
 
 class _Checked:
-    """Step of a scenario file with the robot for which it is checked."""
+    """Step of a scenario file, checked for one robot."""
 
     def __init__(self, step: ScenarioStep, nodes: Sequence[int], controllers: Sequence[str], setup: RobotSetup) -> None:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield the events of the step, and report its errors."""
+        """Yield the step's events; report its errors."""
         step = self._step
         if happens := step.acts():
             yield from self._world(happens)
@@ -140,7 +140,7 @@ class _Checked:
         yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
     def _world(self, happens: Sequence[WorldAct]) -> Iterator[ScenarioEvent]:
-        """Yield the disturbance of the physics world that a step contains; report an error without physics."""
+        """Yield the physics disturbance of the step; report an error without physics."""
         step, setup = self._step, self._setup
         named = (
             step.node is not None or step.fault or step.quirk or step.plant or step.values or step.target or step.name
@@ -159,7 +159,7 @@ class _Checked:
             yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=step.when, world=world_act)
 
     def _check_part(self, world_act: WorldAct) -> None:
-        """Report a link or joint of a disturbance that the robot does not have."""
+        """Report a disturbance of a link or joint that the robot does not have."""
         here, model = self._step.here, self._setup.description.model
         if isinstance(world_act, BlockJoint):
             joints = [joint.name for tag in self._setup.description.hardware for joint in tag.joints]
@@ -203,7 +203,7 @@ class _Checked:
             here.error(f"name: does not go with {kind}")
 
     def _check_axis(self, axis: int | None) -> None:
-        """Report an axis that the node of the step does not have."""
+        """Report an axis number that the step's node does not have."""
         plans = [plan for bus in self._setup.joined.values() for plan in bus.plans.values()]
         axes = next((len(plan.axes) for plan in plans if plan.node_id == self._step.node), None)
         if axis is not None and axes is not None and axis >= axes:
@@ -232,7 +232,7 @@ def _is_count(values: Sequence[float]) -> bool:
 
 
 def scenario_text(acts: Iterable[ScenarioEvent], *, seed: int, duration_ns: int, note: str = "") -> str:
-    """Return the text of a scenario file with these events."""
+    """Return the events as the text of a scenario file."""
     head = f"# {note}\n" if note else ""
     lines = "".join(f"  - {_line(act)}\n" for act in acts)
     return f"{head}for: {_seconds(duration_ns)}\nseed: {seed}\nsteps:{f'{chr(10)}{lines}' if lines else ' []'}"

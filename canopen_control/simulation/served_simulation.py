@@ -1,4 +1,4 @@
-"""Socket of a simulated robot: programs connect as they would to a running robot.
+"""Socket of a simulated robot, to which programs connect as to a running robot.
 
 Their requests reach the robot's own server at the end of a slice of virtual time; the answers are sent after the next
 slice. The simulation is paced to real time. The player's observers are informed of the requests. With other programs
@@ -33,7 +33,7 @@ _MOST: Final = 1 << 20  # limit of the bytes that wait for a program; a slower p
 
 
 class OutsideClient(SimulatedClient):
-    """Program outside the simulation, with a real connection."""
+    """Real connection of a program outside the simulation."""
 
     def __init__(self, clients: SimulatedClients, sock: socket.socket, front: Reactor) -> None:
         super().__init__(clients, clients.robot.host, reads=True, pid=peer_pid(sock))
@@ -43,12 +43,12 @@ class OutsideClient(SimulatedClient):
         front.add_reader(sock, self._on_readable)
 
     def take(self, data: bytes) -> int:
-        """Store data from the robot, which are sent at the end of the time slice."""
+        """Buffer data from the robot until `flush` at the end of the time slice."""
         self._answers += data
         return len(data)
 
     def flush(self) -> None:
-        """Send the stored data to the program; disconnect a program that is gone or reads too slowly."""
+        """Send the buffered data; disconnect a program that is gone or reads too slowly."""
         while self._answers:
             try:
                 sent = self._sock.send(self._answers)
@@ -62,7 +62,6 @@ class OutsideClient(SimulatedClient):
             self._gone()
 
     def close(self) -> None:
-        """Close the real connection to the program."""
         if self._sock.fileno() >= 0:
             self._front.remove_reader(self._sock)
             self._sock.close()
@@ -86,7 +85,7 @@ class OutsideClient(SimulatedClient):
 
 
 class ServedSimulation:
-    """Server that gives other programs access to a player's robot; RobotConfigError if the socket is in use.
+    """Server that connects other programs to a player's robot; RobotConfigError if the socket is in use.
 
     Requests are received and answers sent during `wait`, which follows each `slice_ns` of virtual time.
     """
@@ -115,7 +114,7 @@ class ServedSimulation:
         player.robot.tells_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
-        """Start the ROS bridge as a client of the robot; `close` ends the bridge."""
+        """Start the ROS bridge as a client of the robot, until `close`."""
         robot = self._player.robot
         supervisor = Supervisor(robot.setup.name, self._front, lambda event: robot.core.report(event))
         self._held.callback(supervisor.end)
@@ -123,7 +122,7 @@ class ServedSimulation:
         supervisor.start_client("ros", bridge, ros=True, restarts=Restarts())
 
     def wait(self, seconds: float) -> None:
-        """Exchange data with the connected programs for `seconds` of real time."""
+        """Exchange data with the programs for `seconds` of real time."""
         for client in self._here:
             client.flush()
             if client.dropped or not self._clients.serves(client):
@@ -134,7 +133,7 @@ class ServedSimulation:
         self._front.run_for(round(seconds * 1e9))
 
     def run(self, duration_ns: int, speed: float = 1.0) -> None:
-        """Advance virtual time, at most `speed` times as fast as real time, and exchange data with the programs."""
+        """Advance virtual time, at most `speed` times as fast as real time, with data exchange."""
         robot, begun, passed = self._player.robot, time.perf_counter(), 0
         while passed < duration_ns:
             step = min(self.slice_ns, duration_ns - passed)
@@ -143,7 +142,6 @@ class ServedSimulation:
             self.wait(max(0.0, passed / 1e9 / speed - (time.perf_counter() - begun)))
 
     def close(self) -> None:
-        """Close all connections, the bridge and the socket."""
         for client in self._here:
             client.flush()
             client.close()
@@ -161,6 +159,6 @@ class ServedSimulation:
         self._here.append(self._clients.admit(OutsideClient(self._clients, sock, self._front)))
 
     def requested(self, record: RequestSeen) -> None:
-        """Notify the player's observers of a program's request."""
+        """Notify the player's observers of a request by a program."""
         for act in self._requests.acts(record):
             self._player.requested(act)

@@ -1,4 +1,4 @@
-"""Simulation of several robots in one physics world, each with its own runtime, buses, drives, schedule and observer.
+"""Simulation of several robots in one physics world.
 
 They push each other and their range finders see each other, as in `run --world FILE`. The seed of each robot is derived
 from the common seed and its number in the file.
@@ -30,7 +30,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SharedOutcome:
-    """Result of a simulation of several robots: combined, and per robot in `robots`."""
+    """Result of a simulation of several robots, in total and by robot."""
 
     seed: int
     robot_s: float
@@ -43,7 +43,7 @@ class SharedOutcome:
 
 
 class SharedSimulation:
-    """Robots in the physics world of a file, each with the schedule of its seed for `duration_ns` with these `faults`.
+    """Robots in one physics world, each with its own random schedule and observers.
 
     `runs` contains the run of each robot by name. ConfigError if the world refuses a robot.
     """
@@ -67,7 +67,7 @@ class SharedSimulation:
         self._began, self._began_ns = real_time.perf_counter(), self.time.now_ns
 
     def run(self, progress: Callable[[float], object] = lambda _robot_s: None, speed: float | None = None) -> None:
-        """Start all robots and run to the end; `progress` is called periodically with the simulated time in s."""
+        """Simulate from start to end; `progress` is called repeatedly with the simulated time in s."""
         self._began = real_time.perf_counter()
         for run in self.runs.values():
             run.robot.start()
@@ -80,17 +80,16 @@ class SharedSimulation:
 
     @property
     def robot_s(self) -> float:
-        """Simulated time in s."""
         return (self.time.now_ns - self._began_ns) / 1e9
 
     @property
     def real_s(self) -> float:
-        """Real time in s since the start."""
+        """Real time in s since the start of the run."""
         return real_time.perf_counter() - self._began
 
     @property
     def outcome(self) -> SharedOutcome:
-        """Result of the simulation so far, of all robots together and of each robot."""
+        """Result of the simulation so far."""
         outcomes = {name: run.outcome for name, run in self.runs.items()}
         return SharedOutcome(
             self.seed,
@@ -104,6 +103,6 @@ class SharedSimulation:
         )
 
     def close(self) -> None:
-        """End all robots and drives, and delete their temporary files."""
+        """Shut down all robots and drives, and delete their temporary files."""
         for run in self.runs.values():
             run.close()

@@ -1,4 +1,4 @@
-"""Clients of a robot's socket in virtual time, including clients that do not read; the server is the robot's own.
+"""Clients of the robot's API server in virtual time, including clients that never read.
 
 A client connects and stays silent; or subscribes to everything and does not read; or sends a command that ends with its
 connection, and disconnects; or requests the status and waits for each answer. Unread data stay in a buffer of some KiB,
@@ -46,23 +46,22 @@ class _ServerEnd:
         self.open = True
 
     def fileno(self) -> int:
-        """Return the number of the connection, -1 after it was closed."""
         return self._fileno if self.open else -1
 
     def setblocking(self, _on: bool) -> None:
-        """Do nothing: the connection never blocks."""
+        """Ignored: the connection never blocks."""
 
     def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
-        """Return the peer's credentials: this user's ids, and a process id that is the same in every simulation."""
+        """Return the peer credentials (SO_PEERCRED): user and group id, and a reproducible process id."""
         return struct.pack("3i", self._client.pid or self._fileno, os.getuid(), os.getgid())
 
     def arrived(self) -> None:
-        """Notify the server that data have arrived, or that the client has left."""
+        """Notify the server of new data, or of the end of the connection."""
         self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
-        """Return data of the client, empty after the client has left; BlockingIOError if no data are waiting."""
+        """Return data of the client, empty after the client has left; BlockingIOError without data."""
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
@@ -72,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send as many data as the client accepts, and return their number; BlockingIOError if it accepts none."""
+        """Send the part of the data that the client accepts, return its length; BlockingIOError if none."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)
@@ -81,12 +80,11 @@ class _ServerEnd:
         return accepted
 
     def sendall(self, data: bytes) -> None:
-        """Send all data; the robot is blocked if the client does not read."""
+        """Send all data; if the client does not accept all, the robot's process is blocked."""
         if self._client.take(data) < len(data):
             self._client.block()
 
     def close(self) -> None:
-        """Close the connection."""
         self._actor.selector.clear_ready(self._fileno)
         self.open = False
 
@@ -100,17 +98,15 @@ class _Listener:
         self._waiting: list[_ServerEnd] = []
 
     def fileno(self) -> int:
-        """Return the number of the socket."""
         return self._fileno
 
     def add(self, end: _ServerEnd) -> None:
-        """Add a connection to the backlog."""
         self._waiting.append(end)
         self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def accept(self) -> tuple[_ServerEnd, str]:
-        """Return the oldest connection of the backlog; BlockingIOError if the backlog is empty."""
+        """Return the oldest pending connection; BlockingIOError without a pending connection."""
         if not self._waiting:
             self._actor.selector.clear_ready(self._fileno)
             raise BlockingIOError
@@ -118,7 +114,7 @@ class _Listener:
 
 
 class SimulatedClient:
-    """Simulated client; `reads` is False if it never reads, `here` is True until it leaves.
+    """Simulated client of the robot's API server; `reads` is False for a client that never reads.
 
     `dropped` is True once the robot has closed the connection, `waits_since` the time of the oldest unanswered request,
     `came_ns` the time of the connection, `asks` whether the client ever sent a request. `pid` is its process, 0 for
@@ -136,11 +132,9 @@ class SimulatedClient:
 
     @property
     def dropped(self) -> bool:
-        """Whether the robot has closed the connection."""
         return not self.end.open
 
     def ask(self, request: Request[Any]) -> None:
-        """Send a request to the robot."""
         self._number += 1
         if self.waits_since is None:
             self.waits_since = self._clients.robot.now_ns
@@ -149,11 +143,10 @@ class SimulatedClient:
 
     @property
     def asks(self) -> bool:
-        """Whether the client has sent a request."""
         return self._number > 0
 
     def take(self, data: bytes) -> int:
-        """Receive data of the server as far as the buffer has space; return the number of bytes accepted."""
+        """Receive server data up to the free buffer space; return the number of accepted bytes."""
         if not self.reads:
             accepted = min(len(data), _ROOM - self._unread)
             self._unread += accepted
@@ -165,12 +158,12 @@ class SimulatedClient:
         return len(data)
 
     def leave(self) -> None:
-        """Close the connection from the client's side."""
+        """Close the connection as the client."""
         self.here = False
         self.end.arrived()
 
     def block(self) -> None:
-        """Count and simulate that a server waits for this client: stall the robot's process."""
+        """Stall the robot's process, as a server that waits for this client would be, and count the stall."""
         self._clients.blocked += 1
         self._clients.robot.host.stall(_BLOCKED_NS)
 
@@ -195,19 +188,19 @@ class SimulatedClients:
         self._server: ApiServer
 
     def connect(self, *, reads: bool) -> SimulatedClient:
-        """Connect a new client; the robot's server is started for the first client of a process."""
+        """Connect a new client; the first client of a process starts the robot's server."""
         self._open()
         return self.admit(SimulatedClient(self, self.robot.host, reads=reads))
 
     def admit(self, client: C) -> C:
-        """Connect a client that was created for the robot's process; return the client."""
+        """Connect an existing client object to the server; return the client."""
         self._open()
         self.all.append(client)
         self._listener.add(client.end)
         return client
 
     def _open(self) -> None:
-        """Start the server of the robot's process, unless it is running already."""
+        """Start the server of the present process, unless already running."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
@@ -218,19 +211,19 @@ class SimulatedClients:
     # -- kinds of clients
 
     def silent(self, count: int, for_ns: int | None) -> None:
-        """Connect `count` clients that send nothing, and disconnect them after `for_ns`."""
+        """Connect `count` clients that send nothing, for `for_ns` or without end."""
         for _ in range(count):
             self._leave_later(self.connect(reads=False), for_ns)
 
     def deaf(self, for_ns: int | None) -> None:
-        """Connect a client that subscribes to everything, sends requests, and does not read."""
+        """Connect a client that subscribes to everything and sends requests, but never reads."""
         client = self.connect(reads=False)
         client.ask(Subscribe(state_rate=_STATE_RATE, events=True, pdos=True, requests=True))
         self._leave_later(client, for_ns)
         self._ask_on(client, None)
 
     def ask(self, for_ns: int | None) -> None:
-        """Connect a client that requests the status at most ten times a second, never before the previous answer."""
+        """Connect a client that requests the status every 100 ms, each time after the last answer."""
         client = self.connect(reads=True)
         client.ask(GetStatus())
         until = None if for_ns is None else self.robot.now_ns + for_ns
@@ -238,7 +231,7 @@ class SimulatedClients:
         self._ask_on(client, until)
 
     def dead_man(self, controller: str, values: Sequence[float], for_ns: int, on_leave: Callable[[], object]) -> None:
-        """Send one command, disconnect after `for_ns`, and call `on_leave`, unless the robot's process has changed."""
+        """Send one dead-man command, disconnect after `for_ns` and call `on_leave`, unless the process has ended."""
         client = self.connect(reads=True)
         client.ask(CommandController(controller=controller, values=list(values), dead_man=True))
         self._leave_later(client, for_ns, on_leave)
@@ -263,5 +256,5 @@ class SimulatedClients:
             self.robot.time.later(for_ns, leave)
 
     def serves(self, client: SimulatedClient) -> bool:
-        """Whether the process to which a client is connected still exists."""
+        """Whether the process of a client's connection still exists."""
         return self.robot.up and self.robot.core is self._core and client in self.all

@@ -1,4 +1,4 @@
-"""Physics world of robots in virtual time; virtual drives move the joints as in `run --physics`.
+"""Physics world in virtual time, in which virtual drives move the joints of robots.
 
 The drives of one world share a clock, like drives of one process. A drive without supply releases its joints.
 """
@@ -45,7 +45,7 @@ def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive
 
 
 class SimulatedFloor:
-    """Physics world of a robot's drives, or the robot's part of it, periodically advanced to the present.
+    """Physics world of a robot's drives, advanced periodically to the present virtual time.
 
     `awake` returns the devices that have a supply and whose process is not stalled.
     """
@@ -57,15 +57,15 @@ class SimulatedFloor:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Assumptions made about the robot's description, as sentences."""
+        """Assumptions about the robot's description, as sentences."""
         return self._world.notes if isinstance(self._world, ReportsAssumptions) else ()
 
     def plants_of(self, node_id: int) -> Callable[[int], Plant]:
-        """Return a function that creates the plant of an axis of a node."""
+        """Return the factory of plants for the axes of a node."""
         return lambda axis: self._world.plant(node_id, axis)
 
     def release_joints(self, node_id: int, device: VirtualNode) -> None:
-        """Release the joints of a drive that has lost its supply."""
+        """Detach the joints from a drive that has lost its supply."""
         for axis in device.drives:
             self._world.plant(node_id, axis)  # without an owner
 
@@ -74,7 +74,7 @@ class SimulatedFloor:
         return self._world.describe()
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance now; ConfigError for a missing link or joint."""
+        """Apply a disturbance; ConfigError for a missing link or joint."""
         self._keep_up_with(self._time.now_ns)
         if isinstance(self._world, AcceptsEvents):
             self._world.act(world_act)

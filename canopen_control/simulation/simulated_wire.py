@@ -33,17 +33,17 @@ _ID_SIZE: Final = 4  # bytes of a record's can_id
 
 
 class WireObserver(Protocol):
-    """Observer of the frames on a simulated bus."""
+    """Interface of an observer of the frames on a simulated bus."""
 
     def wants(self, can_id: int) -> bool:
-        """Whether the observer needs frames with this identifier."""
+        """Whether `hear` shall be called for frames with this identifier."""
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Record a frame of the sender `label`; `now` in ns."""
+        """Handle a frame of the sender `label`, received at `now` in ns."""
 
 
 class SimulatedWire:
-    """Simulated CAN bus; `members` maps labels to processes, `listeners` are called with every frame.
+    """Simulated CAN bus; `members` are processes by label, `listeners` are called for every frame.
 
     `lost`, `doubled` and `disturbed` are rules that select frames; `cut` contains the labels whose cable is cut.
     """
@@ -71,42 +71,41 @@ class SimulatedWire:
 
     @property
     def bits(self) -> int:
-        """Number of bits sent on the bus since the start."""
         return self._wire.bits
 
     @property
     def has_wire_faults(self) -> bool:
-        """Whether rules for frames, cut cables or controllers in bus-off are active."""
+        """Whether a frame rule, a cut cable or a bus-off state is active."""
         return bool(self.lost or self.doubled or self.disturbed or self.cut or self._off)
 
     def open(self, label: str) -> SimulatedPort:
-        """Connect the process with this label to the bus, and return its port."""
+        """Open the bus for the process of the member `label`; return its port."""
         self._opened += 1
         port = self._ports[self._opened] = SimulatedPort(self, self._opened, label, self.members[label])
         self.refilter()
         return port
 
     def observe(self, observer: WireObserver) -> None:
-        """Add an observer, which receives the frames whose identifiers it needs."""
+        """Add an observer, which receives the frames with the identifiers that the observer wants."""
         self._observers.append(observer)
         self._listeners.clear()
 
     def refilter(self) -> None:
-        """Discard the cached listeners after a change of a filter."""
+        """Clear the cache of listeners after a filter change."""
         self._listeners.clear()
 
     def leave(self, port: SimulatedPort) -> None:
-        """Remove a port, and discard the frames that the port has not sent yet."""
+        """Remove a port and its unsent frames."""
         if self._ports.pop(port.number, None) is not None:
             self._wire.forget(port.number)
             self.refilter()
 
     def silences(self, label: str) -> bool:
-        """Whether the member with this label is cut off, because its cable is cut or its controller in bus-off."""
+        """Whether the member `label` is cut off by a cut cable or bus-off."""
         return label in self.cut or label in self._off
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
-        """Queue frames of a port; frames are lost and counted if the queue is full or the member is cut off."""
+        """Queue frames of a port; a full queue or a cut-off member loses the frames, which are counted."""
         queue = self._wire.queues.get(port.number)
         if (queue is not None and len(queue) > SEND_LIMIT) or ((self.cut or self._off) and self.silences(port.label)):
             port.stats.lost += len(records) // RECORD_SIZE
@@ -116,11 +115,11 @@ class SimulatedWire:
             self._plan()
 
     def inject(self, frame: CanFrame, label: str = "stranger") -> None:
-        """Send a frame of an unknown node at once."""
+        """Send a foreign frame at once, without arbitration."""
         self._carry(label, pack_records([frame]), None)
 
     def bus_off(self, label: str, duration_ns: int = RESTART_NS) -> None:
-        """Set the CAN controller of the member `label` to bus-off, and restart it after `duration_ns`."""
+        """Put the CAN controller of the member `label` into bus-off for `duration_ns`."""
         if label not in self._off:
             self._off.add(label)
             self._report(label, error_frames.bus_off_frame())
@@ -137,14 +136,14 @@ class SimulatedWire:
                 port.report(frame)
 
     def _plan(self) -> None:
-        """Schedule the end of the frame that is being sent."""
+        """Schedule the end of the present frame."""
         arrival = self._wire.due_ns
         self._planned = arrival is not None
         if arrival is not None:
             self._time.at(arrival, self._on_passed)
 
     def _passed(self) -> None:
-        """Deliver the frames that end before any other event, and schedule the end of the next frame."""
+        """Deliver all frames that end before the next other event; schedule the end of the following frame."""
         wire, jump = self._wire, self._time.jump
         self._planned = False
         while True:
@@ -167,7 +166,7 @@ class SimulatedWire:
                 return
 
     def _judge(self, port: SimulatedPort, record: bytes) -> None:
-        """Lose, double or deliver a frame, according to the rules."""
+        """Lose, double or deliver a frame according to the rules."""
         label = port.label
         can_id: int = RECORD.unpack(record)[0]
         if self._errors.get(label):
@@ -179,7 +178,7 @@ class SimulatedWire:
             self._carry(label, record, port)
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
-        """Whether a rule disturbs a frame; if so, raise the error counter of the sender."""
+        """Whether a rule disturbs a frame, which raises the sender's error counter."""
         port = self._ports.get(number)
         if port is None or self.silences(port.label):
             return False
@@ -219,12 +218,12 @@ class SimulatedWire:
 
 
 def _dropped(rules: list[DropRule], label: str, can_id: int) -> bool:
-    """Whether any rule selects a frame; every rule counts the frame."""
+    """Whether a rule selects a frame; all rules count the frame."""
     return sum(rule.takes(label, can_id) for rule in rules) > 0
 
 
 class SimulatedPort:
-    """Port of a `SimulatedWire` for one process, with the interface of `canopen_control.bus.port.Port`."""
+    """Port of a `SimulatedWire` for one process; implements `canopen_control.bus.port.Port`."""
 
     def __init__(self, wire: SimulatedWire, number: int, label: str, actor: Actor) -> None:
         self.number, self.label = number, label
@@ -239,35 +238,30 @@ class SimulatedPort:
 
     @property
     def channel(self) -> str:
-        """Name of the channel to which the port belongs."""
         return self._wire.channel
 
     def events(self) -> list[BusEvent]:
-        """Return and clear the bus events that have occurred."""
         return self._events.drain()
 
     def fileno(self) -> int:
-        """Return the number of the port in the selector of the process."""
         return self._fileno
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Deliver only frames with these identifiers."""
         self.identifiers = frozenset(can_ids)
         self._wire.refilter()
 
     def put(self, records: bytes) -> None:
-        """Queue received records for the process; called by the wire."""
+        """Queue received records for the process, which wakes up."""
         if not self._queue and self._actor.selector.set_ready(self._fileno):
             self._actor.arrived()
         self._queue.append(records)
 
     def report(self, frame: CanFrame) -> None:
-        """Queue an error frame of the port's own controller."""
+        """Queue an error frame of this port's CAN controller."""
         self._errors_wait = True
         self.put(pack_records([frame]))
 
     def receive(self) -> bytes:
-        """Return the received whole records, or ``b""``; BusClosed if the port is closed."""
         if self._closed:
             raise self._no_bus()
         queue = self._queue
@@ -283,20 +277,18 @@ class SimulatedPort:
         return records
 
     def send(self, records: Records) -> None:
-        """Send whole records, in order; BusClosed if the port is closed."""
         if self._closed:
             raise self._no_bus()
         self.stats.tx += whole_records(records)
         self._wire.send(self, records if isinstance(records, bytes) else bytes(records))
 
     def flush(self) -> None:
-        """Do nothing: the wire accepts all records at once."""
+        pass  # the wire accepts all records at once
 
     def _no_bus(self) -> BusClosed:
         return BusClosed(self.channel, "closed on this side")
 
     def close(self) -> None:
-        """Leave the bus; no-op if the port is closed already."""
         self._closed = True
         self._actor.selector.clear_ready(self._fileno)
         self._wire.leave(self)

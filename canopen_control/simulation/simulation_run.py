@@ -1,4 +1,4 @@
-"""Run of one simulation from start to end: a robot, its schedule, and the result."""
+"""Run of one simulation: a robot, its schedule, and the result."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SLICE_NS: Final = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationResult:
-    """Result of a simulation; `sha256` covers every frame and event with its time, `breaches` are sentences."""
+    """Result of a simulation; `sha256` covers all frames and events with their times."""
 
     seed: int
     robot_s: float
@@ -71,7 +71,7 @@ class SimulationRun:
         progress: Callable[[float, float], object] = lambda _robot, _real: None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Start the robot and run; `progress` is called periodically with the simulated and the real time in s.
+        """Start the robot and simulate; `progress` is called repeatedly with the simulated and the real time in s.
 
         The run ends early if `stop` returns True.
         """
@@ -85,7 +85,7 @@ class SimulationRun:
             self._keep_pace()
 
     def _keep_pace(self) -> None:
-        """Wait for real time if the simulation is ahead of `speed`, and exchange data with other programs."""
+        """Sleep if the simulation is ahead of `speed`, and exchange data with connected programs."""
         ahead = 0.0 if self.speed is None else max(0.0, self.robot_s / self.speed - self.real_s)
         if self.served is not None:
             self.served.wait(ahead)
@@ -94,7 +94,6 @@ class SimulationRun:
 
     @property
     def robot_s(self) -> float:
-        """Simulated time in s."""
         return (self.robot.now_ns - self.began_ns) / 1e9
 
     @property
@@ -113,11 +112,10 @@ class SimulationRun:
 
     @property
     def breaches(self) -> tuple[str, ...]:
-        """Sentences that describe the violated invariants."""
         return tuple(breach.sentence for breach in self.invariants.breaches)
 
     def why_never(self, duration_ns: int) -> str:
-        """Return the reason why the robot never ran; "" if it ran, or if the run was ended early."""
+        """Return why the robot never reached RUNNING; "" if the robot did, or the run ended early."""
         core, seconds = self.robot.core, self.robot_s
         ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
         if core.has_run or not ended:
@@ -126,7 +124,7 @@ class SimulationRun:
         return f"{core.setup.name} never ran in {seconds:g} s: {why}"
 
     def close(self) -> None:
-        """End the robot and the drives, close the served socket, and delete temporary files."""
+        """Shut down robot, drives and served socket, and delete temporary files."""
         if self.served is not None:
             self.served.close()
         self.robot.close()

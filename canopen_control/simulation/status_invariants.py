@@ -1,4 +1,4 @@
-"""Invariants of reports: `status`, the state stream, events and `/joint_states` agree with the drives.
+"""Invariants of reports: status, state stream, events and `/joint_states` agree with the drives.
 
 Each report is read as a client reads it and compared with the drives themselves: states of NMT and CiA 402, mode,
 position and velocity of their shafts, within the time allowed for each. What cannot be known (a disturbed drive, a bus
@@ -78,7 +78,7 @@ class _Shaft:
         self._bounds: dict[int, tuple[float, float]] = {}  # by kind of value in the last cycles
 
     def take(self, robot: RobotUnderTest, now: int) -> None:
-        """Record the position and the velocity of the shaft at `now`."""
+        """Record the present position and velocity of the shaft."""
         device, truth = robot.drives[self.view.node_id].device, self.truth
         if device is None:
             truth.clear()
@@ -98,7 +98,7 @@ class _Shaft:
             self._bounds = {}
 
     def agrees(self, which: int, value: float | None) -> bool:
-        """Whether a reported position or velocity is within the values of the last cycles, or cannot be checked."""
+        """Whether a reported position or velocity is within the range of the last cycles; True if unknown."""
         if value is None or not self.truth:
             return True
         bounds = self._bounds.get(which)
@@ -116,7 +116,7 @@ class _Shaft:
 
 
 class StatusInvariants:
-    """Check of a robot's reports, periodically by `sampled`; `report(rule, text)` receives the breaches."""
+    """Check of the robot's reports against the drives; breaches go to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class StatusInvariants:
         self._jumped = 0.0  # time of the newest jump event already checked
 
     def sampled(self, now: int) -> None:
-        """Check the current reports against the drives."""
+        """Check the present reports against the drives."""
         robot = self._robot
         for shaft in self._shafts:
             shaft.take(robot, now)
@@ -182,7 +182,7 @@ class StatusInvariants:
         self._judge_jumps(status.events)
 
     def true_place(self, joint: str) -> tuple[float, float] | None:
-        """Return the lowest and highest position of a joint in the last cycles, in SI units; None if unknown."""
+        """Return the lowest and highest joint position of the last cycles in SI units, None if unknown."""
         for shaft in self._shafts:
             if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
                 places = [truth[_POSITION] for truth in shaft.truth]
@@ -190,12 +190,12 @@ class StatusInvariants:
         return None
 
     def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether a node has been undisturbed for a while and has a supply."""
+        """Whether a node has a supply and was undisturbed for a while."""
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
 
     def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
-        """Compare the named reports, which are identical, with the drives."""
+        """Compare a report with the drives; `faces` are the names of the reports with these contents."""
         for name, view in self._nodes.items():
             self._judge_node(faces, shown.nodes[name], view, now)
         for shaft in self._shafts:
@@ -206,7 +206,7 @@ class StatusInvariants:
     # -- states
 
     def _judge_node(self, faces: Faces, reading: NodeReading, view: ObservedNode, now: int) -> None:
-        """Compare the reported states of a node and its axes with the actual states."""
+        """Compare the reported states of a node and its axes with the device."""
         device = self._robot.drives[view.node_id].device
         if device is None:
             return
@@ -250,7 +250,7 @@ class StatusInvariants:
             self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value}, it is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
-        """Check the published `/joint_states` and their time stamp."""
+        """Check the values and the time stamp of `/joint_states`."""
         by_joint: dict[str, Values] = sample.joints
         for shaft in self._shafts:
             values = by_joint.get(shaft.joint, {})
@@ -268,7 +268,7 @@ class StatusInvariants:
             self._report("shown_wrong", f"{face}: {text}")
 
     def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
-        """Whether a wrong report lasts longer than the time allowed for it; True only once."""
+        """Whether a wrong report lasts longer than allowed; True only at the first such call."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
@@ -278,7 +278,7 @@ class StatusInvariants:
     # -- mandatory events
 
     def _judge_supply(self, name: str, reading: NodeReading, events: list[RobotEvent], now: int) -> None:
-        """Check that a node without supply is reported as lost within its heartbeat time, with an event."""
+        """Check that a node without supply is reported as lost in time, with an event."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
             self._lost.pop(name, None)
@@ -298,7 +298,7 @@ class StatusInvariants:
             self._report_once(name, since, "event_missing", f"{name} was lost, and no event says so")
 
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an event reports a fault seen on the bus."""
+        """Check that a drive fault on the bus has an event."""
         hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
         is_in_fault = view.in_fault and now - view.status_at < _EVERY_NS
         if (
@@ -309,7 +309,7 @@ class StatusInvariants:
             self._report_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an event reports an EMCY with an error; for a series of EMCYs one event suffices."""
+        """Check that an EMCY with an error has an event; one event is enough for a series."""
         sent = self._emcys.get(name, 0)
         if not sent:
             if view.emcy_at > self._emcys_told.get(name, 0):
@@ -323,7 +323,7 @@ class StatusInvariants:
             self._report("event_missing", f"{name} has sent an EMCY, and no event says so")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an event reports a repeated toggle bit in the guarding answer of a node that was ready."""
+        """Check that a repeated toggle bit in a guarding answer has an event."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
@@ -333,7 +333,7 @@ class StatusInvariants:
             )
 
     def _judge_jumps(self, events: list[RobotEvent]) -> None:
-        """Check that a jump event is reported only if the drive's count has jumped."""
+        """Check that each jump event belongs to a jump of the drive's count."""
         for event in events:
             if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
                 continue
@@ -355,7 +355,7 @@ class StatusInvariants:
 
 
 def _has_event(events: list[RobotEvent], node: str, since: int, kind: str = "") -> bool:
-    """Whether a node has an event since about `since`, of a kind that begins with `kind`."""
+    """Whether a node has an event of a kind (a prefix) since about `since`."""
     earliest = since / 1e9 - _MARGIN_S
     return any(event.node == node and event.time > earliest and event.kind.startswith(kind) for event in events)
 
@@ -377,7 +377,7 @@ _LEADS: Final = ("command", "trajectory", "activate", "deactivate")
 
 
 class _Open:
-    """Accepted goal, with the final positions and tolerances of its joints, and the time at which it must end."""
+    """Accepted goal: final positions and tolerances by joint, and the latest time of its end."""
 
     def __init__(
         self, act: ScenarioEvent, goal: TrajectoryGoal, places: dict[str, tuple[float, float]], over_ns: int
@@ -387,7 +387,7 @@ class _Open:
 
 
 class GoalInvariants:
-    """Check of the ends of goals; `report(rule, text)` receives the breaches.
+    """Check of the results of goals; breaches go to `report(rule, text)`.
 
     The owner calls `requested`, `applied` and `sampled` as time passes.
     """
@@ -403,13 +403,12 @@ class GoalInvariants:
         self._stopped_at = -1 << 62  # time of the last stop request, if there was no other request since
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record whether the request of a client stops or moves the robot."""
+        """Record a client request that stops or moves the robot."""
         self._stopped_at = now if act.kind in _STOPS else -1 << 62
         if act.kind in _LEADS:
             self._newest = act
 
     def applied(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Record a goal accepted by a controller."""
         controller = self._robot.core.manager.get(act.target)
         tolerances = controller.params.tolerances()  # type: ignore[attr-defined]
         last = goal.trajectory.points[-1]
@@ -424,7 +423,7 @@ class GoalInvariants:
         self._open.append(_Open(act, goal, places, over))
 
     def sampled(self, now: int) -> None:
-        """Check the goals that have ended or should have ended, and the refused switches."""
+        """Check open goals, and refused switches that had an effect."""
         for text in self._player.torn[self._torn :]:
             self._report("switch_torn", text)
         self._torn = len(self._player.torn)
@@ -436,7 +435,7 @@ class GoalInvariants:
         self._open = [item for item in self._open if self._is_open(item, now)]
 
     def _is_open(self, goal: _Open, now: int) -> bool:
-        """Check a goal; return whether the goal must be checked again."""
+        """Check a goal; return whether later checks are needed."""
         if goal.goal.state is GoalState.CANCELED:
             return self._comes_to_rest(goal, now)
         off = self._deviations(goal)
@@ -463,7 +462,7 @@ class GoalInvariants:
         return now - self._stopped_at < _STOPPED_NS and _STOP not in goal.goal.text
 
     def _comes_to_rest(self, goal: _Open, now: int) -> bool:
-        """Check that joints stop after a cancel; return whether the goal must be checked again.
+        """Check that joints stop after a cancelled goal; return whether later checks are needed.
 
         Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
         """
@@ -482,7 +481,7 @@ class GoalInvariants:
         return False
 
     def _brake_s(self, goal: _Open, ways: dict[str, float]) -> float:
-        """Return the braking time in s of joints that moved by `ways` in the last cycles, from the parameters."""
+        """Return the braking time in s from the controller's parameters; `ways` are recent travels by joint."""
         params = self._robot.core.manager.get(goal.act.target).params  # type: ignore[attr-defined]
         slow = dict(
             zip(
@@ -493,7 +492,7 @@ class GoalInvariants:
         return max(times, default=0.0)
 
     def _deviations(self, goal: _Open) -> dict[str, tuple[float, float]]:
-        """Return the highest and lowest error of each joint beyond its tolerance in the last cycles.
+        """Return the largest and smallest recent error of each joint minus its tolerance.
 
         The result is empty if the position of a joint is unknown.
         """
@@ -509,5 +508,5 @@ class GoalInvariants:
 
 
 def _all_within(off: dict[str, tuple[float, float]]) -> bool:
-    """Whether all joints are certainly within their tolerances; False if their errors are unknown."""
+    """Whether all joints are certainly within their tolerances; False with unknown errors."""
     return bool(off) and all(most < -_GOAL_SLACK for most, _ in off.values())

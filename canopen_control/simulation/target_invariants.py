@@ -1,4 +1,4 @@
-"""Invariants of targets: a drive receives the commands of the clients, and its shaft follows its targets.
+"""Invariants of targets: drives receive the clients' commands, and shafts follow the targets.
 
 The first invariant compares targets on the bus with the values commanded per joint, scaled as in bus.yml; a target
 between the command and standstill is valid too, because of stops and limits. The second compares the shaft with the
@@ -53,7 +53,7 @@ _LEAST: Final = 5.0  # counts/s, or counts
 
 
 class _Followed:
-    """Axis with the range of speeds that its shaft may have."""
+    """Axis with the range of its permitted shaft speeds."""
 
     def __init__(self, view: ObservedNode) -> None:
         self.view = view
@@ -68,14 +68,14 @@ class _Followed:
         self._slope = 0.0
 
     def slope(self, drive: VirtualDrive) -> float:
-        """Return the lower of the drive's two ramps in counts/s^2, which limits stops too."""
+        """Return the smaller of the drive's two ramps in counts/s^2, cached until an object changes."""
         version = drive.objects.store.version
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
             self._slope_of, self._slope = (drive, version), _slope(drive)
         return self._slope
 
     def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
-        """Return the limits of 0x607D and the maximum velocity of 0x607F, 0 for none; they are read once a second."""
+        """Return the limits of 0x607D and the maximum velocity of 0x607F (0: none), cached for a second."""
         if self._limits_of != (version := (drive, now // _CALM_NS)):
             objects = drive.objects
             low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
@@ -85,11 +85,11 @@ class _Followed:
         return self._limits
 
     def rest(self) -> None:
-        """Clear the state of the check until the next enable."""
+        """Restart the check at the next enable."""
         self.at, self.reported = 0, False
 
     def ramp(self, low: float, high: float, slope: float, now: int, speed: float) -> None:
-        """Move the range of allowed speeds towards the range of the targets, with the drive's ramp."""
+        """Move the permitted speed range towards the target range by the drive's ramp."""
         if not self.at:
             self.low, self.high = min(speed, low), max(speed, high)
         else:
@@ -100,13 +100,13 @@ class _Followed:
 
 
 class _Commanders:
-    """Times of the last commands of a controller, separately for clients whose commands end with their connection."""
+    """Times of a controller's last commands, with and without dead-man function."""
 
     def __init__(self) -> None:
         self._leaving = self._staying = 0
 
     def command(self, at: int, *, leaves: bool) -> None:
-        """Record a command of a client; with `leaves` the command ends with the client's connection."""
+        """Record a command; with `leaves` the command ends with the client's connection."""
         if leaves:
             self._leaving = at
         else:
@@ -114,12 +114,12 @@ class _Commanders:
 
     @property
     def go_on(self) -> bool:
-        """Whether the command continues when the client with `leaves` disconnects, since another client's is newer."""
+        """Whether commands continue after the dead-man client has left, because another client's command is newer."""
         return self._staying > self._leaving + _LAG_NS
 
 
 class TargetInvariants:
-    """Check of targets, by `requested` and periodically `sampled`; `report(rule, text)` receives the breaches."""
+    """Check of targets on the bus and of the shafts; breaches go to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -142,7 +142,7 @@ class TargetInvariants:
         self._lost: set[str] = set()
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Record a request of a client that commands joints or may end commands."""
+        """Record a client request that commands joints or may end commands."""
         reception = max(now, self._robot.host.stalled_until)
         commanders = self._commanders.setdefault(act.target, _Commanders())
         if act.kind in _STOPS or (act.kind == "leave" and not commanders.go_on):
@@ -161,7 +161,7 @@ class TargetInvariants:
                 self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((reception, value))
 
     def sampled(self, now: int) -> None:
-        """Check targets and motion of the drives now."""
+        """Check the targets and the motion of all drives."""
         if self._robot.floor is not None:
             return
         for axis in self._axes:
@@ -179,7 +179,7 @@ class TargetInvariants:
             self._judge_targets(now)
 
     def _may_judge(self, view: ObservedNode, now: int) -> bool:
-        """Whether an axis follows targets and has been undisturbed since its enable."""
+        """Whether an axis follows targets and was not disturbed since its enable."""
         if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
             return False
         return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
@@ -187,7 +187,7 @@ class TargetInvariants:
     # -- all modes
 
     def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
-        """Check a drive's target against the drive's own limits, or for standstill if the drive is disabled."""
+        """Check the target of an enabled drive against its limits, of a disabled drive for standstill."""
         view = axis.view
         pushes = ""
         if view.enabled:
@@ -205,17 +205,17 @@ class TargetInvariants:
             axis.wrong = ""
 
     def _all_calm(self, now: int) -> bool:
-        """Whether nothing has happened for a while that could stop the robot."""
+        """Whether no recent event can have stopped the robot."""
         disturbed = max((self._disturbed.last(axis.view.node_id) for axis in self._axes), default=0)
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
 
     def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether the connection of a drive to the robot has been undisturbed for a while."""
+        """Whether a drive and its connection have been undisturbed for a while."""
         since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
         return since < now - _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target of an enabled drive that is beyond the drive's limits; "" if there is none."""
+        """Return a text about a target beyond the limits of an enabled drive, "" if there is none."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
@@ -233,7 +233,7 @@ class TargetInvariants:
         return ""
 
     def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target of an enabled drive that pushes against an active limit; "" if there is none.
+        """Return a text about a target that pushes an enabled drive against an active limit, else "".
 
         The blocked direction is the direction in which the target points while the shaft stands still.
         """
@@ -244,7 +244,7 @@ class TargetInvariants:
         return f"to turn at {targets[-1]}, against the limit that it has come to" if pushes else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target of a disabled drive other than standstill; "" if there is none."""
+        """Return a text about a target of a disabled drive that is not standstill, else ""."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
         if target := view.targets.get(_VELOCITY, 0):
@@ -292,7 +292,7 @@ class TargetInvariants:
         bounds: tuple[float, float],
         does: str,
     ) -> None:
-        """Report a value outside of its bounds, with the drive's targets multiplied by `unit`.
+        """Report a position or speed outside its bounds; `unit` converts the targets for the text.
 
         A drive whose set-points do not count yet, or come from elsewhere, is healthy: the robot has to report that.
         """
@@ -336,7 +336,7 @@ class TargetInvariants:
             self._report("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
-        """Check that a drive is not commanded to stand still while a client renews a command."""
+        """Report a standstill command to a drive while a client renews a motion command."""
         commands, value = self._commanded[joint], recent[-1]
         earlier = max((at for at, _ in commands if at < now - _LAG_NS), default=-_RENEWED_NS)
         going_on = now - _RENEWED_NS < earlier < now - _LAG_NS < commands[-1][0]
@@ -355,7 +355,7 @@ class TargetInvariants:
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
-    """Return the newest commanded value, preceded by earlier values that may still be active."""
+    """Return the newest commanded value, after earlier values that the drive may still have."""
     values = []
     for at, value in reversed(commands):
         values.append(value)
@@ -365,7 +365,7 @@ def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
 
 
 def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]]:
-    """Return the joints of the first axis of each node, with their velocity scales from the files."""
+    """Return the joints of each node's first axis with their velocity scales from bus.yml."""
     scales: dict[int, list[tuple[str, float]]] = {}
     for joint, node in watched_joints(robot.setup):
         scales.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
@@ -373,13 +373,13 @@ def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]
 
 
 def _slope(drive: VirtualDrive) -> float:
-    """Return the lower of a drive's two ramps in counts/s^2, which limits stops too."""
+    """Return the smaller of a drive's two ramps in counts/s^2."""
     objects = drive.objects
     ramps = [objects.ramp(index) for index in (o.PROFILE_ACCELERATION, o.PROFILE_DECELERATION) if objects.has(index)]
     return min(ramps, default=_AT_ONCE) or _AT_ONCE
 
 
 def _reach(drive: VirtualDrive) -> float:
-    """Return the allowed distance of a shaft from its target: the window of 0x6065, 0 if the window is disabled."""
+    """Return the permitted distance of a shaft from its target: 0x6065, or 0 if the window is disabled."""
     window = drive.objects.number(o.FOLLOWING_ERROR_WINDOW)
     return float(window) if 0 < window < 1 << 30 else 0.0

@@ -1,4 +1,4 @@
-"""Virtual time: one clock for many reactors, each with its own wake-up delays and oscillator.
+"""Virtual time: one clock for many reactors, each with its own wake-up delay and oscillator.
 
 Nothing waits in real time: the clock advances at once to the next event. Events at the same nanosecond occur in the
 order of their scheduling, so that the same seed gives the same result. Times are in ns.
@@ -26,7 +26,7 @@ _NEVER: Final = 1 << 62
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Wake-up delay of a process: at least `latency_ns`, up to `jitter_ns` more, and rarely up to `spike_ns` more.
+    """Wake-up delay of a process: `latency_ns`, plus up to `jitter_ns`, rarely up to `spike_ns`.
 
     `ppm` is the frequency error of its oscillator, positive if it is fast.
     """
@@ -41,7 +41,7 @@ _SPIKES: Final = 0.0005  # fraction of all wake-ups
 
 
 class VirtualTime:
-    """Simulated clock that advances from event to event without waiting; `now_ns` is the current time."""
+    """Simulated clock that jumps from event to event."""
 
     __slots__ = ("_heap", "_limit_ns", "_sequence", "now_ns")
 
@@ -52,13 +52,13 @@ class VirtualTime:
         self._limit_ns = START_NS
 
     def at(self, when_ns: int, callback: Callable[[], object]) -> None:
-        """Call `callback` once, at `when_ns`, or at the present time if `when_ns` has passed."""
+        """Schedule a callback for `when_ns`, or for the present time if `when_ns` has passed."""
         self._sequence += 1
         now = self.now_ns
         heapq.heappush(self._heap, (when_ns if when_ns > now else now, self._sequence, callback))
 
     def later(self, delay_ns: int, callback: Callable[[], object]) -> None:
-        """Call `callback` once, `delay_ns` from now."""
+        """Schedule a callback `delay_ns` from now."""
         self.at(self.now_ns + delay_ns, callback)
 
     def next_ns(self) -> int | None:
@@ -66,7 +66,7 @@ class VirtualTime:
         return self._heap[0][0] if self._heap else None
 
     def jump(self, when_ns: int) -> bool:
-        """Advance to `when_ns` during a callback; False, without effect, if another event or the limit comes first."""
+        """Advance to `when_ns` within a callback; False without effect if an earlier event or the limit prevents."""
         heap = self._heap
         if when_ns > self._limit_ns or (heap and heap[0][0] <= when_ns):
             return False
@@ -74,7 +74,7 @@ class VirtualTime:
         return True
 
     def run_until(self, limit_ns: int) -> None:
-        """Process all events up to `limit_ns`, and advance the clock to `limit_ns`."""
+        """Run all events up to `limit_ns`, then set the clock to `limit_ns`."""
         heap, pop = self._heap, heapq.heappop
         self._limit_ns = limit_ns
         while heap and heap[0][0] <= limit_ns:
@@ -84,7 +84,7 @@ class VirtualTime:
 
 
 class Actor:
-    """Process in virtual time with reactor, clock and wake-up delays, which can be stalled and ended.
+    """Process in virtual time with a reactor, a clock and wake-up delays.
 
     `stalled_until` is the end of a stall.
     """
@@ -103,32 +103,32 @@ class Actor:
         self._ended = False
 
     def local(self, now_ns: int) -> int:
-        """Return the time of the process's own clock at the virtual time `now_ns`."""
+        """Return the reading of the process's own clock at the virtual time `now_ns`."""
         return now_ns + now_ns * self._rate // _BILLION
 
     def arrived(self) -> None:
-        """Schedule a wake-up because data have arrived, unless a wake-up is pending already."""
+        """Schedule a wake-up because of new data, unless one is scheduled already."""
         if self._wake_at == _NEVER:
             self._wake_at = self._woken_by(self._time.now_ns)
             self._time.at(self._wake_at, self._woken)
 
     def call(self, work: Callable[[], object]) -> None:
-        """Schedule a function on the reactor of the process, as for a client's request."""
+        """Call a function in the reactor of the process, as for a client request."""
         self.reactor.call_soon(work)
         self.arrived()
 
     def stall(self, duration_ns: int) -> None:
-        """Stall the process for `duration_ns`, as if it had no processor."""
+        """Stall the process for `duration_ns`, as without CPU time."""
         self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
-        """End the process as SIGKILL does: none of its callbacks is called any more."""
+        """End the process as by SIGKILL: no callback runs any more."""
         if not self._ended:
             self._ended = True
             self.reactor.close()
 
     def _woken_by(self, due_ns: int) -> int:
-        """Return the time at which the process wakes up for an event, with a random delay."""
+        """Return the wake-up time for an event due at `due_ns`, with a random delay."""
         timing = self.timing
         earliest = (due_ns if due_ns > self.stalled_until else self.stalled_until) + timing.latency_ns
         if not timing.jitter_ns:
@@ -146,7 +146,7 @@ class Actor:
             self._serve()
 
     def _serve(self) -> None:
-        """Process everything that is ready or due, and set the alarm for the next deadline."""
+        """Run the reactor for all ready and due work, and set the alarm for the next deadline."""
         now = self._time.now_ns
         if self._ended:
             return

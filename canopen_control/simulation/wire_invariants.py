@@ -1,4 +1,4 @@
-"""Invariants of the bus: timing of the master, bus load, SDO order, and configuration of the drives.
+"""Invariants of the bus: timing of the master, bus load, order of SDO requests, configuration of the drives.
 
 A stalled, killed or disconnected master has no timing; it is checked again one second later. Times are in ns.
 """
@@ -52,7 +52,7 @@ _WIDE: Final = 32  # objects above this width are checked only here
 
 
 class _Configured:
-    """Node with its last checked boot, its PDO records, and the values of its wide objects in the last cycles."""
+    """Node with its last checked boot, its PDO records, and the recent values of its wide objects."""
 
     def __init__(self, name: str, plan: NodePlan) -> None:
         self.name, self.plan = name, plan
@@ -69,7 +69,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Check of node configurations, periodically by `sampled`; `report(rule, text)` receives the breaches."""
+    """Check of the configuration of all nodes; breaches go to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -86,7 +86,6 @@ class ConfigurationInvariants:
         self._core: object = None
 
     def sampled(self, now: int) -> None:
-        """Check all nodes now."""
         for node in self._wide:
             self._note(node, now)
         if now < self._next_check:
@@ -129,7 +128,7 @@ class ConfigurationInvariants:
     # -- forbidden values
 
     def _judge_pdos(self, node: _Configured, device: VirtualNode) -> None:
-        """Report a PDO that became active with an invalid COB-ID other than the COB-ID in its EDS.
+        """Report a PDO that became valid with a restricted COB-ID that is not in the EDS.
 
         A device starts with the values of its file, and a PDO with such a COB-ID transfers nothing (CiA 301, table 40).
         """
@@ -164,7 +163,7 @@ class ConfigurationInvariants:
                 values.popleft()
 
     def _judge_wide(self, node: _Configured, remote: RemoteNode, now: int) -> None:
-        """Compare the value decoded by the robot with the values of the object in the last cycles."""
+        """Compare a value decoded by the robot with the recent values in the device."""
         if self._disturbed.last(node.plan.node_id) > now - _CALM_NS:
             return
         for cob_id, position, mapped, observed in node.wide:
@@ -184,7 +183,7 @@ _TRANSMISSION: Final = 2
 
 
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
-    """Whether a drive has the value of a write; True too for a value that the drive need not keep."""
+    """Whether a drive has the value of a planned write; True for values that the drive need not keep."""
     od = device.od if device.motors is None else device.motors.device
     if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in od:
         return True
@@ -221,7 +220,7 @@ _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireInvariants:
-    """Check of one bus; `report(rule, text)` receives the breaches.
+    """Check of one bus; breaches go to `report(rule, text)`.
 
     `hear` receives the frames that `wants` selects; `sampled` is called periodically.
     """
@@ -250,7 +249,7 @@ class WireInvariants:
         return can_id in (0x80, self._heartbeat_id) or 0x580 < can_id < 0x600 or 0x600 < can_id < 0x680
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Record a frame of SYNC, heartbeat or SDO, and check its time."""
+        """Check the time of a SYNC or heartbeat, or the order of an SDO frame."""
         can_id, length, data = RECORD.unpack(record)
         if label == MASTER:
             if can_id == 0x80:
@@ -273,7 +272,7 @@ class WireInvariants:
             )
 
     def _request(self, node: int, data: bytes, now: int) -> None:
-        """Check that an SDO request follows the previous answer, an abort, or the timeout (CiA 301, 7.2.4)."""
+        """Check that an SDO request follows an answer, an abort, or a timeout (CiA 301, 7.2.4)."""
         command = data[0] >> 5 if data else _ABORT
         if command == _ABORT:
             self._waiting.pop(node, None)
@@ -293,7 +292,7 @@ class WireInvariants:
         self._waiting[node] = (now, data)
 
     def _all_recorded_since(self, asked_ns: int) -> bool:
-        """Whether an abort would have been recorded: no frame was lost meanwhile, and the master was not restarted."""
+        """Whether no abort can have been missed: no frame was lost, and the master was not restarted."""
         return not self._wire.has_wire_faults and asked_ns > max(self._quiet_until, self._last_start)
 
     @property
@@ -303,7 +302,7 @@ class WireInvariants:
     # -- time
 
     def sampled(self, now: int) -> None:
-        """Check the bus load of each second."""
+        """Check the bus load once per second."""
         self._excused(now)
         if now - self._window < _SECOND:
             return
@@ -315,7 +314,7 @@ class WireInvariants:
             self._report("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:
-        """Return until when the master may be late, because it was stalled, restarted, or could not send."""
+        """Return until when the master may be late after a stall, a restart, or a bus fault."""
         stalled_until = self._robot.host.stalled_until
         if now < stalled_until or self._wire.has_wire_faults:  # or a cable was cut
             self._quiet_until = now + _SECOND

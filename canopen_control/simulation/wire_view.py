@@ -1,4 +1,4 @@
-"""State of the nodes and of the master, decoded from the bus alone: control and status words, targets, heartbeats.
+"""State of the nodes and the master as decoded from bus frames alone.
 
 Frames are decoded by the PDO mappings in bus.yml; SDO downloads of the controlword are decoded too. Times are in ns.
 """
@@ -34,7 +34,7 @@ _SHOWN_ENABLED: Final = 0x27  # state bits of OPERATION ENABLED (CiA 402-2)
 
 
 class ObservedNode:
-    """Traffic of a node: `controlword` and `targets` (by object) sent to the node, `statusword` sent by it.
+    """Traffic of one node: `controlword` and `targets` (by object) to the node, `statusword` from the node.
 
     `timeout_ns` is the longest silence allowed, 0: unlimited. Times, 0 for never: `told_at` of the last controlword,
     `alive_at` of the last heartbeat or guarding answer, `booted_at` of the last boot-up, `status_at` of the statusword,
@@ -59,7 +59,7 @@ class ObservedNode:
         self.nmt_edges: dict[tuple[int, int], int] = {}
 
     def alive(self, state: int, now: int) -> None:
-        """Record a heartbeat or guarding answer with an NMT state; 0 is a boot-up."""
+        """Record a heartbeat or guarding answer with an NMT state, where 0 is a boot-up."""
         self.alive_at = now
         if self.plan.guard:
             state = self._without_toggle(state, now)
@@ -71,7 +71,7 @@ class ObservedNode:
         self.nmt = state
 
     def _without_toggle(self, answer: int, now: int) -> int:
-        """Check the toggle bit of a guarding answer, 0 after a boot-up (CiA 301, 7.2.8.3.1), and return the state."""
+        """Check the toggle bit of a guarding answer (CiA 301, 7.2.8.3.1); return the NMT state."""
         toggle = answer >> 7
         if answer and toggle == self._toggle:
             self.toggled_at = now
@@ -80,21 +80,18 @@ class ObservedNode:
 
     @property
     def commanded(self) -> bool:
-        """Whether the controlword requests OPERATION ENABLED."""
         return self.controlword & 0x8F == _ENABLED
 
     @property
     def in_fault(self) -> bool:
-        """Whether the statusword shows FAULT or FAULT REACTION ACTIVE."""
         return self.statusword & 0x4F in (0x08, 0x0F)
 
     @property
     def enabled(self) -> bool:
-        """Whether the statusword shows OPERATION ENABLED."""
         return self.statusword & _STATE == _SHOWN_ENABLED
 
     def record_written(self, index: int, value: int, now: int) -> None:
-        """Record a value that the master has written to an object of the node."""
+        """Record a value that the master has written to the node."""
         if index == o.CONTROLWORD:
             self.told_at = now
             if value != self.controlword:
@@ -107,7 +104,7 @@ class ObservedNode:
             self.recent.setdefault(index, deque(maxlen=_KEPT)).append((now, value))
 
     def targets_since(self, index: int, since: int) -> list[int]:
-        """Return the values of a target that were valid since a time, the newest last; empty if there is none."""
+        """Return the values of a target that were valid since a time, in order; empty if none."""
         values: list[int] = []
         for at, value in reversed(self.recent.get(index, ())):
             values.append(value)
@@ -116,7 +113,7 @@ class ObservedNode:
         return values[::-1]
 
     def record_sent(self, index: int, value: int, now: int) -> None:
-        """Record a value that the node has sent; only the statusword is used."""
+        """Record a value from the node, if the object is the statusword."""
         if index == o.STATUSWORD:
             if value != self.statusword:
                 self._shows(value, now)
@@ -125,7 +122,7 @@ class ObservedNode:
                 self.shown_enabled_at = now
 
     def _shows(self, value: int, now: int) -> None:
-        """Record a changed statusword."""
+        """Record a changed statusword and its state transition."""
         before = self.statusword if self.status_at else value
         if (before ^ value) & _STATE:
             edge = before & _STATE, value & _STATE
@@ -138,7 +135,7 @@ class ObservedNode:
 
 
 class WireView:
-    """State of one bus, decoded from its frames; `nodes` contains the nodes by node id.
+    """State of one bus; `nodes` are by node ID.
 
     `master_at` is the time of the master's last heartbeat, `sync_at` the time of the last SYNC.
     """
@@ -175,7 +172,7 @@ class WireView:
         return any(can_id in identifiers for identifiers in identifier_sets)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Record a frame; foreign frames are recorded too, as the robot also receives them."""
+        """Decode a frame; foreign frames count too, since the robot also receives them."""
         can_id, length, data = RECORD.unpack(record)
         pdo = self._pdos.get(can_id)
         if pdo is not None:
@@ -195,7 +192,7 @@ class WireView:
             self._receive_service(can_id, data, length, label, now)
 
     def _receive_service(self, can_id: int, data: bytes, length: int, label: str, now: int) -> None:
-        """Record a frame of error control, SDO or EMCY."""
+        """Decode a frame of error control, SDO or EMCY."""
         if (view := self._alive.get(can_id)) is not None:
             view.alive(data[0] if length else 0x7F, now)
         elif can_id == self._master and label == MASTER:
@@ -209,7 +206,7 @@ class WireView:
 
 
 def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
-    """Yield each joint of a drive's first axis, whose objects are decoded, with its node in bus.yml."""
+    """Yield each joint on a drive's first axis, which the views decode, with its node in bus.yml."""
     for config in setup.joined.values():
         for joint in (joint_tag for tag in setup.description.hardware for joint_tag in tag.joints):
             node = node_of(config, joint)
@@ -219,7 +216,7 @@ def watched_joints(setup: RobotSetup) -> Iterator[tuple[str, NodeConfig]]:
 
 
 def _fields(objects: Iterable[MappedObject]) -> Iterable[tuple[int, int, int, bool]]:
-    """Yield index, bit position, mask and sign of the mapped objects that are decoded."""
+    """Yield object index, bit position, mask and sign of each decoded object in a PDO."""
     at = 0
     for mapped in objects:
         if mapped.index in _JUDGED:
