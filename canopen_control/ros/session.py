@@ -225,10 +225,10 @@ def wants_sim_time(client: RobotClient) -> bool:
 
 
 class RosTime:
-    """Conversion of times between the robot and ROS.
+    """Conversion of time stamps between the robot and ROS.
 
     `clock` returns the ROS time in s, None if it is the system time; `wall` returns Unix time in s. `state` and `event`
-    are for the reactor's thread, `unix` for any thread. `in_simulation` tells that the stamps of a simulated robot are
+    are for the reactor's thread, `unix` for any thread. `in_simulation` is True if the stamps of a simulated robot are
     simulated time.
     """
 

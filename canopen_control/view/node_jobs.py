@@ -1,7 +1,8 @@
-"""Jobs at one node, shared by all pages: short requests on threads, and one long job at a time. No NiceGUI.
+"""Jobs at one node, which all pages share, without NiceGUI.
 
-A request has its own connection, so that STOP and the state samples never wait behind the request. A long job continues
-when the page that started it is closed; every page shows the progress, and any page can end the job.
+Short requests run on threads, and one long job at a time. A request has its own connection, so that STOP and the state
+samples never wait behind the request. A long job continues when the page that started it is closed; every page shows
+the progress, and any page can end the job.
 """
 
 from __future__ import annotations
@@ -73,11 +74,10 @@ class NodeJobs(NodeObjects):
 
     @property
     def busy(self) -> bool:
-        """Whether a job is running."""
         return self.work is not None and not self.work.over
 
     def begin(self, work: JobRun, function: Callable[[NodeSession, JobRun], str]) -> str | None:
-        """Start a job on a thread; `function` returns its final sentence. Return the reason if the job cannot start."""
+        """Start a job on a thread, where `function` returns the final sentence; return the reason if refused."""
         if self.work is not None and self.busy:
             return f"{self.place.name} is busy: {self.work.title}; wait for its end"
         self.work = work

@@ -1,4 +1,4 @@
-"""Objects of a node for the page, as rows with values and with a search; without NiceGUI."""
+"""Rows, values and search of a node's objects for the page, without NiceGUI."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def address_text(address: Address) -> str:
 
 
 class ObjectList:
-    """Objects of a node for one page; remembers which values the page has received."""
+    """Objects of a node for one page, with a record of the values that were sent to the page."""
 
     def __init__(self, od: ObjectDictionary, node_id: int) -> None:
         self._od, self._node_id = od, node_id
@@ -68,7 +68,7 @@ class ObjectList:
         return "" if info is None or info.code in SCALAR_CODES else info.name or f"0x{entry.index:04X}"
 
     def entry(self, address: str) -> Entry | None:
-        """Return the entry at an address such as 0x1018:01; None if there is none."""
+        """Return the entry at an address such as 0x1018:01, or None."""
         return self._entries.get(address)
 
     def entries(self, addresses: Iterable[str]) -> list[Entry]:
@@ -76,14 +76,14 @@ class ObjectList:
         return [self._entries[address] for address in addresses if address in self._entries]
 
     def entries_with_mode(self, addresses: Iterable[str]) -> list[Entry]:
-        """Return these entries; if a statusword or controlword is among them, add 0x6061 for its mode-specific bits."""
+        """Return these entries, and 0x6061 if the names of statusword or controlword bits depend on the mode."""
         selected = self.entries(addresses)
         mode = self._entries.get(address_text(_MODE))
         has_axis = any(axis_word(entry.index) for entry in selected)
         return [*selected, mode] if has_axis and mode is not None and mode not in selected else selected
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
-        """Return the matching addresses (None for all) and "", or no addresses and an error text."""
+        """Return the addresses that match and "", all as None, or no addresses and an error text."""
         if not (words := text.split()):
             return None, ""
         try:

@@ -1,4 +1,4 @@
-"""Address of a page with its token, in a file with mode 0600 in the private folder of the sockets.
+"""Address and token of a page, in a file with mode 0600 in the private folder of the sockets.
 
 The view that serves a page holds a lock on its file. A view that was killed leaves the file, and the next view on the
 same host and port uses its token again, so that an open tab survives the restart. A normal exit removes the file: an
@@ -102,7 +102,7 @@ class AccessRules:
         return None
 
     def response_headers(self, nonce: str = "") -> dict[str, str]:
-        """Return the headers of every response, with which the page may connect to this server only.
+        """Return the security headers of every response, with which the page may connect to this server only.
 
         Allowed scripts are our own files and those with `nonce`, so that text from a bus can run no script, however it
         got into the page. NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
@@ -139,7 +139,7 @@ _WAIT_S: Final = 0.5  # for a process that reads it at this moment
 
 
 class PageAddress:
-    """File of the page of `robot` on `host` and `port`, locked by this process from now on.
+    """Locked file with the address and the token of the page of `robot` on `host` and `port`.
 
     `token` is the token of a killed view on the same host and port, None if there is none. The port must be bound
     before. Of two views with one host and port (in two network namespaces) only the first has a file.
@@ -172,7 +172,7 @@ class PageAddress:
 
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
-    """Return the pages that this user's views serve, as addresses with the token by addresses without it."""
+    """Return the addresses of the pages that this user's views serve, with token, by the address without token."""
     addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
         content = _read(path)
@@ -218,7 +218,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether the view that wrote a file is still running, and so holds the lock on the file."""
+    """Whether the view that wrote the file is still running, and so has the file locked."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

@@ -1,4 +1,4 @@
-"""Content of the panels, which is the same for all pages: state, events, controllers and faults. No NiceGUI."""
+"""Content of the panels, shared by all pages, without NiceGUI."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _EVENTS: Final = 100
 
 
 class RecentEvents:
-    """The last `_EVENTS` events of the robot; iteration yields the oldest first."""
+    """The last `_EVENTS` events of the robot, oldest first."""
 
     def __init__(self, events: Iterable[RobotEvent] = ()) -> None:
         self._events: deque[RobotEvent] = deque(maxlen=_EVENTS)
@@ -61,7 +61,7 @@ class RecentEvents:
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """Content of the panels: `state` is the newest sample, `lost` the reason why the state may be outdated, else ""."""
+    """Data for the panels; `lost` is the reason why `state` may be outdated, "" while the robot is connected."""
 
     state: StateSample
     events: RecentEvents
@@ -75,7 +75,6 @@ class PageContent:
 
     @property
     def banner(self) -> Banner:
-        """Robot state with the problem and the next step, for the banner."""
         return lost_banner(self.lost) if self.lost else banner(self.state)
 
 
@@ -127,7 +126,7 @@ class FaultClient:
 
 @dataclass(frozen=True, slots=True)
 class DriveFaults:
-    """Faults and quirks of each running virtual drive, whether active or not."""
+    """Available faults and quirks of each running virtual drive."""
 
     drives: dict[str, tuple[FaultListing, ...]] = field(default_factory=dict)
     quirks: dict[str, tuple[QuirkListing, ...]] = field(default_factory=dict)

@@ -55,7 +55,6 @@ class AccessMiddleware:
         self.app, self._rules = app, rules  # NiceGUI looks for `app` to find its server
 
     async def __call__(self, scope: Message, receive: Receive, send: Send) -> None:
-        """Answer a refused request, or pass an allowed request to the application."""
         if scope["type"] == "lifespan":
             await self.app(scope, receive, send)
             return
@@ -76,7 +75,7 @@ class AccessMiddleware:
 
 
 class _Answer:
-    """Sender of a response with the headers of the rules; HTML is sent only when complete, because it needs a nonce."""
+    """Sender of a response with the headers of the rules; HTML is buffered, because its scripts need a nonce."""
 
     def __init__(self, rules: AccessRules, send: Send) -> None:
         self._rules, self._send = rules, send
@@ -181,7 +180,7 @@ def listen(host: str, port: int | None, first: int | None = None) -> socket.sock
 
 
 class PageServer:
-    """Server of the page `build` at / and of `stop` at POST /stop; `stop` returns None, or the reason of a failure."""
+    """HTTP server for the page `build` at / and for `stop` at POST /stop; `stop` returns the reason of a failure."""
 
     def __init__(
         self,
@@ -278,7 +277,7 @@ def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
 
 
 async def access_problem(rules: AccessRules) -> str | None:
-    """Send requests that must be refused; return a text if one of them is answered, else None."""
+    """Send requests that the access check must refuse; return a text if one of them is accepted, else None."""
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root
@@ -315,7 +314,7 @@ async def _status(rules: AccessRules, path: str, headers: Sequence[str]) -> int:
 
 
 def silence(report: Callable[[str], None]) -> None:
-    """Pass the errors of NiceGUI to `report`, and suppress the log output of the server."""
+    """Pass NiceGUI's exceptions to `report`, and suppress the log output of the server."""
     import logging
     import traceback
 

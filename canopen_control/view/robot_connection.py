@@ -1,4 +1,4 @@
-"""Connection between the page and one robot, its constant data, and driving by held buttons.
+"""Connection of the page to one robot, with the robot's constant data and the motion by held buttons.
 
 STOP is sent at once on the open connection, and never waits for an answer or behind another request. Slow requests use
 a separate connection, on a thread that may block.
@@ -46,7 +46,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """Node with the CAN channel and node id by which a virtual drive is found."""
+    """Node with the CAN channel and the node ID, which identify a virtual drive's socket."""
 
     name: str
     channel: str
@@ -75,7 +75,7 @@ class RobotInfo:
 
 
 def read_robot_info(robot: str, description: Description, listing: NodeListing, status: Status) -> RobotInfo:
-    """Combine the answers to the `description`, `nodes` and `status` requests."""
+    """Combine the answers of the robot to the `description`, `nodes` and `status` requests."""
     state = StateSample(
         state=status.state,
         hint=status.hint,
@@ -129,7 +129,7 @@ _HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """Commands of a held button, `moving` while it is held and `resting` at its end; both expire with the connection.
+    """Commands of a held button, `moving` while held and `resting` on release; both expire with the connection.
 
     `again` is sent instead of `moving` while the same motion continues; None sends `moving` again.
     """
@@ -141,7 +141,7 @@ class TeleopCommands:
 
 
 def twist_motion(controller: str, linear: float, angular: float, lateral: float = 0.0) -> TeleopCommands:
-    """Return the motion of a base with velocities in m/s, forward and to the left, and in rad/s."""
+    """Return the motion of a base; `linear` (forward) and `lateral` (to the left) are in m/s, `angular` in rad/s."""
     moving, resting = (
         TwistController(
             controller=controller, linear=ahead, lateral=aside, angular=around, source=SOURCE, dead_man=True
@@ -154,7 +154,7 @@ def twist_motion(controller: str, linear: float, angular: float, lateral: float 
 def trajectory_motion(
     controller: str, joints: Sequence[str], positions: Sequence[float], seconds: float
 ) -> TeleopCommands:
-    """Return the motion of an arm to `positions` in `seconds`; on release the arm decelerates and stops."""
+    """Return the motion of an arm to `positions` in `seconds`; on release the arm brakes."""
     point = TrajectoryPoint(positions=list(positions), velocities=[0.0] * len(positions), time_from_start=seconds)
     goal = SendTrajectory(
         controller=controller, joints=list(joints), points=[point], source=SOURCE, heartbeat=_HEARTBEAT_S
@@ -166,7 +166,7 @@ def trajectory_motion(
 def joint_motion(
     controller: str, values: Sequence[float], resting: Sequence[float], interface: str | None = None
 ) -> TeleopCommands:
-    """Return the motion of joints to `values`; on release the `resting` values are sent.
+    """Return the motion of joints with the command `values`; on release the `resting` values are sent.
 
     `interface` is the kind of the values; the robot refuses them if the controller takes another kind by then.
     """
@@ -180,7 +180,7 @@ def joint_motion(
 
 
 class DeadMan:
-    """Dead-man control of a held button: ends a motion that is not renewed; commands are passed to `send`."""
+    """Dead-man control, which ends the motion of a held button that is not renewed; `send` sends commands."""
 
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
@@ -190,7 +190,7 @@ class DeadMan:
 
     @property
     def driver(self) -> str | None:
-        """Page that drives the robot; None if no page drives."""
+        """Page whose button is held; None if no button is held."""
         return self._driver
 
     @property
@@ -294,7 +294,6 @@ class RobotConnection:
             return client.ask(ListControllers())
 
     def close(self) -> None:
-        """Close the connection; a second call does nothing."""
         self._client.close()
 
 

@@ -1,4 +1,4 @@
-"""Data of one robot for all pages: constant data, state, and the history of the last half minute."""
+"""Data of one robot for all pages, with the history of the last half minute."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ _TIMEOUT_S: Final = 1.0
 
 
 class WorldClient:
-    """Client for disturbances in the world of a simulated robot; `nodes` are all nodes of the robot."""
+    """Client for disturbances in a simulated robot's world; `nodes` are all nodes of the robot."""
 
     def __init__(self, robot: str, nodes: Iterable[NodeAddress]) -> None:
         self._robot, self._nodes = robot, tuple(nodes)
 
     def changeable(self) -> bool:
-        """Whether the robot, or one of its drives, is in a world that accepts disturbances."""
+        """Whether a simulated world accepts disturbances from the robot or one of its virtual drives."""
         return self._drive() is not None or self._simulated()
 
     def _simulated(self) -> bool:
@@ -61,7 +61,10 @@ class WorldClient:
             return False
 
     def act(self, world_act: WorldAct) -> bool:
-        """Apply a disturbance now, and return whether the robot reports it itself; RemoteError if it is refused."""
+        """Apply a disturbance; RemoteError if the disturbance is refused.
+
+        Return True if the robot itself reports the disturbance as an event.
+        """
         if not self._nodes:
             with RobotClient.connect(self._robot, _TIMEOUT_S) as client:
                 client.ask(world_act)
@@ -74,7 +77,7 @@ class WorldClient:
         return False
 
     def _drive(self) -> NodeAddress | None:
-        """Return any virtual drive whose world accepts disturbances, because they affect the whole world; else None."""
+        """Return a virtual drive whose world accepts disturbances, else None; all drives share one world."""
         alive = set(list_sockets("drive"))
         for node in self._nodes:
             if drive_name(node.channel, node.node_id) not in alive:
@@ -102,7 +105,7 @@ def _connect(node: NodeAddress) -> DriveClient:
 
 
 class RobotView:
-    """Data of a robot for all pages, updated by `take`; `publish` serves a mesh, as for `SceneTree`."""
+    """Data of a robot for all pages, updated by `take`; `publish` makes a mesh available, as for `SceneTree`."""
 
     def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
         self.info, self.state = info, info.state
@@ -122,7 +125,6 @@ class RobotView:
 
     @property
     def node_names(self) -> list[str]:
-        """Names of the nodes, sorted by node id."""
         return list(self._desks)
 
     def desk(self, node: str) -> NodeJobs:
@@ -149,7 +151,7 @@ class RobotView:
         return cast("SceneChange", {key: value for key, value in now.items() if value != before.get(key)})
 
     def scene_now(self) -> SceneChange:
-        """Return the joint positions, the pose and the true pose of the scene, and the joints with a drive in fault."""
+        """Return positions of the joints, pose and true pose of the base, and joints with a drive in fault."""
         state = self.state
         bad = [row.joint for row in axis_rows(state) if row.tone == BAD and row.joint]
         pose, positions = pose_of(state), {name: joint.position for name, joint in state.joints.items()}
@@ -157,7 +159,7 @@ class RobotView:
         return {"angles": angles, "pose": _rounded(pose), "truth": _rounded(truth), "tint": bad}
 
     def content(self, lost: str) -> PageContent:
-        """Return the content of the panels; `lost` is the reason if the state is unknown, else ""."""
+        """Return the content of the panels; `lost` is "" while the robot is connected, else the reason."""
         return PageContent(self.state, self.events, self.controllers, self.faults, lost)
 
 
@@ -166,7 +168,7 @@ def _rounded(pose: Pose | None) -> list[float] | None:
 
 
 def _drawable(urdf: str) -> RobotModel:
-    """Return the links and joints of a URDF; for an invalid URDF an empty model with a note."""
+    """Parse a URDF; an invalid URDF gives an empty model with a note."""
     try:
         return read_model(urdf)
     except RobotConfigError as error:

@@ -1,4 +1,4 @@
-"""Plotted values from state samples: command, actual value and error of each joint, cycle times and bus load.
+"""Plotted values of joints, cycle and buses, from state samples.
 
 All values come from the runtime. The tracking error is the command minus the actual value of the commanded interface;
 the cycle time is the time between two samples divided by the number of cycles between them.
@@ -32,7 +32,7 @@ Row = list[float | None]
 
 
 class History:
-    """Last `SPAN_S` seconds of the values called `names`; times are Unix seconds."""
+    """Values called `names` in the last `SPAN_S` seconds, with Unix times in s."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = tuple(names)
@@ -41,7 +41,7 @@ class History:
         self._new = 0
 
     def add(self, time: float, values: Mapping[str, float | None]) -> None:
-        """Add a sample; within a tenth of a second, a sample replaces the one before it."""
+        """Add the values of a sample, which replace an earlier sample of the same tenth of a second."""
         slot = math.floor(time * RATE + 1e-6)
         if self._slot is not None and slot < self._slot:
             self.clear()  # the clock was set back
@@ -57,7 +57,7 @@ class History:
         return list(self._rows)
 
     def take_new_rows(self) -> list[Row]:
-        """Return the complete rows that were not returned before, the oldest first."""
+        """Return the complete rows since the last call, the oldest first."""
         rows, count = list(self._rows), min(self._new, len(self._rows))
         if count < 2:
             return []
@@ -65,7 +65,6 @@ class History:
         return rows[-count:-1]
 
     def clear(self) -> None:
-        """Remove all rows."""
         self._rows.clear()
         self._slot, self._new = None, 0
 
@@ -86,7 +85,7 @@ _MOVED: Final = 1e-3  # rad or m: an encoder that trembles by a count stands sti
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Line of a chart: name of the history's value, label, and colour."""
+    """Line of a chart; `row` is the name of the value in the history."""
 
     row: str
     name: str
@@ -95,7 +94,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """Chart of a group; its range always includes `low` and `high`."""
+    """Chart of a group; the vertical range always includes `low` and `high`."""
 
     key: str
     title: str
@@ -106,13 +105,13 @@ class Chart:
 
 
 def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
-    """Return the names of the history's values for joints and buses; joints beyond `SHOWN_JOINTS` are left out."""
+    """Return the names of a history's values for these joints and buses; only the first `SHOWN_JOINTS` joints."""
     of_joints = [f"{joint} {name}" for joint in joints[:SHOWN_JOINTS] for name in ("command", "actual", "error")]
     return [*of_joints, "work", "cycle", *(f"load {bus}" for bus in buses)]
 
 
 def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
-    """Return the charts of a robot, those of the group "joints" first, then those of the group "cycle"."""
+    """Return the charts of a robot, first the group "joints", then the group "cycle"."""
     shown = joints[:SHOWN_JOINTS]
     plots = [
         Chart(
@@ -132,7 +131,7 @@ def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
 
 
 def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, str]:
-    """Return the titles of charts, with units, by their keys; `linear` joints are prismatic."""
+    """Return the titles of charts with units by chart key; `linear` joints are prismatic."""
 
     def unit(joint: str, interface: str) -> str:
         return (_LINEAR_UNITS if joint in linear else _UNITS)[interface]
@@ -143,7 +142,7 @@ def titles(interfaces: Mapping[str, str], linear: frozenset[str]) -> dict[str, s
 
 
 def commanded_interfaces(controllers: Sequence[ControllerReading], state: StateSample) -> dict[str, str]:
-    """Return the interface of each joint that an active controller commands.
+    """Return the commanded interface of each joint that an active controller commands.
 
     For a drive that takes targets, the interface follows from its mode of operation.
     """
@@ -163,7 +162,6 @@ class Sampler:
         self._before: tuple[float, int] | None = None
 
     def take(self, state: StateSample, interfaces: Mapping[str, str]) -> dict[str, float | None]:
-        """Return the plotted values of a sample by name."""
         values: dict[str, float | None] = {}
         for name, joint in state.joints.items():
             interface = interfaces.get(name)

@@ -1,4 +1,4 @@
-"""Robot for the 3D scene: a tree of links with their shapes as plain data, joint positions, and trails."""
+"""Tree of links and shapes for the 3D scene, with joint positions and trails."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _JUMP: Final = 1.0  # m; further than a robot drives between two samples: the od
 
 
 class _VisualDocument(TypedDict):
-    """Visual shape in the frame of its link, with sizes in m and a quaternion w, x, y, z; `url` is that of a mesh."""
+    """Shape in the frame of its link, with sizes in m and a quaternion w, x, y, z; `url` is a mesh's address."""
 
     shape: str
     size: Sequence[float]
@@ -59,7 +59,7 @@ class SceneDocument(TypedDict):
 
 
 class SceneTree:
-    """Scene of a robot: the browser draws `tree`; `notes` names the parts that cannot be drawn.
+    """Scene of a robot as data for the browser (`tree`); `notes` describe the parts that cannot be drawn.
 
     `publish(content, format)` serves a mesh and returns its path on the page's server.
     """
@@ -117,7 +117,7 @@ class SceneTree:
 
 
 def angles_of(model: RobotModel, positions: Mapping[str, float | None]) -> list[float | None]:
-    """Return the joint positions in rad or m, in the order of the tree; None if unknown."""
+    """Return the positions of all joints in rad or m, in the order of the tree; None if unknown."""
     return [_rounded(joint.position_in(positions)) for joint in model.from_root]
 
 

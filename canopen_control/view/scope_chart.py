@@ -1,4 +1,4 @@
-"""Scope captures and frequency responses as options of ECharts charts. No NiceGUI.
+"""Scope captures and frequency responses as options of ECharts charts, without NiceGUI.
 
 A capture has a plot per unit, with an overlay in grey and cursors. The data are thinned to `MOST_POINTS` for each
 signal by sending the smallest and the greatest value of each time interval, so that no peak is lost; files contain
@@ -32,7 +32,7 @@ _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
 def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
-    """Return thinned times, relative to the capture's time zero, and values of a signal; None for unknown values."""
+    """Return a signal's times, relative to the capture's time zero, and values, as about `most` points."""
     points = [(round(time - shot.zero, 6), _known(row[place])) for time, row in shot.rows]
     if len(points) <= most:
         return points
@@ -146,7 +146,7 @@ BODE_HEIGHT: Final = _TOP + _BOTTOM + 2 * (_FIELD + _GAP)
 
 
 def cursor_change(named: NamedShot, cursors: tuple[float, float] | None) -> Options:
-    """Return the ECharts options for cursors and trigger, the only ones that change when the user moves a cursor."""
+    """Return the ECharts options that change when the user moves a cursor."""
     return {"series": _marks(named, cursors)}
 
 

@@ -37,7 +37,7 @@ _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}
 
 @dataclass(frozen=True, slots=True)
 class DriveTarget:
-    """Drive axis with a target controller: its node and joint, whether the axis is enabled, and its mode.
+    """Axis of a drive that a target controller commands, with its present state and mode.
 
     `mode` is "" if the present mode of operation takes no target.
     """
@@ -50,7 +50,7 @@ class DriveTarget:
 
     @property
     def quantity(self) -> str:
-        """Quantity of the target; "" if the mode takes no target."""
+        """Quantity of the target, such as "velocity"; "" if the present mode takes no target."""
         return MODES.get(self.mode, "")
 
     @property
@@ -60,7 +60,7 @@ class DriveTarget:
 
 
 def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) -> tuple[DriveTarget, ...]:
-    """Return the drives that have an active target controller, in the order of the controllers."""
+    """Return the axes that an active target controller commands, in the order of the controllers."""
     axes = {axis.joint: (node, axis) for node, reading in state.nodes.items() for axis in reading.axes}
     targets = []
     for controller in controllers:
@@ -78,7 +78,7 @@ _DRIVEN_S: Final = 0.5  # without a word of a held button the drive has ended
 
 
 class TargetSliders:
-    """Position sliders of a controller; `limits` are the ends of the sliders in rad or m, `clock` returns seconds."""
+    """Position sliders of one controller; `limits` are the slider ends in rad or m, `clock` returns seconds."""
 
     def __init__(self, limits: Mapping[str, tuple[float, float]], clock: Callable[[], float] = time.monotonic) -> None:
         self._limits, self._clock = limits, clock
@@ -120,14 +120,13 @@ class TargetSliders:
         return [value if joint in self._set else self._rest.get(joint, value) for joint, value in self.values.items()]
 
     def rest(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return the command that ends the motion: the present positions, or the last known ones."""
+        """Return the command that ends the motion: each joint's present position, or its last known one."""
         values = {**self.values, **self._rest}
         values |= {joint: at for joint, at in positions.items() if at is not None}
         return [values[joint] for joint in self.values]
 
     @property
     def driven(self) -> bool:
-        """Whether a button is held."""
         return self._driven(self._clock())
 
     def _driven(self, now: float) -> bool:

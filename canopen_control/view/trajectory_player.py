@@ -1,4 +1,4 @@
-"""Player of trajectories for pages, on separate connections; without NiceGUI.
+"""Player of trajectories for pages, with a connection of its own, without NiceGUI.
 
 A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page or a
 click on Cancel ends the trajectory: the robot decelerates, holds its position, and reports this as a sentence. The end
@@ -40,7 +40,7 @@ MOST_BYTES: Final = 1_000_000  # what is read here is read beside STOP; the shel
 
 @dataclass(frozen=True, slots=True)
 class LoadedTrajectory:
-    """Joints and points of an uploaded file; `name` is the file's name, times are in s from the start."""
+    """Joints and points of an uploaded file; `name` is the file name, times are in s from the start."""
 
     name: str
     joints: list[str]
@@ -52,13 +52,13 @@ class LoadedTrajectory:
         return self.points[-1].time_from_start
 
     def positions(self, number: int) -> dict[str, float]:
-        """Return the joint positions at a point, in rad or m; an empty mapping if the point has no positions."""
+        """Return the joint positions of a point in rad or m; empty if the point has no positions."""
         positions = self.points[number].positions
         return dict(zip(self.joints, positions, strict=True)) if len(positions) == len(self.joints) else {}
 
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
-    """Parse an uploaded file; the ConfigError names every error and its line."""
+    """Parse an uploaded file; ConfigError with all errors and their lines if the file is invalid."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -144,7 +144,7 @@ class TrajectoryOutcome:
 
 
 class TrajectoryPlayer:
-    """Player of trajectories for pages; `may_play` tells whether a page may play, `connect` connects to the robot."""
+    """Player of trajectories for all pages; `may_play(page)` is True if a page may move the robot."""
 
     def __init__(
         self,
@@ -159,11 +159,11 @@ class TrajectoryPlayer:
 
     @property
     def page(self) -> str | None:
-        """Page that plays a trajectory; None if no page does."""
+        """Page that plays a trajectory; None if nothing is being played."""
         return self._page
 
     async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> TrajectoryOutcome:
-        """Play a trajectory and wait for its end; the outcome is a refusal if the page may not play now."""
+        """Play a trajectory and wait for its end; a page that may not play gets a refusal as the outcome."""
         if not self._may_play(page):
             return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
@@ -223,7 +223,7 @@ class _Run:
             return TrajectoryOutcome(False, str(error))
 
     def cancel(self, why: str | None) -> None:
-        """Cancel the trajectory: the joints decelerate and no further points are sent; a second call does nothing."""
+        """Cancel the trajectory, so that the joints brake; a second call does nothing."""
         if self._cancelled:
             return
         self._cancelled, self._why = True, why
@@ -231,7 +231,7 @@ class _Run:
             self._report()
 
     def close(self) -> None:
-        """Close the connection, after which the robot decelerates."""
+        """Close the connection, upon which the robot brakes."""
         self._cancelled = True
         if self._client is not None:
             self._client.close()

@@ -91,13 +91,13 @@ PANELS: Final = (
 
 @cache
 def stop_html() -> str:
-    """Return the complete STOP button: its HTML, style and script."""
+    """Return the STOP button with its HTML, style and script."""
     style, html, script = ((_ELEMENTS / name).read_text() for name in ("page.css", "stop.html", "stop.js"))
     return f"<style>{style}</style>\n{html}\n<script>{script}</script>"
 
 
 def build_waiting(robot: str, why: str) -> None:
-    """Build the page for a robot that is not connected: STOP, and the reason."""
+    """Build the page for a robot that is not connected, with STOP and the reason."""
     ui.add_body_html(stop_html())
     text = f"<div class='cc-head'><span class='cc-name'>{escape(robot)}</span></div>"
     note = f"<div class='cc-cause cc-bad'>not connected<span>{escape(why)}</span></div>"
@@ -140,7 +140,7 @@ class Page:
             self._drive.show(content)
 
     def leave(self) -> None:
-        """Stop reading objects for this closed page."""
+        """Stop reading objects for this page, which was closed."""
         self._drive.leave()
 
     def changes(self, content: PageContent) -> FeedMessage:
@@ -160,7 +160,7 @@ class Page:
         self._feed.send(data)
 
     def reload(self) -> None:
-        """Reload the page, because the structure of the robot has changed."""
+        """Reload the page in the browser, after the robot's structure has changed."""
         self.client.run_javascript("location.reload()")
 
 
@@ -180,7 +180,7 @@ _SILENT_S: Final = 1.5  # a running robot sends at least 5 messages a second
 
 
 class ViewApp:
-    """View of the robot `name` (None: the only running one), serving until a signal, or until the parent ends.
+    """View of the robot `name` (None: the only running robot), which serves until a signal or its parent's end.
 
     `report` prints a text. ConfigError if there is no such robot, or no free port.
     """
@@ -264,7 +264,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ what a page may do
 
     def stop(self) -> str | None:
-        """Send a latched STOP; return the reason if the robot cannot be reached or is silent, else None."""
+        """Send a latched STOP; return the reason if the robot is not connected or does not answer, else None."""
         if self._connection is None:
             return (
                 f"Robot {self.name} is not connected: {self._lost}. "
@@ -291,7 +291,7 @@ class ViewApp:
         )
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Process a held button of a page; `on_refusal` gets a sentence if another page drives."""
+        """Start or renew the motion of a page's held button; `on_refusal` gets a sentence if another page drives."""
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
@@ -300,7 +300,6 @@ class ViewApp:
             self._watch_hold()
 
     def release(self, page: str) -> None:
-        """End the motion of a page at once."""
         self._dead_man.leave(page)
 
     def _watch_hold(self) -> None:
@@ -464,7 +463,7 @@ class ViewApp:
             return None
 
     def _read_info(self, info: RobotInfo) -> None:
-        """Process the constant data of a robot; reload the pages if its structure has changed."""
+        """Store the constant data of a robot; reload the pages if the robot's structure has changed."""
         if self._known is not None and self._known.come_back(info):
             return
         self._known = RobotView(info, self._publish)
@@ -480,7 +479,7 @@ class ViewApp:
         return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Print the page's address; if `run` has started the view, print and publish the address without the token.
+        """Print the page's address; a view that `run` has started prints and publishes the address without token.
 
         Events are recorded and published as ROS topics; `run` gets the token from `page_addresses`.
         """

@@ -1,4 +1,4 @@
-"""Texts of the page on the robot's state, drives and events, with levels for colours; without NiceGUI."""
+"""Texts of the page about the robot's state, drives and events, with levels for colours, without NiceGUI."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown 
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Robot state for the banner: text, level, problem, advice, and the name of the next action in the API."""
+    """Robot state for the banner, with problem, advice, and the next action by its name in the API."""
 
     words: str
     tone: str
@@ -72,7 +72,7 @@ class AxisRow:
 
 
 def banner(state: StateSample) -> Banner:
-    """Return the robot's state, with the problem and the next step."""
+    """Return the banner for the robot's state, with the problem and the next step."""
     if state.latched:
         by = f" (by {state.latched_by})" if state.latched_by else ""
         return Banner.of(LATCHED, f"Latched{by}: nothing moves.")
@@ -195,7 +195,7 @@ _JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
 def _tracking(reading: TrackingReading, unit: str) -> str:
-    """Return the largest tracking error, its RMS, and counts of repeated and skipped set-points as HTML."""
+    """Return a joint's largest and RMS tracking error, and the repeated and skipped set-points, as HTML."""
     per = "" if reading.interface == "position" else "/s"
     odd = [
         f"{count} {title}" for count, title in ((reading.repeated, "repeated"), (reading.skipped, "skipped")) if count
@@ -238,7 +238,7 @@ def event_log(events: Iterable[RobotEvent]) -> str:
 
 
 def fault_text(fault: FaultListing | None) -> str:
-    """Return an explanation of a virtual drive's fault as HTML; a note if there is no virtual drive."""
+    """Return the explanation of a virtual drive's fault as HTML; a note if `fault` is None."""
     if fault is None:
         return "<p class='cc-note'>No virtual drive is there to be broken.</p>"
     how = "once" if fault.once else "until it is switched off"
@@ -247,7 +247,7 @@ def fault_text(fault: FaultListing | None) -> str:
 
 
 def quirk_text(quirk: QuirkListing | None) -> str:
-    """Return an explanation of a virtual drive's quirk as HTML."""
+    """Return the explanation of a virtual drive's quirk as HTML; "" if `quirk` is None."""
     if quirk is None:
         return ""
     strength = ""

@@ -1,4 +1,4 @@
-"""Objects in the world of a simulated robot, for the 3D scene.
+"""Objects of a simulated world for the 3D scene.
 
 The scene is drawn in the odometry frame, but the world has its own frame; the true pose connects both. A real drive has
 no socket for such a request.
@@ -29,20 +29,20 @@ class _ShapeDocument(TypedDict):
 
 
 class WorldDocument(TypedDict):
-    """World for the browser; `place` is the pose of the world's frame in the odometry frame: x and y in m, and rad."""
+    """World for the browser; `place` is the world frame's pose in the odometry frame (x and y in m, angle in rad)."""
 
     place: list[float]
     shapes: list[_ShapeDocument]
 
 
 class WorldView:
-    """Shapes of a world and the pose of its frame; `take` returns the message for pages."""
+    """Shapes of a world, and the world frame's pose in the odometry frame."""
 
     def __init__(self) -> None:
         self.document: WorldDocument | None = None
 
     def take(self, shapes: Sequence[WorldShape], state: StateSample) -> WorldDocument | None:
-        """Update the shapes and the frame; return the new document, None without a change or without a true pose."""
+        """Update the shapes and the frame; return the new document, None if unchanged or without a true pose."""
         truth = state.true_pose
         if truth is None or truth.odom is None or not (shapes or self.document):
             return None

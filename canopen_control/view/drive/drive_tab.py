@@ -1,4 +1,4 @@
-"""Interface of the tabs of the Drive view; the docstring of this folder explains how to add a tab."""
+"""Interface of the tabs of the Drive view; the docstring of the package explains how to add a tab."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SHOWN: Final = 200  # of lines and rows
 
 
 class WorkBar:
-    """Progress bar for the newest job of a tab at a node, which may have been started from any page."""
+    """Progress bar for the newest job that a tab of any page has started at a node."""
 
     def __init__(self, desk: NodeJobs, tab: str) -> None:
         self._desk, self._tab = desk, tab
@@ -42,7 +42,7 @@ class WorkBar:
         self.show()
 
     def show(self) -> None:
-        """Update the progress, or show the result."""
+        """Update the progress of the job, or show the result."""
         work = self._desk.work
         mine = work is not None and work.job.tab == self._tab
         goes_on = work is not None and not work.over
@@ -74,7 +74,7 @@ class WorkBar:
 
 
 def progress_words(work: JobRun, now: float) -> str:
-    """Return a text with the current step of a job, the progress, the rate, and the remaining time if known."""
+    """Return a text with the step of a job, the progress, and if known the rate and the remaining time."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
         words += f", {work.done:,} of {work.total:,} {work.unit} ({100 * work.done // work.total} %)"
@@ -98,28 +98,27 @@ LOOK_ONLY = "<p class='cc-note'>This page only looks. To write: <code>canopen-co
 
 @dataclass(frozen=True, slots=True)
 class DriveTabContext:
-    """Context of a tab: the page, and the node with its jobs, which all pages share."""
+    """Context of a tab, with the page and the node's jobs, which all pages share."""
 
     panel: PanelContext
     desk: NodeJobs
 
     @property
     def place(self) -> NodePlace:
-        """Node id, EDS, axes and joints of the node."""
+        """Node ID, EDS, axes and joints of the node."""
         return self.desk.place
 
     @property
     def node(self) -> str:
-        """Name of the node in bus.yml."""
         return self.desk.place.name
 
     def reading(self, content: PageContent) -> NodeReading | None:
-        """Return the robot's reading of the node; None without a connection."""
+        """Return the node's state as the robot reports it; None without a connection."""
         return None if content.lost else content.state.nodes.get(self.node)
 
 
 class DriveTab(Protocol):
-    """Tab for one node, created when the user opens it the first time."""
+    """Tab for one node, created when the user first opens it."""
 
     def __init__(self, context: DriveTabContext) -> None:
         """Create the widgets in the current container."""
@@ -130,5 +129,5 @@ class DriveTab(Protocol):
         ...
 
     def leave(self) -> None:
-        """Stop reading and driving because the tab is hidden; it may be shown again."""
+        """Stop reading and driving when the tab is hidden; `show` may follow later."""
         ...

@@ -1,4 +1,4 @@
-"""Drive view of a page: choice of the node, its tabs, and the switch between the Drive view and the robot.
+"""Drive view of a page, where the user chooses a node and a tab.
 
 The view replaces the scene and the tables; STOP, the robot's state and the left column remain. The address of the page
 contains the selected node and tab, so that a reload restores them.
@@ -49,7 +49,7 @@ _ANEW: Final = 25  # showings
 
 
 class ObjectsTab:
-    """Tab with the object tree of a node; reads the visible objects, and writes only with `--teleop`."""
+    """Tab with the object tree of a node, which reads the visible objects and writes only with `--teleop`."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -106,14 +106,13 @@ class ObjectsTab:
         self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing was written yet"))
 
     def leave(self) -> None:
-        """Stop reading objects."""
         self._is_left = True
         self._reader.watch(self._page, self._context.desk, ())
 
     # ------------------------------------------------------------------------------------ events of the tree
 
     def seen(self, addresses: list[str]) -> None:
-        """Start to read the visible objects."""
+        """Start to read the objects at these addresses, which are visible now."""
         self._addresses, self._has_addresses = addresses, True
         self._show_values()
         if not self._is_left:
@@ -128,7 +127,6 @@ class ObjectsTab:
         self._reader.watch(self._page, self._context.desk, entries)
 
     def search(self, text: str) -> None:
-        """Show the objects that match the search text."""
         if self._list is not None and self._tree is not None:
             self._tree.matches(text, *self._list.search(text))
 
@@ -176,7 +174,7 @@ _GONE: Final = "<p class='cc-note'>Unknown.</p>"
 
 
 class StatusTab:
-    """Tab with the state of the node; the error history is read once, and again on request."""
+    """Tab with the state of the node; the error history is read once, and again at the user's request."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -200,7 +198,6 @@ class StatusTab:
         background_tasks.create(self._read(), name="errors")
 
     def show(self, content: PageContent) -> None:
-        """Update the state, the statusword bits, the controllers and the events of the node."""
         reading = self._context.reading(content)
         if reading is not None:
             self._facts.show(facts_table(reading))
@@ -229,7 +226,7 @@ class StatusTab:
 
 
 def facts_table(reading: NodeReading) -> str:
-    """Return a table of the robot's data about a node as HTML."""
+    """Return a table of a node's state as HTML."""
     lines = "".join(f"<tr><th>{name}</th><td>{escape(text)}</td></tr>" for name, text in _facts(reading))
     return f"<table class='cc-table cc-known'>{lines}</table>"
 
@@ -260,7 +257,7 @@ def _bits(axis: AxisReading) -> str:
 
 
 def _movers(content: PageContent, reading: NodeReading) -> str:
-    """Return a sentence with the controllers that command the node's joints as HTML."""
+    """Return a sentence about the controllers that command the node's joints as HTML."""
     joints = {axis.joint for axis in reading.axes}
     active = [controller for controller in content.controllers if controller.state == "active"]
     names = [
@@ -278,7 +275,7 @@ def _movers(content: PageContent, reading: NodeReading) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TabSlot:
-    """Tab of the Drive view: its key in the page's address, its label, and its class."""
+    """Tab of the Drive view; `key` identifies the tab in the page's address."""
 
     key: str
     title: str
@@ -301,7 +298,11 @@ _LOST: Final = "<p class='cc-line cc-bad'>No connection: the state of the drive 
 
 
 class DriveView:
-    """Drive view inside `main`; its switch is the second panel in `side`, and `query` is that of the page's address."""
+    """Drive view of a page inside `main`.
+
+    The toggle between the robot and the Drive view is the second panel in `side`; `query` are the query parameters of
+    the page's address.
+    """
 
     def __init__(self, context: PanelContext, main: Element, side: Element, query: dict[str, str]) -> None:
         self._context, self._main, self._client = context, main, ui.context.client
@@ -349,7 +350,7 @@ class DriveView:
             tab.show(content)
 
     def leave(self) -> None:
-        """Stop reading and driving in all tabs, for instance because the page is closed."""
+        """Stop reading and driving in all tabs."""
         for tab in self._tabs.values():
             tab.leave()
 
@@ -408,7 +409,7 @@ class DriveView:
 
 
 def node_state(content: PageContent, node: str) -> str:
-    """Return the state of each axis of a node as HTML; for a node without axes, the state of the node."""
+    """Return the states of a node's axes as HTML; the node's own state if there are no axes."""
     rows = [row for row in axis_rows(content.state) if row.node == node]
     return "".join(
         chip(f"{row.joint}: {row.state}" if len(rows) > 1 else row.state, row.tone)

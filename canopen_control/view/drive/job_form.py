@@ -1,4 +1,4 @@
-"""Form for the options that a job declares, the same options as the arguments of the command line."""
+"""Form for the options that a job declares, which are also options of the command line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class JobForm:
-    """Inputs for the options of a job: a checkbox for a switch, otherwise a text field.
+    """Inputs for the options of a job, a checkbox for a switch and a text field for all others.
 
     The inputs for `names`, by default for all options, are created in the current container; `add` creates more.
     """
@@ -29,7 +29,7 @@ class JobForm:
         self.inputs |= {name: _input(declared[name]) for name in names}
 
     def options(self, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-        """Return the options by the inputs, with `others` for those without input; ConfigError for an invalid input."""
+        """Return the options from the inputs and from `others`; ConfigError if an input is invalid."""
         declared = self._job.declared
         values = {
             name: bool(widget.value) if declared[name].is_switch else declared[name].value_of(str(widget.value or ""))

@@ -1,4 +1,4 @@
-"""Parameters tab and Firmware tab: backup, comparison, restore and clone of parameters, and program download."""
+"""Parameters tab for backup, comparison, restore and clone of parameters, and Firmware tab."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
 class ReleasePanel:
-    """Panel that shows how the robot uses a node, with buttons to take the node out of the robot and to return it."""
+    """Panel that shows how the robot uses a node, with buttons to take the node out and to return the node."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context = context
@@ -57,7 +57,6 @@ class ReleasePanel:
         self._take.visible = self._give.visible = False
 
     def show(self, content: PageContent) -> None:
-        """Show whether the robot uses the node, and enable the possible buttons."""
         reading = self._context.reading(content)
         words, tone = release_words(reading, content.banner)
         self._words.show(sentence(words, tone))
@@ -82,7 +81,7 @@ class ReleasePanel:
 
 
 def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]:
-    """Return a sentence on whether parameter sets may be written to a node, and its level for the colour."""
+    """Return a sentence on whether parameter sets may be written to a node, and the level for its colour."""
     if reading is None:
         return "No connection: the state of the drive is unknown.", WARN
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
@@ -103,9 +102,10 @@ T = TypeVar("T")
 
 
 class FileChoice(Generic[T]):
-    """Upload of one file of at most `most` bytes; `value` is the result of `read` for its bytes and name, None before.
+    """Upload of one file, which `read` converts to a value.
 
-    `words` describes the value. A refused file, also by a CanopenError of `read`, is shown with the reason.
+    `value` is None before the first file and after a refused file: one with more than `most` bytes, or one for which
+    `read` raises CanopenError. `words` returns a description of the value for the page.
     """
 
     def __init__(
@@ -179,7 +179,6 @@ class FirmwareTab:
             self._load.props("unelevated dense")
 
     def show(self, content: PageContent) -> None:
-        """Show the robot's use of the node, and the progress of the download."""
         self._release.show(content)
         self._bar.show()
         if self._load is not None:
@@ -188,7 +187,7 @@ class FirmwareTab:
             )
 
     def leave(self) -> None:
-        """Do nothing: a download that was started continues."""
+        """Do nothing, because a download continues when the tab is hidden."""
 
     def _begin(self) -> None:
         if self._image is None or (image := self._image.value) is None or not self._context.panel.teleop:
@@ -263,7 +262,6 @@ class ParametersTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the robot's use of the node, and the progress of the job."""
         self._release.show(content)
         self._bar.show()
         free = not content.lost and not self._desk.busy
@@ -275,7 +273,7 @@ class ParametersTab:
             self._writers[0].set_enabled(free and self._file.value is not None)
 
     def leave(self) -> None:
-        """Do nothing: a job that was started continues."""
+        """Do nothing, because a job continues when the tab is hidden."""
 
     # ------------------------------------------------------------------------------------ what the user does
 

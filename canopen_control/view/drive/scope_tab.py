@@ -1,4 +1,4 @@
-"""Scope tab: up to eight objects and joint values over time, with triggers, zoom, cursors, an overlay and files."""
+"""Scope tab, which plots up to eight objects and joint values over time."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _MOST_BYTES: Final = 16_000_000  # of a file that is laid below
 
 
 class ScopeTab:
-    """Tab that starts a scope of the node and shows its captures; the scope continues if the page is closed."""
+    """Tab that starts a scope of the node and shows its captures; the scope continues when the page is closed."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk, self._client = context, context.desk, ui.context.client
@@ -147,7 +147,6 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the state of the node's scope, started from any page, and the newest capture."""
         run = self._desk.scope
         goes_on = run is not None and not run.over
         for button in (self._single, self._rolling):
@@ -162,7 +161,7 @@ class ScopeTab:
             self._draw(run.shots[-1])
 
     def leave(self) -> None:
-        """Do nothing: the scope continues, because its trigger may occur days later."""
+        """Do nothing, because the scope waits for its trigger even if no page is open."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -193,7 +192,7 @@ class ScopeTab:
         self._state.show(sentence("kept: the next shot is drawn over it", GOOD))
 
     async def _take_overlay(self, event: UploadEventArguments) -> None:
-        """Read a saved CSV file and draw it under the capture."""
+        """Read a saved CSV file and draw it behind the capture."""
         self._upload.reset()
         name = event.file.name
         try:
@@ -273,7 +272,7 @@ class ScopeTab:
 
 
 def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
-    """Parse a saved capture; ConfigError if the file is invalid, or has no signal in common with the shown capture."""
+    """Parse a saved capture; ConfigError if the file is invalid, or contains none of the shown signals."""
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):
@@ -284,7 +283,7 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
 
 
 def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
-    """Return the readable numeric objects of a node, as signal texts with labels; empty without an EDS."""
+    """Return the readable numeric objects of a node, as labels by signal text; empty without an EDS."""
     if od is None:
         return {}
     return {
@@ -297,7 +296,7 @@ def signals_of(od: ObjectDictionary | None, node: str) -> dict[str, str]:
 
 
 def cursor_table(named: NamedShot, cursors: tuple[float, float]) -> str:
-    """Return a table of the signals' values at two times, the differences and the RMS as HTML."""
+    """Return a table with the signals' values at both cursors, differences and RMS as HTML."""
     first, second = cursors
     apart = second - first
     often = f" ({1 / apart:.4g} Hz)" if apart else ""

@@ -1,4 +1,4 @@
-"""Tune tab: excitation of the drive within limits that the user confirms, curves, metrics and gains."""
+"""Tune tab, where the user starts a tuning run within confirmed limits, and applies the gains found."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _APPLY: Final = (
 
 
 class TuneTab:
-    """Tab that starts tuning runs of a node, and shows the last result of all pages."""
+    """Tab that starts tuning runs of a node, and shows the last result, from any page."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._desk = context, context.desk
@@ -122,7 +122,6 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        """Show the progress of a run, started from any page, and the last result."""
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
         free = not content.lost and not self._desk.busy and self._context.panel.teleop
@@ -142,7 +141,7 @@ class TuneTab:
             self._draw(tuned)
 
     def _why_not(self, content: PageContent) -> str:
-        """Return the reason why no run may start, "" if a run may start."""
+        """Return the reason why a run cannot start, "" if a run may start."""
         if content.lost:
             return ""  # the page shows that
         if content.state.latched:
@@ -155,7 +154,7 @@ class TuneTab:
         return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
 
     def leave(self) -> None:
-        """Hide the tab; a run started by this page ends, because nobody watches it."""
+        """Hide the tab, which ends a run that this page has started."""
         work = self._desk.work
         if self._mine and work is not None and work.job is TUNE:
             work.end()
@@ -165,7 +164,7 @@ class TuneTab:
     # ------------------------------------------------------------------------------------ what the user does
 
     def _plan(self) -> jobs.TunePlan:
-        """Return the plan by the inputs; ConfigError if an input is invalid or exceeds a limit."""
+        """Return the plan of a run from the inputs; ConfigError if an input is invalid or exceeds a limit."""
         options = self._form.options(axis=int(self._axis.value))
         request = jobs.request_of(
             TuneTest[str(self._test.value)],
@@ -198,7 +197,7 @@ class TuneTab:
         self._dialog.open()
 
     def _begin(self) -> None:
-        """Start the run that the user has confirmed, even if the inputs have changed since."""
+        """Start the run that the user has confirmed; later changes of the inputs have no effect."""
         self._dialog.close()
         plan, self._confirmed = self._confirmed, None
         if plan is None or not self._context.panel.teleop:

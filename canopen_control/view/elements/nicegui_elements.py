@@ -1,4 +1,4 @@
-"""Page elements that NiceGUI lacks: feed, hold buttons, 3D scene, strip charts, object tree, and file upload."""
+"""Page elements that NiceGUI lacks, such as hold buttons, 3D scene, strip charts and object tree."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class FeedMessage(TypedDict, total=False):
 
 
 class Feed(Element, component="feed.js"):
-    """Invisible element that raises the event `cc-KEY` on the page's window for every key of a message."""
+    """Invisible element that raises the event `cc-KEY` in the page's window for every key of a message."""
 
     def send(self, data: FeedMessage) -> None:
         """Send changed data; an empty message signals that the view is running."""
@@ -83,7 +83,7 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """Group of buttons that act while held, one at a time; calls `held(key)` repeatedly, and `release()`."""
+    """Group of buttons that act while held, one at a time, by repeated calls of `held(key)` and one of `release()`."""
 
     def __init__(
         self, buttons: Sequence[HoldButton], held: Callable[[str], None], release: Callable[[], None], kind: str = ""
@@ -134,7 +134,7 @@ class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(
         self.classes("cc-scene")
 
     def follow(self, follow: bool) -> None:
-        """Keep the robot in the centre of the picture, or keep the camera fixed."""
+        """Keep the robot in the centre of the picture, or leave the camera where the user has placed it."""
         self.run_method("setFollow", follow)
 
 
@@ -183,17 +183,17 @@ class TreeUser(Protocol):
     """Listener for the events of an `ObjectTree`."""
 
     def seen(self, addresses: list[str]) -> None:
-        """Process the addresses of the visible objects."""
+        """Handle a change of the visible objects, given by address."""
 
     def search(self, text: str) -> None:
-        """Process a search text."""
+        """Handle a changed search text."""
 
     def write(self, address: str, text: str) -> None:
-        """Process the request to write a text to an object."""
+        """Handle the user's request to write `text` to an object."""
 
 
 class ObjectTree(Element, component="object_tree.js"):
-    """Tree of a node's objects; `writes` tells whether the user may write, `product` is the key of the favourites."""
+    """Tree of a node's objects; `writes` permits edits, `product` is the key under which favourites are stored."""
 
     def __init__(self, rows: Sequence[TreeRow], product: str, user: TreeUser, *, writes: bool) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Panels without inputs, except for the banner: the robot's state with the next step, drives, joints and events."""
+"""Panels for the robot's state with the next step, for drives, joints and events."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ class DrivesPanel:
         self._table = Html()
 
     def show(self, content: PageContent) -> None:
-        """Update the table of drives."""
         self._table.show(_UNKNOWN if content.lost else drive_table(axis_rows(content.state)))
 
 
@@ -57,7 +56,6 @@ class EventsPanel:
         self._log = Html("cc-log")
 
     def show(self, content: PageContent) -> None:
-        """Update the list of events."""
         self._log.show(event_log(content.events))
 
 
@@ -70,7 +68,7 @@ _ACTIONS: Final[dict[str, tuple[str, str, Request[Any]]]] = {
 
 
 class BannerPanel:
-    """State of the robot as text, also without a connection; the next step is a button."""
+    """State of the robot, with a button for the next step."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -85,7 +83,6 @@ class BannerPanel:
         return button
 
     def show(self, content: PageContent) -> None:
-        """Update the state, the facts and the visible button."""
         banner = content.banner
         name = f"<span class='cc-name'>{escape(self._context.robot.info.robot)}</span>"
         advice = f"<span>{escape(banner.advice)}</span>" if banner.advice else ""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class FaultPanel:
-    """Panel that turns faults and quirks of a virtual drive on and off, and sets the inputs of a virtual device."""
+    """Panel that switches faults and quirks of a virtual drive, and sets the inputs of a virtual device."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -54,7 +54,6 @@ class FaultPanel:
             self._active = Html()
 
     def show(self, content: PageContent) -> None:
-        """Update the virtual drives, their faults and quirks, and the list of active ones."""
         board = content.faults
         if board is None or board == self._board:
             return

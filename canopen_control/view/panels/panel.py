@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class PanelContext(Protocol):
-    """The robot as the panels of a page use it; implemented by `view_app.ViewApp`."""
+    """Access of the panels of a page to the robot; implemented by `view_app.ViewApp`."""
 
     teleop: bool
 
@@ -45,7 +45,7 @@ class PanelContext(Protocol):
         ...
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
-        """Process a held button of a page; `on_refusal` gets a sentence if another page drives."""
+        """Start or renew the motion of a page's held button; `on_refusal` gets a sentence if another page drives."""
         ...
 
     def release(self, page: str) -> None:
@@ -53,7 +53,7 @@ class PanelContext(Protocol):
         ...
 
     def refresh_faults(self) -> None:
-        """Read the faults of virtual drives again soon."""
+        """Request the faults of all virtual drives, which a later `show` contains."""
         ...
 
 
@@ -70,7 +70,7 @@ class Panel(Protocol):
 
 
 class Html:
-    """Element with HTML content, which is empty at first."""
+    """Element with HTML content, initially empty."""
 
     def __init__(self, classes: str = "") -> None:
         self._html = ""
@@ -85,7 +85,7 @@ class Html:
 
 @contextlib.contextmanager
 def section(title: str) -> Iterator[Element]:
-    """Create a section with a heading; the widgets of the `with` block are placed in it."""
+    """Create a section with a heading, in which the widgets of the `with` block are placed."""
     with ui.element("section").classes("cc-panel") as whole:
         ui.html(escape(title), sanitize=False, tag="h2")
         yield whole
@@ -107,7 +107,7 @@ READ_ONLY: Final = "<p class='cc-note'>This page only looks. To drive: <code>can
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
-    """Create a slider with a label before it and the value behind it."""
+    """Create a slider with a label before and the value behind the slider."""
     with ui.element("div").classes("cc-slider"):
         ui.label(label)
         slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')
@@ -118,7 +118,7 @@ def value_slider(label: str, low: float, high: float, step: float, value: float)
 def hold_buttons(
     context: PanelContext, buttons: Sequence[HoldButton], motion: Callable[[str], TeleopCommands | None], kind: str = ""
 ) -> HoldButtons:
-    """Create buttons that command `motion(key)` repeatedly while held (nothing if None); the page ends the motion."""
+    """Create buttons that command `motion(key)` repeatedly while held; the dead-man control ends the motion."""
     client = ui.context.client
 
     def on_end(why: str) -> None:

@@ -1,4 +1,4 @@
-"""Panels that the page's feed updates: the robot in 3D, and plots of the last 30 seconds."""
+"""Panels with the robot in 3D and with plots of the last 30 seconds, updated by the page's feed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TABS: Final = {"joints": "Joints", "cycle": "Cycle and bus"}
 
 
 class ScenePanel:
-    """Robot in 3D, moved by the page's feed."""
+    """Panel with the robot in 3D, moved by the page's feed."""
 
     def __init__(self, context: PanelContext) -> None:
         with ui.element("div").classes("cc-stale").style("position: absolute; inset: 0"):
@@ -32,7 +32,7 @@ class ScenePanel:
 
 
 class PlotsPanel:
-    """Tabs with charts, updated by the page's feed."""
+    """Panel with tabs of charts, updated by the page's feed."""
 
     def __init__(self, context: PanelContext) -> None:
         plots = charts(context.robot.info.joints, context.robot.info.buses)

@@ -39,7 +39,7 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 
 
 class PowerPanel:
-    """Buttons that enable, disable and reset each drive, and all drives at once; `node` restricts them to one node.
+    """Buttons that enable, disable and reset each drive or all drives; `node` restricts them to one node.
 
     The Enable buttons are disabled with a hint while STOP is latched, because the robot would refuse.
     """
@@ -55,7 +55,6 @@ class PowerPanel:
             self._row(drive)
 
     def show(self, content: PageContent) -> None:
-        """Disable the Enable buttons while STOP is latched, else enable them."""
         for button in self._enable:
             button.show(content)
 
@@ -78,7 +77,7 @@ class PowerPanel:
 
 
 class EnableButton:
-    """Button that is grey and disabled while STOP is latched, else in its `color`, and enabled if `allowed`."""
+    """Button that is grey and disabled while STOP is latched; otherwise enabled if `allowed`, in its `color`."""
 
     def __init__(self, button: ui.button, color: str, *, allowed: bool = True) -> None:
         self._button, self._color, self._allowed = button, color, allowed
@@ -104,7 +103,7 @@ _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "ef
 
 
 class TargetPanel:
-    """Mode, target and power of the drives with a target controller, one row per drive; `node` restricts the rows."""
+    """Mode, target and power of each drive that a target controller commands; `node` restricts the drives."""
 
     def __init__(self, context: PanelContext, node: str = "") -> None:
         self._context, self._node = context, node
@@ -116,7 +115,6 @@ class TargetPanel:
         self._read_only.visible = not context.teleop
 
     def show(self, content: PageContent) -> None:
-        """Update the drives, their modes and positions; nothing without a connection."""
         if content.lost:
             return
         targets = drive_targets(content.state, content.controllers)
@@ -133,7 +131,7 @@ class TargetPanel:
 
 
 class _Row:
-    """Row of one drive, with its buttons and the slider for the target of its present mode."""
+    """Row of one drive, with buttons and with a slider for the target of the present mode."""
 
     def __init__(self, context: PanelContext, drive: DriveTarget) -> None:
         self._context, self._client = context, ui.context.client

@@ -1,4 +1,4 @@
-"""Teleoperation panel, only with `--teleop`: choice of the controller, and buttons that drive while they are held.
+"""Teleoperation panel, where a button drives the robot while held; only with `--teleop`.
 
 The active controllers define what can be driven: a base by its twist, joints by values, and an arm by a trajectory to
 the positions of the sliders.
@@ -53,7 +53,7 @@ _INACTIVE: Final = "<p class='cc-note'>{} takes commands, and is not active.</p>
 
 
 class TeleopPanel:
-    """Panel with the teleop inputs of the first active controller, rebuilt when the controllers change."""
+    """Panel with the inputs for the first active controller, which is rebuilt when the controllers change."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -68,7 +68,6 @@ class TeleopPanel:
         self._whole = ui.element("div").classes("cc-acts")
 
     def show(self, content: PageContent) -> None:
-        """Update the controllers and the sliders; nothing without a connection."""
         if content.lost:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
@@ -125,7 +124,7 @@ class TeleopPanel:
             self._shown = None  # shows the driving page again
 
     def _pad(self, controller: ControllerReading) -> None:
-        """Create four direction buttons, two more for a base that can drive sideways, and sliders for the speeds."""
+        """Create four direction buttons (six for a base that drives sideways) and sliders for the speeds."""
         pad = {**_PAD, **(_SIDEWAYS if controller.drives_sideways else {})}
         buttons = [HoldButton(key, label, sign, keyboard) for key, (label, sign, keyboard, *_) in pad.items()]
 
@@ -139,7 +138,7 @@ class TeleopPanel:
         angular = value_slider("turn, rad/s", *_ANGULAR)
 
     def _values(self, controller: ControllerReading) -> None:
-        """Create a slider for each value of the controller, and a button that sends the values while held."""
+        """Create a slider for each joint of the controller, and a button that sends the values while held."""
         limits = {joint: self._range(joint, controller.interface or "") for joint in controller.joints}
         if controller.interface == "position":
             self._targets = TargetSliders(limits)
@@ -152,7 +151,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _reach(self, controller: ControllerReading) -> None:
-        """Create a slider for each joint of an arm, and a button that moves the arm to those positions while held."""
+        """Create a slider for each joint of an arm, and a button that moves the arm to these positions while held."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
         targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)
@@ -202,7 +201,7 @@ class TeleopPanel:
         )
 
     def _range(self, joint: str, interface: str) -> tuple[float, float]:
-        """Return the range of a slider by the limits in the robot description, else by `LARGEST`."""
+        """Return the range of a slider from the joint's limits in the URDF, else from `LARGEST`."""
         own_limits = self._joints.get(joint)
         limits = own_limits.limits if own_limits is not None else UrdfLimits()
         if interface == "position" and math.isfinite(limits.lower) and math.isfinite(limits.upper):

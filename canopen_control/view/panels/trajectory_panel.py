@@ -1,4 +1,4 @@
-"""Panel for trajectories from the user's files: choose a file, preview its points, and play it.
+"""Panel in which the user chooses, previews and plays a trajectory file.
 
 A preview moves nothing: it is drawn as a transparent robot, with a table of positions. Playing requires `--teleop`.
 """
@@ -81,7 +81,6 @@ class TrajectoryPanel:
         self._arrange()
 
     def show(self, content: PageContent) -> None:
-        """Update the controllers, the joint positions and the progress; nothing without a connection."""
         if content.lost:
             return
         self._follow_controllers(trajectory_takers(content.controllers))

@@ -1,4 +1,4 @@
-"""Panel for disturbances of a robot in a physics simulation: payloads, pushes, blocked joints, friction of the floor.
+"""Panel for disturbances of a robot in a physics simulation, such as payloads, pushes and blocked joints.
 
 The panel is hidden if no physics simulation accepts disturbances. The robot's events show the requests.
 """
@@ -29,7 +29,7 @@ _BUTTON: Final = "dense unelevated"
 
 
 class WorldPanel:
-    """Panel with a row for each kind of disturbance, and the choice of the link for payloads and pushes."""
+    """Panel with a row for each kind of disturbance; payloads and pushes act on the chosen link."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context = context
@@ -58,7 +58,6 @@ class WorldPanel:
                 _button("Set the floor", self._friction)
 
     def show(self, content: PageContent) -> None:
-        """Update the visibility of the panel if the set of virtual drives has changed."""
         drives = frozenset(content.faults.drives) if content.faults is not None else frozenset()
         if drives != self._drives:
             self._drives = drives
