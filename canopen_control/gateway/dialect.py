@@ -103,7 +103,7 @@ _LEDS: Final = b" CANopen status LEDs: R  G         \r"  # without line feed, as
 
 @dataclass(frozen=True, slots=True)
 class ReadOrder:
-    """Request to upload an object; `type_name` is the type that the client has requested."""
+    """SDO upload requested by the client; `type_name` selects the format of the answer."""
 
     node_id: int
     index: int
@@ -113,7 +113,7 @@ class ReadOrder:
 
 @dataclass(frozen=True, slots=True)
 class WriteOrder:
-    """Request to download data to an object."""
+    """SDO download requested by the client."""
 
     node_id: int
     index: int
@@ -143,7 +143,7 @@ GatewayRequest: TypeAlias = ReadOrder | WriteOrder | NmtOrder | LssOrder | LogOr
 
 
 class GatewayRefusal(CanopenError):
-    """Refusal of a command, with an error number of CiA 309-3, and a sentence if the number is too general."""
+    """Error answer of CiA 309-3; `reason` is a sentence where the text of the number is too general."""
 
     def __init__(self, number: int, reason: str = "") -> None:
         self.number, self.reason = number, reason
@@ -154,7 +154,7 @@ class GatewayRefusal(CanopenError):
 
 
 class _Fixed(NamedTuple):
-    """Data type of fixed size, with its letter in `struct` and the format in which CANopenNode prints a value."""
+    """Data type of fixed size, with its format character in `struct` and the format in which values are printed."""
 
     letter: str
     shown: str
@@ -181,7 +181,7 @@ _LONG_VALUE: Final = re.compile(
 
 
 def shown_value(type_name: str, data: bytes) -> str:
-    """Return an object's bytes as CANopenNode prints a value of the type; in hexadecimal if the length is wrong."""
+    """Format an object's data as CANopenNode prints the type; in hexadecimal if the length does not fit the type."""
     fixed = _FIXED.get(type_name)
     if fixed is not None and len(data) == struct.calcsize(fixed.letter):
         return fixed.shown.format(*struct.unpack(f"<{fixed.letter}", data))
@@ -220,7 +220,7 @@ def _fixed_bytes(fixed: _Fixed, token: bytes) -> bytes:
 
 
 def _open_bytes(type_name: str, raw: bytes) -> bytes:
-    """Return the bytes of a value that extends to the end of the line, without a comment."""
+    """Return the data of a text, hex or base64 value, which extends to the end of the line."""
     data = b""
     if type_name == _TEXT:
         match = (_QUOTED if raw[:1] == b'"' else _WORD).fullmatch(raw)
@@ -244,7 +244,7 @@ def _open_bytes(type_name: str, raw: bytes) -> bytes:
 
 
 class _Line:
-    """Tokens of a line; `closed` means that only a comment, or nothing, follows."""
+    """Command line that is read token by token; `closed` means that only a comment, or nothing, follows."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -283,7 +283,6 @@ class _Line:
         return token
 
     def rest(self) -> bytes:
-        """Return the rest of the line unchanged."""
         return self.raw[self._position :]
 
     def end(self) -> None:
@@ -323,7 +322,7 @@ def _ranged(token: bytes, low: int, high: int) -> int:
 
 
 class _Arguments(NamedTuple):
-    """Arguments of an LSS command: the permitted numbers of arguments, and the range of each argument."""
+    """Arguments of an LSS command, as the permitted numbers of arguments and the range of each argument."""
 
     counts: tuple[int, ...]
     ranges: tuple[tuple[int, int], ...] = ()
@@ -359,9 +358,9 @@ _LSS: Final = {
 
 
 class GatewayDialect:
-    """Dialog with one client: its defaults, its sequence number, and its unprocessed bytes.
+    """Session of one client, with the client's default node, SDO settings and unfinished line.
 
-    With `optional_sequence`, for people who type, a line may begin with the command; its sequence number is 0 then.
+    With `optional_sequence`, for people who type, a line may begin with the command; the sequence number is then 0.
     """
 
     def __init__(self, *, optional_sequence: bool = False) -> None:
@@ -380,7 +379,6 @@ class GatewayDialect:
         return bool(self._input.strip()) or self._discarding
 
     def receive(self, data: bytes) -> None:
-        """Append bytes received from the client."""
         self._input += data
 
     def next_event(self) -> GatewayRequest | bytes | None:

@@ -1,4 +1,4 @@
-"""Server for gateway clients: it executes their commands on a bus or a robot, over stdio or a listening socket.
+"""Gateway server, which executes the commands of clients on a bus or a running robot, over stdio or a socket.
 
 There is one client at a time, with one command at a time; other clients wait until it disconnects. Commands that may
 move a drive are refused unless the gateway was started with permission. The robot's stop and supervision are not
@@ -77,13 +77,13 @@ _HTTP: Final = re.compile(rb"\A[A-Z]+ \S+ HTTP/\d")
 
 
 class GatewayNetwork(Protocol):
-    """Interface of the bus or robot behind a gateway; every method may raise CanopenError."""
+    """Bus or running robot on which the gateway executes commands; every method may raise CanopenError."""
 
     def fileno(self) -> int:
-        """Return the descriptor that is readable when `take_in` has data to process."""
+        """Return the file descriptor that becomes readable when `take_in` must be called."""
 
     def take_in(self) -> None:
-        """Process received data; raise RemoteError or BusError if the robot or the bus is lost."""
+        """Read and handle received data; raise RemoteError or BusError if the robot or the bus is lost."""
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
         """Upload an object of a node."""
@@ -95,21 +95,21 @@ class GatewayNetwork(Protocol):
         """Send an NMT command to a node; node id 0 addresses all nodes."""
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service and return its result; `scan_s` is the time for each request of a scan."""
+        """Run an LSS service and return its result; `scan_s` is the time to wait for each Fastscan answer in s."""
 
     def log(self) -> list[str]:
-        """Return and clear the lines about recorded events."""
+        """Return the events since the last call, one line each."""
 
 
 class BusLog:
-    """Recorder of boot-ups, EMCYs and NMT state changes on a bus, as lines of text."""
+    """Log of the boot-ups, EMCY messages and NMT state changes on a bus, as lines of text."""
 
     def __init__(self) -> None:
         self._lines: deque[str] = deque(maxlen=_LOG_LINES)
         self._states: dict[int, NmtState | None] = {}
 
     def receive(self, frame: CanFrame, _now: int) -> None:
-        """Record the event that a frame reports, if any."""
+        """Log the boot-up, NMT state change or EMCY message in a frame; ignore all other frames."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         if 1 <= node_id <= MAX_NODE_ID and len(frame.data) == 1:
             state = state_of_byte(frame.data[0])
@@ -121,18 +121,16 @@ class BusLog:
             self.add(f"node {message.node_id}: EMCY {message}")
 
     def add(self, text: str) -> None:
-        """Append a line, preceded by the time of day."""
         self._lines.append(f"{time.strftime('%H:%M:%S')} {' '.join(text.split())}")
 
     def take(self) -> list[str]:
-        """Return and clear the recorded lines."""
         lines = list(self._lines)
         self._lines.clear()
         return lines
 
 
 def motion_reason(request: GatewayRequest) -> str:
-    """Return the reason why a request needs --allow-motion; "" if it does not."""
+    """Return the reason why a request needs --allow-motion; "" for a request that is always permitted."""
     advice = f"start the gateway with {ALLOW_MOTION} to allow it"
     if isinstance(request, NmtOrder):
         return f"NMT commands start and stop drives; {advice}"
@@ -144,14 +142,14 @@ def motion_reason(request: GatewayRequest) -> str:
 
 
 class _LssConsole:
-    """Executor of the LSS commands; like CANopenNode's master it records whether a slave is in configuration state."""
+    """Executor of LSS commands, which tracks the configuration state of slaves as CANopenNode's master does."""
 
     def __init__(self, network: GatewayNetwork) -> None:
         self._network = network
         self._configuring = False
 
     def answer(self, order: LssOrder) -> list[str]:
-        """Run a service and return the lines of the answer; the last line gets the sequence number."""
+        """Run an LSS service and return the lines of the answer; the caller numbers the last line."""
         verb, numbers = order
         if verb == "lss_switch_glob" and not numbers[0]:
             return self._leave()
@@ -233,7 +231,7 @@ def _words(identity: LssIdentity) -> str:
 
 
 def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
-    """Return the result of a service; raise GatewayRefusal with `refused` for a refusal, or 103 without an answer."""
+    """Run an LSS service and convert errors to GatewayRefusal; `refused` is the number for LSS error code 1."""
     try:
         return ask()
     except LssRefused as refusal:
@@ -244,7 +242,7 @@ def _checked(refused: int, ask: Callable[[], LssResult]) -> LssResult:
 
 
 class GatewayService:
-    """Service that answers the commands of one client at a time."""
+    """Gateway server for one client at a time; without `allow_motion`, commands that may move a drive are refused."""
 
     def __init__(self, network: GatewayNetwork, *, allow_motion: bool = False) -> None:
         self.network, self.allow_motion = network, allow_motion
@@ -289,7 +287,7 @@ class GatewayService:
     # -- transports
 
     def serve_stdio(self) -> bool:
-        """Answer the commands on standard input until its end; return False if it ended within a line."""
+        """Serve standard input until end of file; return False if the input ends within a line."""
         client = GatewayDialect(optional_sequence=True)
         source, sink = sys.stdin.fileno(), sys.stdout.buffer
         poll = self._poll_with(source)
@@ -304,7 +302,7 @@ class GatewayService:
                 sink.flush()
 
     def serve_listener(self, listener: socket.socket) -> None:
-        """Accept clients of a socket one at a time and answer their commands, until the robot or the bus is lost."""
+        """Serve the clients of a listening socket one after the other, until the robot or the bus is lost."""
         poll = self._poll_with(listener.fileno())
         while True:
             if not self._ready(poll, listener.fileno()):
@@ -342,7 +340,7 @@ class GatewayService:
         return poll
 
     def _ready(self, poll: select.poll, descriptor: int) -> bool:
-        """Wait, process data of the network, and return whether the client's descriptor is ready."""
+        """Wait for data of the client or the network, handle the network's data; True if the client has sent data."""
         ready = {number for number, _ in poll.poll()}
         self.network.take_in()
         return descriptor in ready

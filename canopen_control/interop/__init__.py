@@ -1,1 +1,1 @@
-"""Conversion of our data for other CANopen software."""
+"""Conversion of object dictionaries for other CANopen libraries."""

@@ -1,8 +1,8 @@
-"""Conversion of an object dictionary for the `canopen` package, so that its scripts see the same device.
+"""Conversion of an object dictionary for scripts that use the `canopen` package.
 
-Only this module imports `canopen`. Types, access, defaults, limits and mappability are equal. Limits of `canopen`: a
-name used twice finds the object added last, so that numbers are safer; the two time types have no codec and become
-bytes.
+Only this module imports `canopen`. Types, access, defaults, limits and mappability are preserved. Two limits of
+`canopen` apply: a name that is used twice refers to the object that was added last, so that indices are safer; and
+TIME_OF_DAY and TIME_DIFFERENCE have no codec, so that their values are bytes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Action goals that the robot accepts and executes: their clients, connections and results.
+"""Action servers whose goals the robot accepts, executes and times.
 
 The robot accepts or refuses a goal; a cancellation is always accepted. The robot executes and times the goal; this
 module only reports to the client. Every goal has a connection to the robot of its own: the goal ends with this bridge,
@@ -54,7 +54,7 @@ _MAX_RESULTS: Final = 64
 
 
 class GoalRequest(NamedTuple):
-    """Goal to be accepted or refused; `client` is the DDS participant that sent it, None if unknown."""
+    """Received goal that is not answered yet; `client` is the sending DDS participant, None if unknown."""
 
     uuid: bytes
     goal: RosMessage
@@ -97,7 +97,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
         )
 
     def known(self, uuid: bytes) -> RosMessage | None:
-        """Return the handle of an accepted goal while rclpy keeps it; None otherwise."""
+        """Return rclpy's handle of an accepted goal; None if rclpy has discarded the goal."""
         return self._goal_handles.get(uuid)
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
@@ -181,7 +181,7 @@ A = TypeVar("A")
 
 
 class TrajectorySender:
-    """Sender of successive trajectories; `connect` opens the connection for the first trajectory."""
+    """Sender of trajectories on a separate connection to the robot, which `connect` opens on first use."""
 
     def __init__(self, connect: Callable[[], ReactorClient]) -> None:
         self._connect = connect
@@ -201,14 +201,14 @@ class TrajectorySender:
         request: Callable[[Points], Request[A]],
         answer: Callable[[A | None, str | None], object],
     ) -> None:
-        """Send all pieces, the last piece as `request(piece)`; `answer(result, reason)` is called once."""
+        """Send a trajectory in pieces, the last one as `request(piece)`; `answer(result, reason)` is called once."""
         try:
             self._send(next(pieces), pieces, request, answer)
         except (CanopenError, ValueError) as error:  # nothing has been sent yet
             answer(None, str(error))
 
     def close(self) -> None:
-        """Close the connection, which ends the trajectory; a second call does nothing."""
+        """Close the connection, upon which the robot brakes; a second call does nothing."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -244,16 +244,14 @@ _CLIENT_GONE: Final = "the action client that sent it is gone"
 
 
 class GoalAnswer(Protocol):
-    """Answer of the robot to a goal: accepted, or refused with a reason."""
+    """Answer of the robot to a goal."""
 
     @property
-    def accepted(self) -> bool:
-        """Whether the goal was accepted."""
-        ...
+    def accepted(self) -> bool: ...
 
     @property
     def text(self) -> str:
-        """Reason of a refusal."""
+        """Reason why the goal was refused."""
         ...
 
     @property
@@ -268,7 +266,7 @@ class GoalAnswer(Protocol):
 
 
 class ActionResult(Protocol):
-    """Result of the robot for a goal that has ended."""
+    """Result from the robot for an ended goal."""
 
     @property
     def state(self) -> str:
@@ -282,7 +280,7 @@ S = TypeVar("S", GripperSample, TrajectorySample)
 
 
 class FollowedGoal(Generic[V]):
-    """Goal from ROS: its client, its connection, and the robot's answer."""
+    """ROS goal with the connection on which the robot executes the goal, and the robot's answer."""
 
     def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
         self.uuid, self.client, self.sender = request.uuid, request.client, sender
@@ -295,7 +293,7 @@ class FollowedGoal(Generic[V]):
         self._ran_here = self.client is not None and clients.runs_here(self.client)
 
     def is_alone(self, present: set[bytes]) -> bool:
-        """Return whether the goal's client has left the graph; if this client is unknown, whether all clients have."""
+        """Whether the goal's client has left the graph; if the client is unknown, whether all clients have left."""
         if self._ran_here and self.client is not None and not self._clients.runs_here(self.client):
             return True
         here = bool(present) if self.client is None else self.client in present
@@ -303,7 +301,7 @@ class FollowedGoal(Generic[V]):
         return self._was_present and not here
 
     def wants_feedback(self, time: float) -> bool:
-        """Return whether feedback is due at `time` in s; if so, remember this time."""
+        """Whether feedback is due at `time` in s; if so, `time` starts the next interval."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
         if self.last_feedback <= time < self.last_feedback + 1.0 / rate:
             return False
@@ -312,7 +310,7 @@ class FollowedGoal(Generic[V]):
 
 
 class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
-    """Action server of one controller; subclasses convert the goals of each action for the robot.
+    """Action server of one controller; a subclass converts the goals, feedback and results of one action type.
 
     `kind` is the class of the controller's samples from which feedback is made.
     """
@@ -351,15 +349,15 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return the request that cancels a connection's goal; `why` is None if the client requested it."""
+        """Return the request that cancels a connection's goal; `why` is None if the client cancels the goal."""
 
     @abstractmethod
     def failed(self, text: str) -> E:
-        """Return the result of a goal for which the robot has sent no result; `text` is the reason."""
+        """Return the result of a goal that ended without a result from the robot; `text` is the reason."""
 
     @abstractmethod
     def client_result(self, result: E, *, by_others: bool) -> RosMessage:
-        """Return the result for the client; `by_others` tells that another client cancelled the goal."""
+        """Return the result message for the client; `by_others` is True if another client cancelled the goal."""
 
     @abstractmethod
     def feedback(self, sample: S) -> RosMessage:
@@ -408,7 +406,6 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._ros.call(partial(self._server.finish, followed.uuid, result.state, response))
 
     def _cancel(self, uuid: bytes) -> None:
-        """Cancel a goal at the client's request."""
         if uuid in self._goals:
             self._goals[uuid].cancelled = True
             self._give_up(uuid, None)
@@ -425,7 +422,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
     def close(self) -> None:
-        """Remove the action server; active goals are aborted, and their clients get a result."""
+        """Abort the active goals, whose clients get a result, and destroy the action server."""
         for followed in list(self._goals.values()):
             self._end(followed, self.failed("the ROS bridge leaves, and the goal ends with it"))
         self._ros.call(self._server.destroy)
@@ -433,7 +430,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     # ------------------------------------------------------------------------------------------ goals that are followed
 
     def on_state(self, state: StateSample) -> None:
-        """Send feedback for the newest goal, and cancel goals whose clients are gone."""
+        """Send feedback for the newest goal; cancel goals whose clients have left the graph."""
         sample = self._samples.of(state).get(self._controller)
         followed = self._followed(state)
         if followed and sample is not None and sample.executing:

@@ -1,4 +1,4 @@
-"""Topics and services of base controllers: twist commands, odometry transforms, setting and resetting the odometry.
+"""Topics and services of base controllers for twist commands and odometry.
 
 Rules (ros2_controllers, Jazzy): twists are TwistStamped on `~/cmd_vel` (diff drive, omni) or `~/reference` (steering,
 mecanum); if only Twist is published there, as for the controller of ROS 1, Twist is subscribed instead, and
@@ -46,7 +46,7 @@ _TYPES: Final[dict[str, type]] = {f"{_PACKAGE}Twist": Twist, f"{_PACKAGE}TwistSt
 
 
 class TwistSubscription:
-    """Subscription of `topic` as "Twist", "TwistStamped" or "auto", which follows the type of the publishers.
+    """Subscription of a twist topic as Twist or TwistStamped; with "auto" the type follows the publishers.
 
     `kind` is this choice; with "auto", `first` is the type until a publisher exists ("": no subscription yet).
     `on_message` gets a Twist or a TwistStamped.
@@ -84,12 +84,11 @@ class TwistSubscription:
             self._change(kinds[0])
 
     def close(self) -> None:
-        """Destroy the subscription."""
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Subscribe to another type; an old subscription is removed now, and the new one follows at the next check."""
+        """Subscribe to another type; an existing subscription is removed first, and replaced at the next check."""
         if self._subscription is None:
             self._subscribe(name)
         else:
@@ -106,7 +105,7 @@ _QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
 
 
 class TwistCommands(Endpoint):
-    """Subscriptions of both twist topics of one base controller: the topic itself and `*_unstamped`."""
+    """Subscriptions of a base controller's twist topic, and of the same topic with the suffix `_unstamped`."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
@@ -115,15 +114,12 @@ class TwistCommands(Endpoint):
         self._plain = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Store the controller's new state; twists are refused while the controller is inactive."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
-        """Follow the types of the publishers."""
         self._either.check_types(state)
 
     def close(self) -> None:
-        """Destroy both subscriptions."""
         self._either.close()
         self._ros.unsubscribe(self._plain)
 
@@ -140,7 +136,6 @@ class OdometrySetting(Endpoint):
         self._service = ros.serve("control_msgs/srv/SetOdometry", name, self._answer)
 
     def close(self) -> None:
-        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -161,7 +156,6 @@ class OdometryReset(Endpoint):
         self._service = ros.serve("std_srvs/srv/Empty", self._name, self._answer)
 
     def close(self) -> None:
-        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -174,7 +168,7 @@ class OdometryReset(Endpoint):
 
 
 def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistStamped) -> None:
-    """Send a twist, with any stamp, to an active base controller; drop non-finite twists with a warning."""
+    """Send a finite twist to an active base controller; all other twists are dropped with a warning."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
         sent_at = message.header.stamp
@@ -216,11 +210,9 @@ class SharedTwist(Endpoint):
         self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
 
     def on_state(self, state: StateSample) -> None:
-        """Follow the types of the publishers."""
         self._subscription.check_types(state)
 
     def close(self) -> None:
-        """Destroy the subscription."""
         self._subscription.close()
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
@@ -243,7 +235,7 @@ class SharedTwist(Endpoint):
 
 
 class TfOdometry(Endpoint):
-    """Topic `~/tf_odometry`: only the transform of the odometry, while the controller's `enable_odom_tf` is true."""
+    """Publisher of the odometry transform on `~/tf_odometry`, while the controller's `enable_odom_tf` is true."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
@@ -251,11 +243,9 @@ class TfOdometry(Endpoint):
         self._publisher = ros.node.create_publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the transform of a new sample, if enabled."""
         sample = self._samples.of(state).get(self._name)
         if sample is not None and sample.enable_odom_tf:
             self._publisher.publish(self._kind(transforms=[odometry_transform(self._ros, sample)]))
 
     def close(self) -> None:
-        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)

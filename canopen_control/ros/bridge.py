@@ -86,7 +86,7 @@ def _print(text: str) -> None:
 
 
 def _claim(robot: str, timeout: float) -> int:
-    """Claim the robot in a ROS domain and return the descriptor; CanopenError if another bridge has claimed the robot.
+    """Lock the robot for this bridge and return the file descriptor; CanopenError if another bridge has the lock.
 
     Two bridges would send each command twice. `timeout` in s is the time that a bridge of a previous run gets to end.
     """
@@ -102,14 +102,14 @@ def _claim(robot: str, timeout: float) -> int:
 
 
 def _session_type() -> type[RosSession]:
-    """Import and return the class of a session, which imports the topics and services of a robot."""
+    """Import and return RosSession; the import also loads the message types of all endpoints."""
     with quick_start():
         from canopen_control.ros.session import RosSession
     return RosSession
 
 
 class Bridge:
-    """Bridge process: signals, lifeline, ROS context and node, and a session while the robot runs."""
+    """Bridge process with one ROS node of its own, and a session while the robot is running."""
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._arguments = arguments
@@ -127,7 +127,7 @@ class Bridge:
             self._start_ros(arguments.namespace, ros_arguments)
 
     def _take_robot(self) -> None:
-        """Select and claim the robot; CanopenError if the robot does not run, or has another bridge."""
+        """Select and lock the robot; CanopenError if no such robot is running, or another bridge has the lock."""
         self._name = select_robot(self._arguments.name)
         self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
 
@@ -157,7 +157,7 @@ class Bridge:
         return self._code
 
     def _pass_gate(self) -> None:
-        """Begin when the robot's API is available; stop if the gate is closed without a byte."""
+        """Start the session if the parent has written to the gate; stop if the parent has closed the gate."""
         gate, self._gate = self._gate, None
         if gate is None:
             return
@@ -182,7 +182,7 @@ class Bridge:
             self._reactor.call_soon(self._ask_ros)
 
     def _ask_ros(self) -> None:
-        """Report to `run`, through ROS's callback thread, that both threads are running."""
+        """Report to `run` periodically that the reactor's thread and the callback thread are running."""
         if self._session is not None and self._has_answered:
             self._has_answered = False
             self._session.call(self._answer)

@@ -1,4 +1,4 @@
-"""Options of the bridge, as command-line arguments or parameters of its node.
+"""Options of the ROS bridge, from the command line and from the parameters of the bridge's node.
 
 A parameter (`--ros-args -p NAME:=VALUE`, `--params-file`) overrides an argument, and is read when the bridge starts. An
 invalid value is reported in one sentence.

@@ -37,11 +37,9 @@ class ForwardCommands(Endpoint):
         )
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Store the new state and joints of the controller."""
         self._controller = controller
 
     def close(self) -> None:
-        """Destroy the subscription."""
         self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: Float64MultiArray) -> None:
@@ -76,14 +74,12 @@ class GpioCommands(Endpoint):
         self._subscription = ros.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Store the new state and outputs of the controller; drop waiting values if the controller is inactive."""
         self._controller = controller
         if not controller.active:
             with self._lock:
                 self._coming.clear()
 
     def close(self) -> None:
-        """Destroy the subscription."""
         self._ros.unsubscribe(self._subscription)
 
     def _on_message(self, message: RosMessage) -> None:
@@ -117,7 +113,7 @@ class GpioCommands(Endpoint):
 
 
 def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
-    """Return the values of a message by "gpio/interface"; ValueError with the reason if the message is invalid."""
+    """Return the values in a message by "gpio/interface"; ValueError with the reason if the message is invalid."""
     if not controller.active:
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
@@ -159,20 +155,18 @@ class PidReferences(Endpoint):
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Store the new state and degrees of freedom of the controller; subscribe if the topic is needed."""
         self._controller = controller
         if self._subscription is None and self.is_wanted(controller):
             message: Any = interface("control_msgs/msg/MultiDOFCommand")
             self._subscription = self._ros.subscribe(message, self._topic, self._on_message, REFERENCE)
 
     def close(self) -> None:
-        """Destroy the subscription."""
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Return whether the controller needs the topic; `~/reference` is always needed."""
+        """Whether the topic exists for a controller; `~/reference` always exists."""
         del controller
         return True
 
@@ -222,7 +216,7 @@ class PidMeasuredStates(PidReferences):
 
     @staticmethod
     def is_wanted(controller: ControllerReading) -> bool:
-        """Return whether the controller is configured to receive measured states as messages."""
+        """Whether the controller is configured to receive measured states as messages."""
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
 
@@ -235,7 +229,6 @@ class FeedForwardSwitch(Endpoint):
         self._service = ros.serve("std_srvs/srv/SetBool", name, self._answer)
 
     def close(self) -> None:
-        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -244,7 +237,7 @@ class FeedForwardSwitch(Endpoint):
 
 
 def _dofs_of(controller: ControllerReading) -> list[str]:
-    """Return the names of the degrees of freedom from the reference interfaces, in the order of the parameters."""
+    """Return the names of the degrees of freedom in the order of the parameters."""
     firsts = controller.reference_interfaces[: controller.width]
     return [first.removeprefix(f"{controller.name}/").rpartition("/")[0] for first in firsts]
 

@@ -1,4 +1,4 @@
-"""Selection of a controller's topics, services and actions: by its command topic, its samples and its offers.
+"""Topics, services and actions of a controller, selected by its command topic, samples and offers.
 
 A new kind of command needs an entry here and an `Endpoint`; a new kind of sample needs a row in `sample_topics`.
 """
@@ -101,7 +101,6 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         goal: RosMessage,
         answer: Callable[[TrajectoryVerdict | None, str | None], object],
     ) -> None:
-        """Send the trajectory of a goal in as many pieces as needed; ValueError with the reason if it is invalid."""
         refusal = goal_refusal(goal)
         if refusal is not None:
             raise ValueError(refusal)
@@ -121,20 +120,17 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         )
 
     def refused(self, verdict: TrajectoryVerdict | None, text: str) -> RosMessage:
-        """Return the result of a refused goal with the robot's error code, or INVALID_GOAL without a verdict."""
+        """Return the result of a refused goal; the code is INVALID_GOAL if the robot has not answered."""
         code = _INVALID_GOAL if verdict is None else verdict.error_code
         return self._action.Result(error_code=code, error_string=text)
 
     def asks_for_end(self) -> Request[TrajectoryResult]:
-        """Return a `trajectory_end` request."""
         return TrajectoryEnd()
 
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return a `cancel_trajectory` request; `why` is the reason if the client did not ask for it."""
         return CancelTrajectory(controller=self._controller, own=True, why=why)
 
     def failed(self, text: str) -> TrajectoryResult:
-        """Return an aborted result with INVALID_GOAL, for a goal without a result from the robot."""
         return TrajectoryResult(state="aborted", error_code=_INVALID_GOAL, text=text)
 
     def client_result(self, result: TrajectoryResult, *, by_others: bool) -> RosMessage:
@@ -143,7 +139,6 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         return self._action.Result(error_code=code, error_string=result.text)
 
     def feedback(self, sample: TrajectorySample) -> RosMessage:
-        """Return the desired and the actual state of the joints, and the error."""
         feedback = self._action.Feedback()
         fill(RosMessages(self._ros), feedback, TRAJECTORY_FEEDBACK, sample)
         return feedback
@@ -168,7 +163,6 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         super().__init__(ros, controller, self._action, "gripper_cmd", GripperSample)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Store the controller's joint."""
         self._joint = next(iter(controller.joints), "")
 
     def request(self, goal: RosMessage) -> SendGripper:
@@ -177,13 +171,12 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return self._request_for(command.position, command.max_effort)
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result or a feedback with the state of the gripper, nan for unknown values, and return it."""
+        """Fill a result or feedback message with the gripper's state and return the message; unknown values are nan."""
         into.position, into.effort = unknown_as_nan(sample.position), unknown_as_nan(sample.effort)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
-        """Return the feedback message for a sample."""
         return self.result(sample, self._action.Feedback())
 
     def send(
@@ -192,7 +185,6 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         goal: RosMessage,
         answer: Callable[[GripperVerdict | None, str | None], object],
     ) -> None:
-        """Send a goal on a connection of its own; ValueError with the reason if the goal is invalid."""
         sender.client.ask(self.request(goal), answer)
 
     def refused(self, verdict: GripperVerdict | None, text: str) -> RosMessage:
@@ -201,15 +193,12 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return self.result(self.failed(""), self._action.Result())
 
     def asks_for_end(self) -> Request[GripperResult]:
-        """Return a `gripper_end` request."""
         return GripperEnd()
 
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return a `cancel_gripper` request; `why` is the reason if the client did not ask for it."""
         return CancelGripper(controller=self._controller, own=True, why=why)
 
     def failed(self, text: str) -> GripperResult:
-        """Return an aborted result, for a goal without a result from the robot."""
         return GripperResult(state="aborted", text=text)
 
     def client_result(self, result: GripperResult, *, by_others: bool) -> RosMessage:
@@ -239,7 +228,6 @@ class ParallelGripperAction(GripperAction):
     name: ClassVar[str] = "control_msgs/action/ParallelGripperCommand"
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return the request for a goal; ValueError with the reason if the goal is invalid."""
         command = goal.command
         if len(command.position) != 1:
             raise ValueError(f"it has {len(command.position)} positions; give one")
@@ -247,13 +235,11 @@ class ParallelGripperAction(GripperAction):
         return self._request_for(float(command.position[0]), float(effort), float(velocity))
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result with the state of the gripper, nan for unknown values, and return it."""
         self._put(sample, into.state)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
 
     def feedback(self, sample: GripperSample) -> RosMessage:
-        """Return the feedback message for a sample: the joint's state with its stamp."""
         into = self._action.Feedback()
         self._put(sample, into.state)
         into.state.header.stamp = time_message(sample.time)
@@ -294,7 +280,7 @@ _KINDS: Final = {kind_of(kind): kind for kind in get_args(ControllerSample)}
 
 
 def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
-    """Return the topics, services and actions of one controller."""
+    """Create the topics, services and actions of one controller."""
     kind = _KINDS.get(controller.tells or "", Sample)
     kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
     rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]
@@ -306,7 +292,7 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
 
 
 def _create(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
-    """Create and yield an endpoint; yield nothing, and report it, if this ROS installation lacks the interface."""
+    """Create and yield an endpoint; if this ROS installation lacks the interface, report this and yield nothing."""
     try:
         yield make(ros, controller)
     except MissingInterface as error:

@@ -86,7 +86,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
 
 
 def wanted_by(parameter: RosMessage) -> ParameterValue:
-    """Return the value in an rcl_interfaces/msg/Parameter; a type that controllers do not know is treated as unset."""
+    """Return the value in an rcl_interfaces/msg/Parameter; a type that the API lacks is treated as not set."""
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
     plain = value if isinstance(value, bool | int | float | str | None) else list(value)
@@ -94,7 +94,7 @@ def wanted_by(parameter: RosMessage) -> ParameterValue:
 
 
 def matches(name: str, prefixes: Iterable[str], depth: int) -> bool:
-    """Return whether a parameter name is selected by `prefixes` and `depth` of list_parameters, as in rclcpp.
+    """Whether list_parameters with `prefixes` and `depth` includes a parameter name, as in rclcpp.
 
     Without prefixes every name matches; a `depth` of 0 is unlimited.
     """
@@ -124,7 +124,7 @@ _OF_NAMES: Final = (
 
 
 class ParameterServices(Endpoint):
-    """Parameter services below `name`, the name of a controller or "controller_manager", relative to the namespace."""
+    """Parameter services of the node `name`, which is a controller or "controller_manager"."""
 
     def __init__(self, ros: Ros, name: str) -> None:
         self._ros, self._name = ros, name
@@ -141,7 +141,6 @@ class ParameterServices(Endpoint):
         ]
 
     def close(self) -> None:
-        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
         if self._events is not None:
@@ -245,14 +244,14 @@ class ParameterServices(Endpoint):
 
 
 class ControllerNodes:
-    """Nodes of controllers in addition to `first`, the bridge's own node."""
+    """ROS nodes of the loaded controllers; `first` is the bridge's own node."""
 
     def __init__(self, shared: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
         self._shared, self._first, self._context, self._spinner = shared, first, context, spinner
         self._nodes: dict[str, tuple[NodeContext, ParameterServices]] = {}
 
     def of(self, name: str, arguments: Sequence[str] = ()) -> NodeContext:
-        """Return the context of the node with this name, created on first use; may raise the exceptions of rclpy."""
+        """Return the context of the node `name`, created on first use; may raise any exception of rclpy."""
         if name not in self._nodes:
             node = further_node(name, self._context, str(self._first.get_namespace()), arguments)
             self._spinner.add(node)
@@ -261,7 +260,7 @@ class ControllerNodes:
         return self._nodes[name][0]
 
     def forget(self, name: str) -> None:
-        """Remove the node with this name, if any; its endpoints must be closed."""
+        """Destroy the node `name`, if any; the caller has closed the node's endpoints."""
         node = self._nodes.pop(name, None)
         if node is not None:
             ros, parameters = node
@@ -269,6 +268,5 @@ class ControllerNodes:
             self._spinner.remove(ros.node)
 
     def close(self) -> None:
-        """Remove all nodes."""
         for name in list(self._nodes):
             self.forget(name)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class JointArrays(NamedTuple):
-    """Fields of a JointState message."""
+    """Names, positions, velocities and efforts of a JointState message, all of the same length."""
 
     names: list[str]
     position: list[float]
@@ -50,7 +50,7 @@ def arrays_of(values: Mapping[str, Values], names: Sequence[str]) -> JointArrays
 
 
 def positions_of(sample: JointStatesSample) -> dict[str, float]:
-    """Return the known positions of the joints in a sample, for their transforms."""
+    """Return the known joint positions of a sample by joint name."""
     positions = {name: sample.joints[name].get("position") for name in sample.names}
     return {name: position for name, position in positions.items() if position is not None}
 
@@ -69,13 +69,13 @@ def diagonal(values: Sequence[float]) -> list[float]:
 
 
 def place_of(sample: OdometrySample) -> Transform:
-    """Return the pose of a base by odometry, between the frames of its controller."""
+    """Return the odometry pose of a base, as a transform from the odometry frame to the base frame."""
     pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
     return Transform(sample.frame_id, sample.child_frame_id, pose)
 
 
 def transform_of(sample: Sample) -> Transform | None:
-    """Return the transform of an odometry or pose sample; None for other samples, or if it is disabled or unknown."""
+    """Return the transform of an odometry or pose sample; None for other samples, and if disabled or unknown."""
     if isinstance(sample, OdometrySample):
         return place_of(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
@@ -88,13 +88,13 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def frames_with_a_place(state: StateSample) -> frozenset[str]:
-    """Return the frames whose transform comes from odometry or a pose sample, so that no joint may publish it."""
+    """Return the frames that odometry or pose samples locate, and which must have no joint transform."""
     samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 
 def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:
-    """Return the reason for which the robot would refuse these values as a command; None if they are valid."""
+    """Return the reason why the robot would refuse a command with these values; None if the command is valid."""
     if not all(map(math.isfinite, values)):
         return f"{controller.name}: a value is not finite: {_shown(values)}; the command was dropped"
     if controller.width and len(values) != controller.width:

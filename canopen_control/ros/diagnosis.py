@@ -1,4 +1,4 @@
-"""Contents of `/diagnostics` as plain values, without ROS: nodes, controllers, diagnostics broadcasters and the cycle.
+"""Contents of `/diagnostics` as plain values, without importing ROS.
 
 Rules (REP 107): OK if a component works; WARN if it is not available, possibly on purpose (an axis or robot that is not
 enabled, a controller that is not active); ERROR if something is broken (a node that is missing or in fault). The
@@ -38,7 +38,7 @@ class Diagnosis(NamedTuple):
 def diagnose(
     robot: str, state: StateSample, controllers: Mapping[str, ControllerReading], missed_before: int = 0
 ) -> list[Diagnosis]:
-    """Return the diagnoses of every node and controller, of diagnostics broadcasters, and of the cycle.
+    """Return the diagnostic status of the nodes, the controllers, the diagnostics broadcasters, and the cycle.
 
     `missed_before` is the number of missed cycles in the previous report.
     """

@@ -1,4 +1,4 @@
-"""Topics of diagnostics and events: `/diagnostics`, `~/events` and `/rosout`.
+"""Publishers of `/diagnostics`, `~/events` and `/rosout`.
 
 `/diagnostics` is published once per second, and at once when a level changes; its name is absolute, and it has one
 status per node, per controller, per status of a diagnostics broadcaster, and for the cycle. Events are
@@ -41,7 +41,6 @@ class Diagnostics(Endpoint):
         self._levels: dict[str, int] = {}
 
     def on_state(self, state: StateSample) -> None:
-        """Publish all diagnoses if a second has passed, or if a level or a component has changed."""
         diagnoses = diagnose(self._ros.robot, state, self._ros.controllers, self._missed)
         levels = {diagnosis.name: int(diagnosis.level) for diagnosis in diagnoses}
         time = state.time
@@ -55,7 +54,6 @@ class Diagnostics(Endpoint):
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -67,16 +65,14 @@ class Events(Endpoint):
         self._publisher = ros.node.create_publisher(self._log, "~/events", EVENTS)
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an event of the robot."""
         self._publisher.publish(log_message(self._log, event, self._ros.robot))
 
     def close(self) -> None:
-        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
 def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401 - a generated class
-    """Return an event of the API as an instance of `log`, the class of rcl_interfaces/msg/Log."""
+    """Convert an event of the API to a message of the class `log`, which is rcl_interfaces/msg/Log."""
     message = log()
     message.stamp = time_message(event.time)
     message.level = _LEVELS.get(event.level, _LEVELS["info"])
@@ -127,7 +123,6 @@ class Rosout(Endpoint):
         self._causes: dict[str, _Cause] = {}
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an event, unless it only repeats the cause of the previous event."""
         message = log_message(self._log, event, self._ros.robot)
         if event.controller is not None:
             message.name = _logger(self._namespace, event.controller)
@@ -139,7 +134,7 @@ class Rosout(Endpoint):
             self._publisher.publish(message)
 
     def _repeats_cause(self, event: RobotEvent, name: str, level: int) -> bool:
-        """Whether an event only repeats the previous one's cause, such as a lost node after its missing heartbeat."""
+        """Whether an event only repeats the cause of the node's previous event, such as a lost heartbeat."""
         last = self._causes.get(name)
         same = last is not None and abs(event.time - last.time) <= _SAME_S and level <= last.level
         if last is not None and same and event.kind != "stop" and event.text.endswith(last.text):
@@ -148,7 +143,6 @@ class Rosout(Endpoint):
         return False
 
     def close(self) -> None:
-        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 

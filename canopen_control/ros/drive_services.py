@@ -1,4 +1,4 @@
-"""Services of each node, of a drive as in ros2_canopen's Cia402Driver, of others as in ros2_canopen's ProxyDriver.
+"""Services of each node, as in ros2_canopen's Cia402Driver for drives and ProxyDriver for other nodes.
 
 A successful Trigger is answered with an empty message, as in ros2_canopen; the answer to a refused Trigger has the
 reason. If an action applied to several drives, because a base controller claims them together, the answer names them.
@@ -68,7 +68,7 @@ _RECENT_S: Final = 0.5  # a target older than this has reached the state stream
 
 
 class DriveTargets:
-    """Recent targets of the drives of each controller, received by the `target` services of one robot."""
+    """Targets that the `target` services have received, and that the state stream may not contain yet."""
 
     def __init__(self) -> None:
         self._last_targets: dict[tuple[str, str], tuple[float, float]] = {}
@@ -76,7 +76,7 @@ class DriveTargets:
     def command(
         self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
     ) -> list[float]:
-        """Return the command with one joint's new target; the other joints keep their present commands."""
+        """Return a controller's command with a new target for `joint` and the present commands of all other joints."""
         now = time.monotonic()
         self._last_targets[controller.name, joint] = (now, target)
         return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
@@ -113,11 +113,9 @@ class DriveServices(Endpoint):
         ]
 
     def on_state(self, state: StateSample) -> None:
-        """Store the newest state sample, whose joints and commands `target` needs."""
         self._state = state
 
     def close(self) -> None:
-        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 
@@ -164,7 +162,7 @@ class DriveServices(Endpoint):
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 
     def _controller(self, joint: str) -> ControllerReading | None:
-        """Return the active controller that commands this joint with one value per joint, None if there is none."""
+        """Return the active controller that takes one value per joint and commands `joint`; else None."""
         for controller in self._ros.controllers.values():
             if (
                 controller.active
@@ -184,13 +182,12 @@ class MasterServices(Endpoint):
         self._services = [ros.serve(kind, f"master/{name}", handler) for name, kind, handler in master_handlers(ros)]
 
     def close(self) -> None:
-        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 
 
 def _held(joint: JointReading | None, name: str | None) -> float:
-    """Return a joint's command; without a command its position if the interface `name` is "position", else 0."""
+    """Return a joint's present command; without a command the position of a position interface, else 0."""
     if joint is None:
         return 0.0
     command = joint.position if joint.command is None and name == "position" else joint.command

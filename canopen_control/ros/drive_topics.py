@@ -1,4 +1,4 @@
-"""Topics of each node below its name, as in ros2_canopen's drivers, and `emcy`.
+"""Topics of each node, as in ros2_canopen's drivers, and in addition `emcy`.
 
 `nmt_state` is the state reported by the node, in ros2_canopen's spelling, published on a change and transient local for
 later subscribers; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
@@ -59,7 +59,6 @@ class DriveTopics(Endpoint):
         self._objects: dict[tuple[int, int], int] = {}
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the NMT state if it has changed, and the joint states if there is a subscriber."""
         self._count_listeners()
         node = state.nodes.get(self._view.name)
         if node is None:
@@ -70,12 +69,10 @@ class DriveTopics(Endpoint):
             self._joint_states.publish(self._joints(state, [axis.joint for axis in axes]))
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an event if it is an EMCY message of this node."""
         if event.node == self._view.name and event.kind.startswith("emcy"):
             self._emcy.publish(self._emergency(event))
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Publish the objects received in this node's TPDOs."""
         if not self._listeners:
             return
         for mapped in nodes.get(self._view.name, ()):
@@ -85,7 +82,6 @@ class DriveTopics(Endpoint):
             self._rpdo.publish(self._object(index=mapped.index, subindex=mapped.subindex, data=value))
 
     def close(self) -> None:
-        """Destroy the publishers and the subscription."""
         self._ros.unsubscribe(self._tpdo)
         for publisher in (self._nmt, self._joint_states, self._emcy, self._rpdo):
             if publisher is not None:
@@ -169,35 +165,31 @@ class ProxyNode(Endpoint):
         self._requested = self._closed = False
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Find the node of the controller's joint once the controller is configured."""
+        """Request the node of the controller's joint; an unconfigured controller has no joint."""
         self._controller = controller
         if controller.joints and not self._requested:
             self._requested = True
             self._ask()
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the topics of the node for a state sample."""
         for part in self._parts:
             part.on_state(state)
 
     def on_event(self, event: RobotEvent) -> None:
-        """Publish an event if it is an EMCY message of the node."""
         for part in self._parts:
             part.on_event(event)
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Publish the objects received in TPDOs."""
         for part in self._parts:
             part.on_process_data(nodes)
 
     def close(self) -> None:
-        """Destroy the endpoints."""
         self._closed = True
         for part in self._parts:
             part.close()
 
     def own_joint(self) -> str | None:
-        """Return the joint to whose axis the services are restricted; None for a proxy."""
+        """Return the joint to whose axis the services are restricted; None if the services affect all axes."""
         return None
 
     def _ask(self) -> None:
@@ -231,5 +223,4 @@ class DeviceNode(ProxyNode):
     """Topics and services of one drive, below the name of its Cia402DeviceController."""
 
     def own_joint(self) -> str | None:
-        """Return the controller's joint, to whose axis the services are restricted."""
         return self._controller.joints[0]

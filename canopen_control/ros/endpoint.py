@@ -30,7 +30,7 @@ COMMANDER: Final = "ros"  # sender of commands, in the robot's status
 
 
 class Ros(Protocol):
-    """Context of an endpoint: access to its ROS node and to the session of the robot.
+    """Access of an endpoint to its ROS node and to the session of the robot.
 
     `command` passes a command to the robot; `warn` logs a message at most once per second. Both may be called from any
     thread.
@@ -47,7 +47,7 @@ class Ros(Protocol):
         """Send a command, which replaces a waiting command to the same controller; from any thread."""
 
     def unix(self, stamp: float | None) -> float | None:
-        """Convert a stamp of ROS time to Unix time in s of the robot's clock; callable from any thread."""
+        """Convert a ROS time stamp to Unix time in s of the robot's clock; callable from any thread."""
 
     def warn(self, key: str, text: str) -> None:
         """Log a warning, at most once per second for each key; callable from any thread."""
@@ -61,8 +61,7 @@ class Ros(Protocol):
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
         """Create a subscription; an exception in the callback is logged as a warning."""
 
-    def unsubscribe(self, subscription: object) -> None:
-        """Destroy a subscription."""
+    def unsubscribe(self, subscription: object) -> None: ...
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
         """Create a service of the interface `kind`; log a warning and return None if ROS lacks the interface.
@@ -73,8 +72,7 @@ class Ros(Protocol):
     def leave_out(self, interface: str) -> None:
         """Report once for each interface that this ROS installation lacks it."""
 
-    def unserve(self, service: object) -> None:
-        """Destroy a service."""
+    def unserve(self, service: object) -> None: ...
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
         """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
@@ -90,7 +88,7 @@ class Ros(Protocol):
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
-    """Return a callback that fills `success` and `message` of a service's response and sends the response."""
+    """Return a callback that sends a service's response, with the fields `success` and `message` set."""
 
     def answer(_done: object, error: str | None) -> None:
         response.success, response.message = error is None, error or ""
@@ -118,19 +116,19 @@ class Endpoint:
     """Topics, services or actions of a controller, a node or the robot; methods that are not overridden do nothing."""
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Process a change of the endpoint's controller."""
+        """Handle the state of the endpoint's controller, after this or another controller has changed."""
 
     def on_state(self, state: StateSample) -> None:
-        """Process a sample of the state stream."""
+        """Handle a sample of the robot's state stream."""
 
     def on_event(self, event: RobotEvent) -> None:
-        """Process an event of the robot."""
+        """Handle an event of the robot."""
 
     def on_process_data(self, nodes: dict[str, list[MappedValue]]) -> None:
-        """Process the objects received in TPDOs, by node name."""
+        """Handle the objects received in TPDOs, by node name."""
 
     def close(self) -> None:
-        """Destroy the endpoint."""
+        """Destroy the publishers, subscriptions, services and action servers."""
 
 
 RosMessage = Any
@@ -145,7 +143,6 @@ class Answer:
         self.request_id: RosMessage = getattr(header, "request_id", header)
 
     def __call__(self, response: object) -> object:
-        """Send the response."""
         return self._send(response, self._header)
 
 

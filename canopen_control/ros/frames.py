@@ -1,4 +1,4 @@
-"""Publishers of `/tf` and `/tf_static`: odometry, poses, and the joints of the URDF as in robot_state_publisher.
+"""Publisher of `/tf` and `/tf_static`, which includes the URDF's joints like robot_state_publisher.
 
 Both topics have absolute names; static transforms are transient local for later subscribers, and moving ones are
 reliable and sent once for each joint state, odometry and pose that a controller publishes, with the stamp of that
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Frames(Endpoint):
-    """Publisher of the transforms of one robot; `urdf` is the text of its description."""
+    """Publisher of the transforms of one robot; `urdf` is the URDF as text."""
 
     def __init__(self, ros: Ros, urdf: str) -> None:
         self._ros = ros
@@ -43,7 +43,6 @@ class Frames(Endpoint):
         self._publish_fixed(0.0)
 
     def on_state(self, state: StateSample) -> None:
-        """Publish transforms of new samples; publish the fixed ones again if frames with odometry have changed."""
         based = frames_with_a_place(state)
         if based != self._based:
             self._based = based
@@ -62,7 +61,6 @@ class Frames(Endpoint):
             self._publisher.publish(self._tf_message(transforms=transforms))
 
     def close(self) -> None:
-        """Destroy the publishers."""
         for publisher in (self._publisher, self._static):
             self._ros.node.destroy_publisher(publisher)
 
@@ -79,7 +77,7 @@ class Frames(Endpoint):
 
 
 def transform_message(ros: Ros, transform: Transform, time: float) -> TransformStamped:
-    """Return a transform as a ROS message with a stamp, and with the robot's prefix before its frames."""
+    """Return a transform as a stamped ROS message, with the robot's prefix in the frame names."""
     message = TransformStamped()
     message.header.stamp = time_message(time)
     message.header.frame_id = ros.frame(transform.parent)

@@ -1,4 +1,4 @@
-"""ROS graph for the command line: topics, services, publishing and calling, with a separate ROS node.
+"""Topics and services of the ROS graph for the command line, which has a ROS node of its own.
 
 Every wait has a timeout, and ends at once when its thread is interrupted. A new node has not discovered the graph yet,
 so the first query waits a moment.
@@ -39,7 +39,7 @@ _SHORT: Final = re.compile(r"([a-z][a-z0-9_]*)/(?:(msg|srv)/)?([A-Za-z][A-Za-z0-
 
 
 def full_name(text: str, kind: str) -> str:
-    """Return "std_msgs/msg/String" for itself or "std_msgs/String"; ConfigError if `text` names no such interface."""
+    """Expand "std_msgs/String" to "std_msgs/msg/String"; ConfigError if `text` is not the name of an interface."""
     match = _SHORT.fullmatch(text)
     if match is None or match[2] not in (None, kind):
         raise ConfigError(
@@ -49,7 +49,10 @@ def full_name(text: str, kind: str) -> str:
 
 
 def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - generated
-    """Fill and return a message; ConfigError for invalid data. `class_of` returns the class of a nested message."""
+    """Set the fields of a message that `data` contains, and return the message; ConfigError for invalid data.
+
+    `class_of` returns the class of a nested message.
+    """
     types = message.get_fields_and_field_types()
     if not isinstance(data, dict):
         raise ConfigError(f"{place or 'the message'} has fields ({', '.join(types)}), not {data!r}")
@@ -191,13 +194,12 @@ class Graph:
         self._executor.add_node(node)
 
     def close(self) -> None:
-        """Destroy the node and shut down its context."""
         self._executor.shutdown()
         self._node.destroy_node()
         self._context.try_shutdown()
 
     def spin(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Execute callbacks until a condition is true; return False if `seconds` pass before that."""
+        """Execute callbacks until a condition is true; return False if the condition is not true after `seconds`."""
         deadline = time.monotonic() + seconds
         while not until():
             remaining = deadline - time.monotonic()
@@ -218,7 +220,7 @@ class Graph:
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
     def type_of(self, topic: str, seconds: float) -> str:
-        """Return the type of a topic; CanopenError if it does not appear within `seconds`, or has several types."""
+        """Return the type of a topic; CanopenError if it has several types, or does not appear within `seconds`."""
         return self._only(topic, self._node.get_topic_names_and_types, "topic", seconds)
 
     def _only(self, name: str, names: Callable[[], Names], title: str, seconds: float) -> str:
@@ -234,7 +236,7 @@ class Graph:
         return types[0]
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], object]) -> None:
-        """Subscribe to a topic with a quality of service that is compatible with its present publishers."""
+        """Subscribe to a topic with a quality of service that matches its present publishers."""
         from canopen_control.ros.qos import quality_of
 
         infos = self._node.get_publishers_info_by_topic(topic)

@@ -1,4 +1,4 @@
-"""ROS 2 installation for this Python: whether it can be used, and the environment variables that it needs.
+"""Check of the ROS 2 installation of this Python, and environment variables for rclpy.
 
 Importing rclpy with a middleware that is not installed ends the process (exit code 102) instead of raising an
 exception, and an rclpy for another Python fails deep inside a C extension; so both are checked first, without an
@@ -73,7 +73,10 @@ def _rclpy_folder() -> Path | None:
 
 
 def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str) -> None:
-    """Set missing environment variables; `wheels` tells that rclpy is installed from wheels below `prefix`."""
+    """Set the environment variables that ROS needs and the user has not set.
+
+    `wheels` is True if rclpy was installed from wheels below `prefix`.
+    """
     if wheels:
         environment.setdefault("AMENT_PREFIX_PATH", prefix)
     if environment.get(_LOCAL_ONLY) != "1":
@@ -84,7 +87,7 @@ def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str)
 
 
 def describe(environment: Mapping[str, str]) -> str:
-    """Return a sentence about the ROS domain, and the hosts on which the robot is visible."""
+    """Return a text with the ROS domain and the discovery range."""
     reach = "this host only" if _stays_local(environment) else f"discovery range {environment.get(_RANGE, 'SUBNET')}"
     return f"ROS domain {environment.get('ROS_DOMAIN_ID') or 0}, {reach}"
 

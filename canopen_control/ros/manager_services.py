@@ -1,4 +1,4 @@
-"""Services of `/controller_manager`, for `ros2 control` and the spawner of a ROS installation, and of lifecycle nodes.
+"""Services of `/controller_manager`, for `ros2 control` and the spawner, and services of lifecycle nodes.
 
 Rules (controller_manager_msgs, Jazzy 4.46): names and answers are the same as upstream; strictness 2 is strict, any
 other value is best effort; a refused request is answered with ok false, and its reason is logged, and also sent if the
@@ -59,7 +59,6 @@ class ControllerManagerServices(Endpoint):
         ]
 
     def close(self) -> None:
-        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 
@@ -220,7 +219,7 @@ class ControllerManagerServices(Endpoint):
         response: RosMessage,
         reply: Reply,
     ) -> None:
-        """Send a request and reply with the response; `fill` copies the result to it, and a refusal is logged."""
+        """Send a request, copy its result to the response with `fill`, and reply; a refusal is logged."""
         method = ROBOT.of(type(query)).name
 
         def answer(result: A | None, error: str | None) -> None:
@@ -298,11 +297,9 @@ class LifecycleServices(Endpoint):
         self._actions = {"activate": self._activate, "deactivate": self._deactivate, "shutdown": self._deactivate}
 
     def on_state(self, state: StateSample) -> None:
-        """Store which nodes are ready."""
         self._nodes = state.nodes
 
     def close(self) -> None:
-        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 
@@ -347,7 +344,7 @@ class LifecycleServices(Endpoint):
 
     @property
     def _moves(self) -> bool:
-        """Whether the node has an axis that could be disabled."""
+        """Whether the node has an axis that can be disabled."""
         node = self._nodes.get(self._node or "")
         return node is not None and bool(node.axes)
 

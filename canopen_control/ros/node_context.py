@@ -1,4 +1,4 @@
-"""Context of the endpoints on one ROS node: creates topics and services, and passes requests to the robot's session.
+"""Context in which the endpoints of one ROS node create topics and services and send requests to the robot.
 
 Callbacks of subscriptions run on the spinner's thread, those of services on the reactor's thread. An exception in a
 callback is logged as a warning of the node, since the executor would otherwise drop messages.
@@ -26,7 +26,7 @@ A = TypeVar("A")
 
 
 class SessionPort(Protocol):
-    """Session of a robot as seen by all its ROS nodes, see `endpoint.Ros`; `warn_of` logs as one of the nodes."""
+    """Session of a robot as used by the contexts of all its ROS nodes; see `endpoint.Ros`."""
 
     robot: str
     controllers: dict[str, ControllerReading]
@@ -74,16 +74,12 @@ class NodeContext:
 
     @property
     def controllers(self) -> dict[str, ControllerReading]:
-        """Loaded controllers by name."""
         return self._shared.controllers
 
     def warn(self, key: str, text: str) -> None:
-        """Log a warning as this node, at most once per second for each key; callable from any thread."""
         self._shared.warn_of(self.node, key, text)
 
     def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Create a subscription; an exception in the callback is logged as a warning."""
-
         def guarded(each: object) -> None:
             try:
                 callback(each)
@@ -94,15 +90,10 @@ class NodeContext:
         return subscription
 
     def unsubscribe(self, subscription: object) -> None:
-        """Destroy a subscription on the callback thread, so that it happens between two callbacks."""
+        """Destroy a subscription on the callback thread, between two callbacks."""
         self.call(lambda: self.node.destroy_subscription(subscription))
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Create a service of the interface `kind`; log a warning and return None if ROS lacks the interface.
-
-        `handler(request, response, reply)` is called on the reactor's thread and must not block.
-        """
-
         def guarded(request: object, response: object, reply: Reply) -> None:
             try:
                 handler(request, response, reply)

@@ -32,7 +32,7 @@ _FORBIDDEN: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class Channel(NamedTuple):
-    """Axis of a multi-axis node: the joint, and the path below which the axis has its services."""
+    """Axis of a multi-axis node; `name` is the path below which the axis has its services."""
 
     joint: str
     name: str
@@ -67,7 +67,7 @@ class RosNode(NamedTuple):
 def nodes_of(
     listing: NodeListing, namespace: str, layout: Layout | None = None, states: Mapping[str, NodeReading] | None = None
 ) -> list[RosNode]:
-    """Return the nodes in a listing of the API.
+    """Return the nodes in a listing of the API with their ROS names.
 
     `namespace` is the bridge's namespace; `states` are the nodes in the robot's status, with their axes.
     """

@@ -1,4 +1,4 @@
-"""DDS participants of ROS programs: the client that sent a request, and whether this client is still running.
+"""Identification of the ROS program that sent a request, by its DDS participant.
 
 Rules (DDS, Fast DDS): the first twelve bytes of a GUID identify the participant; usually a process has one. A
 participant that ends announces this; one that was killed is detected when its lease expires, after 20 s by default.
@@ -40,25 +40,25 @@ def client_of(header: RosMessage) -> bytes | None:
 
 
 class ActionClients:
-    """DDS participants that have a client of the action with this full name."""
+    """DDS participants with a client of one action; `action` is the action's full name."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._node, self._action = node, action
 
     def present(self) -> set[bytes]:
-        """Return the participants of the clients that DDS knows at present."""
+        """Return the participants whose clients DDS has discovered."""
         publishers = self._node.get_publishers_info_by_topic(
             f"rq{self._action}/_action/send_goalRequest", no_mangle=True
         )
         return set(map(_participant, publishers))
 
     def runs_here(self, participant: bytes) -> bool:
-        """Whether the participant is a running process on this host; False if it is in another container."""
+        """Whether a participant is a running process on this host; False for a process in another container."""
         host = self._host()
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
     def _host(self) -> bytes | None:
-        """Return the two bytes of this host in a participant, taken from this process; None if it is not found."""
+        """Return the two bytes that identify this host in a participant; None if they cannot be determined."""
         own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
         for participant in map(_participant, own):
             if participant[:2] == _VENDOR and _process(participant) == os.getpid() % 65536:
@@ -67,7 +67,7 @@ class ActionClients:
 
 
 def folder_of(node: Node, participant: bytes | None) -> Path | None:
-    """Return the working directory of a participant's process; None if it is on another host or not readable."""
+    """Return the working directory of a participant's process; None if unreadable or on another host."""
     own = map(_participant, node.get_publishers_info_by_topic("/rosout"))
     host = next((gid[2:4] for gid in own if gid[:2] == _VENDOR and _process(gid) == os.getpid() % 65536), None)
     if participant is None or host is None or participant[:4] != _VENDOR + host:
@@ -91,7 +91,7 @@ def _process(participant: bytes) -> int:
 
 
 def runs(lowest: int, procfs: Path = _PROCFS) -> bool:
-    """Whether a process exists whose id has these lower 16 bits; zombies do not count."""
+    """Whether a process exists whose id has the lower 16 bits `lowest`; zombies do not count."""
     for number in range(lowest, _PIDS, 65536):
         try:
             text = (procfs / str(number) / "stat").read_text()

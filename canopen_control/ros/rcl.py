@@ -1,4 +1,4 @@
-"""Wrapper of the used parts of rclpy, without types.
+"""Parts of rclpy that the bridge uses, without types.
 
 rclpy is partly typed, differently in each release, and may be missing where types are checked; so the names that are
 imported from here have the type Any.
@@ -73,7 +73,7 @@ def further_node(name: str, context: Context, namespace: str, arguments: Sequenc
 
 
 def ros_seconds(node: Node) -> float | None:
-    """Return the time of a node in s if it follows `/clock`, 0 before the first message; None with the system clock."""
+    """Return a node's time in s from `/clock`, 0 before the first message; None if the node uses the system clock."""
     clock = node.get_clock()
     return clock.now().nanoseconds / 1e9 if clock.ros_time_is_active else None
 

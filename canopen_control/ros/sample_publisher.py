@@ -1,4 +1,4 @@
-"""Publisher of a controller's samples: one message per publication of the controller in the state stream.
+"""Publisher of a controller's samples, with one message for each publication of the controller.
 
 Rules (ros2_controllers, Jazzy): names, types and quality of service of the topics are the same as upstream. One message
 object is reused for all messages of a topic; a topic that is not `latched` is filled only if it has a subscriber.
@@ -31,26 +31,24 @@ def time_message(unix_s: float) -> Time:
 
 
 class RosMessages:
-    """Factory of rclpy messages, and of frame names with the robot's prefix."""
+    """Factory of rclpy messages for `sample_topics.fill`."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
-        """Return a new message of this type; MissingInterface if this ROS installation does not have the type."""
+        """Return a new message of type `name`; MissingInterface if this ROS installation lacks the type."""
         return interface(name)()
 
     def floats(self, values: Iterable[float]) -> object:
-        """Return the numbers as a list."""
         return list(values)
 
     def frame(self, name: str) -> str:
-        """Return the name of a frame with the prefix of the robot."""
         return self._ros.frame(name)
 
 
 class SamplePublisher(Endpoint):
-    """Publisher of one `row` of `SAMPLE_TOPICS` for one controller; optional topics start with the first message."""
+    """Publisher of one `row` of `SAMPLE_TOPICS`; a topic that is optional is created with its first message."""
 
     def __init__(self, ros: Ros, controller: ControllerReading, row: SampleTopic) -> None:
         self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)
@@ -66,11 +64,9 @@ class SamplePublisher(Endpoint):
         self._publisher = self._ros.node.create_publisher(type(self._message), topic, SYSTEM_DEFAULT)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Store the controller, whose frame is used for samples without a frame."""
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the controller's sample if it is new, and if the topic has a subscriber or is `latched`."""
         sample = self._samples.of(state).get(self._controller.name)
         if sample is None or getattr(sample, self._row.optional) is None:
             return
@@ -81,6 +77,5 @@ class SamplePublisher(Endpoint):
             self._publisher.publish(self._message)
 
     def close(self) -> None:
-        """Destroy the publisher."""
         if self._publisher is not None:
             self._ros.node.destroy_publisher(self._publisher)

@@ -1,4 +1,4 @@
-"""Conversion of controller samples to ROS messages: one table of topics, types, fields and units.
+"""Table that converts the samples of controllers to ROS messages.
 
 The table is used by the bridge, the bag writer and the report; this module imports no ROS. A message is filled by field
 names, so that fields that an older ROS lacks are skipped. Unknown values are nan.
@@ -44,14 +44,14 @@ class Messages(Protocol):
         """Return a message of type `package/msg/Name` with zeros and empty lists."""
 
     def floats(self, values: Iterable[float]) -> object:
-        """Return an array of the numbers, of the type that the messages need."""
+        """Return an array of numbers of the type that the messages need."""
 
     def frame(self, name: str) -> str:
         """Return the name of a frame in messages, with a prefix if there is one."""
 
 
 class SampleTopic(NamedTuple):
-    """Topic for samples of one `kind`: message type, source of each field, and units of the values in reports.
+    """Topic for samples of one `kind`; `fields` maps fields of the message to sources in the sample.
 
     `frame` is the field of the sample with the header's frame; a sample without this field has the controller's frame.
     No message is sent for a sample whose field `optional` is None. `latched` topics are published even without a
@@ -286,7 +286,10 @@ def _value(sample: Sample, source: str) -> Any:  # noqa: ANN401 - of any type
 
 
 def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> None:  # noqa: ANN401 - as above
-    """Set a field if the message has it: structures by field names, vectors by axes, unknown numbers as nan."""
+    """Set a field of a message, unless the message lacks the field; unknown numbers become nan.
+
+    Structures are filled by field names, vectors by axes.
+    """
     target = getattr(part, field, None)
     if target is None:  # not in this ROS
         return

@@ -95,21 +95,21 @@ def encode(value: Value, kind: str, length: int) -> bytes:
 
 
 def of_datatype(datatype: int) -> int:
-    """Return the size in bytes of a data type of COReadID; ValueError if the type is not supported."""
+    """Return the size in bytes of a data type index of COReadID; ValueError if the type is not supported."""
     if datatype not in _SIZES:
         raise ValueError(f"no data type {datatype}; there are: INT8 2, INT16 3, INT32 4, UINT8 5, UINT16 6, UINT32 7")
     return _SIZES[datatype]
 
 
 def as_uint32(data: bytes) -> int:
-    """Return an object's data as the `data` number of ros2_canopen; ValueError if it is longer than 4 bytes."""
+    """Return an object's data as the 32-bit `data` field of ros2_canopen; ValueError if longer than 4 bytes."""
     if len(data) > 4:
         raise ValueError(f"it has {len(data)} bytes, `data` of the service has 4; use get_objects")
     return int.from_bytes(data, "little")
 
 
 def of_uint32(data: int, length: int) -> bytes:
-    """Return the `data` number of a service as `length` bytes; ValueError if the number is out of range."""
+    """Return the 32-bit `data` field of ros2_canopen as `length` bytes; ValueError if the number does not fit."""
     signed = data - (1 << 32) if data >= 1 << 31 else data
     if not 1 <= length <= 4:
         raise ValueError(f"the object has {length} bytes, `data` of the service has 4; use set_objects")

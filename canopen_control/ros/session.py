@@ -95,12 +95,11 @@ class Activity(Endpoint):
         self._next = self._time = 0.0
 
     def on_event(self, event: RobotEvent) -> None:
-        """Request the hardware states with the next sample, because they may have changed."""
+        """Request the hardware states again with the next sample, because an event may change them."""
         del event
         self._changed = True
 
     def on_state(self, state: StateSample) -> None:
-        """Request the hardware states after a change or an event, and once per second."""
         self._time = state.time
         controllers = dict(state.controllers)
         # requests continue after the clock was set back
@@ -136,7 +135,6 @@ class Activity(Endpoint):
         ]
 
     def close(self) -> None:
-        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -150,7 +148,7 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Newest value by name; any thread may call `put`, only the reading thread `take`."""
+    """Store of the newest value per name; any thread may call `put`, only the reading thread `take`."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns
@@ -167,7 +165,7 @@ class Mailbox(Generic[T]):
             return wake
 
     def take(self, now: int) -> tuple[dict[str, T], int | None]:
-        """Return the values due at `now`, and the time at which the next value is due; None if no value is waiting."""
+        """Return the values due at `now` in ns, and the time when the next value is due (None if no value waits)."""
         with self._lock:
             ready = {name: value for name, value in self._waiting.items() if self._due_at(name) <= now}
             for name in ready:
@@ -178,7 +176,7 @@ class Mailbox(Generic[T]):
             return ready, later
 
     def forget(self, name: str) -> None:
-        """Drop the waiting value of a name, and the time of its last transfer."""
+        """Drop the waiting value of `name`, and the time of the last transfer."""
         with self._lock:
             self._waiting.pop(name, None)
             self._sent.pop(name, None)
@@ -199,7 +197,6 @@ class RobotDescription(Endpoint):
         self._publisher.publish(String(data=urdf))
 
     def close(self) -> None:
-        """Destroy the publisher."""
         self._ros.node.destroy_publisher(self._publisher)
 
 
@@ -216,7 +213,7 @@ _DIGITS = 6  # decimal places of seconds: the resolution of a Unix time in a dou
 
 
 def wants_sim_time(client: RobotClient) -> bool:
-    """Return whether the robot's controller manager has `use_sim_time`; False if the request fails."""
+    """Whether the robot's controller manager has `use_sim_time` set; False if the request fails."""
     try:
         parameters = client.ask(GetParameters(controller=MANAGER))
     except RemoteError:
@@ -273,7 +270,7 @@ class RosTime:
         return None if self._simulated else self._clock()
 
     def _epoch_of(self, message: StateSample) -> float | None:
-        """Return the start of the simulation in Unix s, None if stamps are not simulated time."""
+        """Return the start of the simulation as Unix time in s, None if stamps are not simulated time."""
         return message.sim_epoch if self.in_simulation or self._clock() is not None else None
 
     def _of(self, name: str, time: float, now: float) -> tuple[float, float]:
@@ -295,7 +292,6 @@ class SimClock(Endpoint):
         self._publisher: Any = None  # rclpy has no types
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the simulated time of a sample, if any."""
         seconds = state.sim_time
         if seconds is None:
             return
@@ -304,7 +300,6 @@ class SimClock(Endpoint):
         self._publisher.publish(Clock(clock=time_message(seconds)))
 
     def close(self) -> None:
-        """Destroy the publisher."""
         if self._publisher is not None:
             self._ros.node.destroy_publisher(self._publisher)
 
@@ -352,7 +347,7 @@ class RosSession:
         self._asker = self.connect()
 
     def _make_common(self, urdf: str, nodes: list[RosNode]) -> None:
-        """Create the endpoints of the robot as a whole; a failure is reported and skips only its endpoint."""
+        """Create the endpoints that no controller owns; an endpoint that cannot be created is reported and left out."""
         options, ros = self._options, self._ros
         factories: list[Callable[[], Endpoint]] = [
             lambda: RobotDescription(ros, urdf),
@@ -382,7 +377,7 @@ class RosSession:
                 self._warn(str(error), str(error))
 
     def _of_nodes(self, nodes: list[RosNode]) -> list[Callable[[], Endpoint]]:
-        """Return factories of the endpoints of the nodes: topics, services and lifecycle services."""
+        """Return factories for the topics, services and lifecycle services of the nodes."""
         ros, targets, lifecycles = self._ros, DriveTargets(), list[LifecycleServices]()
 
         def lifecycle(path: str, node: str | None = None) -> Endpoint:
@@ -415,7 +410,7 @@ class RosSession:
         self._spinner.start()
 
     def close(self) -> bool:
-        """Close all endpoints and the connections to the robot; return False if a callback of ROS blocks."""
+        """Close all endpoints and connections; return False if a callback of ROS blocks."""
         self._ended = True
         self._reactor.remove_reader(self._client.fileno())
         done = self._spinner.stop(_JOIN_S)
@@ -431,22 +426,20 @@ class RosSession:
     # ------------------------------------------------------------------------------------------- for endpoints
 
     def command(self, request: Command) -> None:
-        """Send a command, replacing a waiting one to the same controller, at most once per cycle; from any thread."""
         if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Convert a stamp of ROS time to Unix time in s of the robot's clock; from any thread."""
         return self._time.unix(stamp)
 
     def frame(self, name: str) -> str:
-        """Return a frame name with the prefix of the robot's frames, unless the name already has this prefix."""
+        """Return a frame name with the robot's prefix, which is added only once."""
         prefix = self._options.frame_prefix
         has_it = prefix.endswith("/") and name.startswith(prefix)
         return name if has_it or not name else prefix + name
 
     def leave_out(self, interface: str) -> None:
-        """Report once that ROS lacks an interface, in one message for all interfaces of the same second."""
+        """Report once that ROS lacks an interface; interfaces of the same second share one message."""
         if all(self._lacking.values()):
             self._reactor.call_later(_LACKING_NS, self._report_lacking)
         self._lacking.setdefault(interface, False)
@@ -479,7 +472,6 @@ class RosSession:
         self.warn_of(self.node, key, text)
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Call a function on the reactor's thread; from any thread."""
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
@@ -494,19 +486,17 @@ class RosSession:
             self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=on))
 
     def connect(self) -> ReactorClient:
-        """Return a new connection to the robot; RemoteError if the robot has ended."""
         path = socket_path("robot", self.robot)
         return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function on ROS's callback thread; on the calling thread after the session has ended."""
+        """Call a function on ROS's callback thread, or directly after the session has ended."""
         if self._ended:
             function()
         else:
             self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
         self._asker.ask(request, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS
@@ -570,7 +560,7 @@ class RosSession:
         self._report_outpaced()
 
     def _report_outpaced(self) -> None:
-        """Report which controllers publish faster than the state stream, if this has changed."""
+        """Report the controllers that publish faster than the state stream, if they have changed."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)

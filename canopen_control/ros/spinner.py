@@ -1,4 +1,4 @@
-"""The only thread that runs callbacks of rclpy.
+"""Thread that runs all callbacks of rclpy.
 
 The executor is an EventsExecutor if available, else single-threaded; every wait is finite, because the endless wait of
 EventsExecutor.spin() is broken in the wheels (a busy loop without callbacks). A multi-threaded executor is never used,
@@ -33,7 +33,6 @@ class Spinner:
         self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
         self._thread.start()
 
     def stop(self, timeout: float) -> bool:

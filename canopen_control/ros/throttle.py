@@ -1,4 +1,4 @@
-"""Throttle of repeated log messages: each message once per interval, refused commands with their number.
+"""Throttling of repeated log messages.
 
 This module imports no ROS.
 """
@@ -12,7 +12,7 @@ _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 def without_numbers(text: str) -> str:
-    """Return a message in which numbers are replaced by "#", as a key for messages of the same kind."""
+    """Replace the numbers in a message by "#", to get a key for messages of the same kind."""
     return _NUMBERS.sub("#", text)
 
 
@@ -24,7 +24,7 @@ class Throttle:
         self._last: dict[str, int] = {}
 
     def allows(self, key: str, now: int) -> bool:
-        """Whether the message with this key may be logged at `now` in ns; if so, its interval starts."""
+        """Whether a message with this key may be logged at `now` in ns; if so, the key's next interval starts."""
         last = self._last.get(key)
         if last is not None and now - last < self.interval_ns:
             return False
@@ -33,7 +33,7 @@ class Throttle:
 
 
 class Refusals:
-    """Refused commands by controller: the first refusal is reported, and at the end the number of refusals.
+    """Refused commands of each controller, of which only the first and finally the number are reported.
 
     The commands of a publisher that continues while the drives are off are refused fifty times a second for the same
     reason. A new reason is reported again; a message in which only the numbers differ is not a new reason.
@@ -44,7 +44,7 @@ class Refusals:
         self._counts: dict[str, int] = {}
 
     def answered(self, controller: str, error: str | None) -> str | None:
-        """Process the answer to a command (None: accepted); return the message to log, None without one."""
+        """Record the answer to a command (None: accepted); return the message to log, if any."""
         if error is None:
             count = self._counts.pop(controller, 0)
             self._reasons.pop(controller, None)

@@ -60,7 +60,7 @@ def seconds(duration: RosMessage) -> float:
 
 
 def stamp_of(trajectory: RosMessage) -> float | None:
-    """Return the start time of a JointTrajectory in s; None for an immediate start."""
+    """Return the start time of a JointTrajectory in s; None if the trajectory starts at once."""
     return seconds_of(trajectory.header.stamp.sec, trajectory.header.stamp.nanosec)
 
 
@@ -142,7 +142,7 @@ def goal_refusal(goal: RosMessage) -> str | None:
 
 
 class TrajectoryTopic(Endpoint):
-    """Subscription of `~/joint_trajectory`; of messages that arrive during a transfer only the newest is sent."""
+    """Subscription of `~/joint_trajectory`; messages that arrive during a transfer replace each other."""
 
     def __init__(self, ros: Ros, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
@@ -154,7 +154,7 @@ class TrajectoryTopic(Endpoint):
         )
 
     def close(self) -> None:
-        """Destroy the subscription and end the trajectory that was received on it."""
+        """Destroy the subscription and end the trajectory that it has started."""
         self._ros.unsubscribe(self._subscription)
         self._waiting = None
         self._followed.close()
@@ -203,7 +203,6 @@ class TrajectoryQuery(Endpoint):
         self._service = ros.serve("control_msgs/srv/QueryTrajectoryState", name, self._answer)
 
     def close(self) -> None:
-        """Destroy the service."""
         self._ros.unserve(self._service)
 
     def _answer(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -230,12 +229,10 @@ class SpeedScalingTopic(Endpoint):
         self.on_controller(controller)
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Subscribe once the controller is configured with position commands."""
         if self._subscription is None and controller.interface == "position":
             self._subscription = self._ros.subscribe(self._message, self._topic, self._on_message, KEPT_DEFAULT)
 
     def close(self) -> None:
-        """Destroy the subscription."""
         if self._subscription is not None:
             self._ros.unsubscribe(self._subscription)
 

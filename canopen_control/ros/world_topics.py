@@ -47,7 +47,7 @@ _INTERFACES: Final = ("position", "velocity", "effort")
 
 
 class TopicHardware(Endpoint):
-    """Topics of joint_state_topic_hardware_interface: the commands and the states of a robot's joints."""
+    """Topics for joint_state_topic_hardware_interface, with commands for and states of the robot's joints."""
 
     def __init__(self, ros: Ros, commands: str, states: str) -> None:
         self._ros, self._topic = ros, commands
@@ -56,14 +56,13 @@ class TopicHardware(Endpoint):
         self._message = JointState()
 
     def on_state(self, state: StateSample) -> None:
-        """Publish the states of all joints; unknown values are nan, which the other side ignores."""
+        """Publish the states of all joints; joint_state_topic_hardware_interface ignores nan."""
         message = self._message
         message.header.stamp = time_message(state.time)
         message.name, message.position, message.velocity, message.effort = joint_arrays(state.joints)
         self._publisher.publish(message)
 
     def close(self) -> None:
-        """Destroy the subscription and the publisher."""
         self._ros.unsubscribe(self._subscription)
         self._ros.node.destroy_publisher(self._publisher)
 
@@ -108,7 +107,7 @@ _CLOSE_S: Final = 1e-6
 
 
 class LaserScans(Endpoint):
-    """Publishers of laser scans, each created with the first scan for its topic."""
+    """Publishers of laser scans; each publisher is created with the first scan for its topic."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
@@ -117,7 +116,6 @@ class LaserScans(Endpoint):
         self._next_scan = 0.0  # simulated seconds of the next scan
 
     def on_state(self, state: StateSample) -> None:
-        """Request the laser scans of a simulated robot when the next scan is due."""
         seconds = state.sim_time
         if seconds is None or state.sim_epoch is None or self._asking or self._none:
             return
@@ -152,7 +150,6 @@ class LaserScans(Endpoint):
         self._publishers[scan.topic].publish(message)
 
     def close(self) -> None:
-        """Destroy the publishers."""
         for publisher in self._publishers.values():
             self._ros.node.destroy_publisher(publisher)
 
@@ -174,7 +171,6 @@ class GroundTruth(Endpoint):
         self._frame, self._last = "", 0.0
 
     def on_state(self, state: StateSample) -> None:
-        """Publish a new true pose in the frame of the newest odometry sample."""
         for sample in state.samples_of(OdometrySample).values():
             self._frame = sample.frame_id
         truth = state.true_pose
@@ -186,7 +182,6 @@ class GroundTruth(Endpoint):
         self._publisher.publish(pose_message(truth, self._ros.frame(self._frame)))
 
     def close(self) -> None:
-        """Destroy the publisher."""
         if self._publisher is not None:
             self._ros.node.destroy_publisher(self._publisher)
 
@@ -220,14 +215,13 @@ _SERVICES: Final[dict[str, tuple[str, Callable[[RosMessage], Request[Simulation]
 
 
 class SimulationServices(Endpoint):
-    """Simulation services, created with the first state sample that has simulated time."""
+    """Services that control a simulation, created with the first state sample that has simulated time."""
 
     def __init__(self, ros: Ros) -> None:
         self._ros = ros
         self._services: list[object] = []
 
     def on_state(self, state: StateSample) -> None:
-        """Create the services if the robot is simulated and they do not exist yet."""
         if self._services or state.sim_epoch is None:
             return
         for name, (kind, asking) in _SERVICES.items():
@@ -248,7 +242,6 @@ class SimulationServices(Endpoint):
         return handler
 
     def close(self) -> None:
-        """Destroy the services."""
         for service in self._services:
             self._ros.unserve(service)
 

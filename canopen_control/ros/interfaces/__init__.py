@@ -37,7 +37,7 @@ _PROBED: Final = "std_msgs/msg/Header"
 
 
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Make the missing packages importable, in any program with rclpy; return their names.
+    """Create the missing interface packages, so that any program with rclpy can import them; return their names.
 
     Call this function before the packages are imported. CanopenError, before anything is created, if a package is
     neither installed nor in `PACKAGES`, or if the self-test fails with this ROS.
@@ -56,7 +56,7 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
 
 
 class MissingInterface(CanopenError):
-    """Error: this ROS installation lacks the interface `name`, because its package is absent or another version."""
+    """Interface `name` is missing in this ROS installation: its package is absent or another version."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"this ROS has no {name}")
@@ -78,13 +78,13 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of 
 
 
 def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
-    """Create a message with the values for which the message type has a field in the installed ROS."""
+    """Create a message, with the values for which the installed version of the message has a field."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
-    """Set the values for which the message type has a field in the installed ROS."""
+    """Set the values for which the installed version of the message has a field."""
     field_types = message.get_fields_and_field_types()
     for name, value in values.items():
         if name in field_types:
@@ -102,7 +102,7 @@ class _Factory:
         self._supports: Supports | None = None
 
     def supports(self) -> Supports:
-        """Return the factory of type supports, created on first use; this loads ROS's libraries."""
+        """Return the factory of type supports; the first call loads ROS's libraries."""
         if self._supports is None:
             from canopen_control.ros.interfaces.support import Libraries, Supports
 
@@ -110,7 +110,7 @@ class _Factory:
         return self._supports
 
     def class_of(self, name: str) -> type:
-        """Return the class of a message, from the installed package or created."""
+        """Return the class of a message, created here or imported from the installed package."""
         package, kind, short = parts_of(name)
         if name not in self._classes and (owner_of(name) in DEFINITIONS or name == _PROBE):
             self._classes[name] = message_class(self.registry.get(name), self.class_of, self.supports)
@@ -171,7 +171,7 @@ def _factory() -> _Factory:
 
 
 def _check(factory: _Factory) -> None:
-    """Convert a message with our code and with ROS's own code, in both directions; RuntimeError if they differ."""
+    """Serialise and deserialise a message with our code and with ROS's own code; RuntimeError if they differ."""
     serialization = importlib.import_module("rclpy.serialization")
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)

@@ -39,7 +39,7 @@ class Codecs:
         self._codecs: dict[str, Codec] = {}
 
     def encode(self, name: str, message: object) -> bytes:
-        """Return the body of a message of type `name`; ValueError if a field has an unsuitable value."""
+        """Return the CDR body of a message of type `name`; ValueError if a field has an unsuitable value."""
         body = bytearray()
         try:
             self.codec(name)[0](message, body)
@@ -48,14 +48,13 @@ class Codecs:
         return bytes(body)
 
     def decode(self, name: str, body: bytes) -> Any:  # noqa: ANN401 - a message of the class of that name
-        """Return the message in a body; ValueError if the body is invalid. Trailing bytes are ignored."""
+        """Return the message in a CDR body; ValueError if the body is invalid. Trailing bytes are ignored."""
         try:
             return self.codec(name)[1](memoryview(body), 0)[0]
         except (struct.error, IndexError) as error:
             raise ValueError(f"not the body of a {name}: {error}") from error
 
     def codec(self, name: str) -> Codec:
-        """Return the encoder and the decoder of a structure."""
         if name not in self._codecs:
             self._codecs[name] = self._make(name)
         return self._codecs[name]

@@ -59,12 +59,12 @@ class FieldType:
 
     @property
     def type_id(self) -> int:
-        """Id of the type in a type description."""
+        """Id of this type in type_description_interfaces."""
         return self.base + _SHAPE_STEP * self.shape
 
     @classmethod
     def of_id(cls, type_id: int, capacity: int, string_capacity: int, nested: str) -> FieldType:
-        """Return the field type for an id in a type description."""
+        """Return the field type for an id of type_description_interfaces."""
         shape = (type_id - 1) // _SHAPE_STEP
         return cls(type_id - _SHAPE_STEP * shape, Shape(shape), capacity, string_capacity, nested)
 

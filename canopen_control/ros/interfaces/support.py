@@ -1,4 +1,4 @@
-"""Type supports created at run time, without a compiler, as rclpy and rmw_fastrtps need them for an interface.
+"""Type supports for rclpy and rmw_fastrtps, created at run time without a compiler.
 
 rmw_fastrtps requests two supports of each type, fastrtps_c to serialise and introspection_c for its type object; both
 have the same hash and description. Fast DDS calls their functions while it holds mutexes, so that they must not run
@@ -61,7 +61,7 @@ _XCDR1: Final = 1
 
 
 class Libraries:
-    """Libraries of ROS with the symbols used; OSError or AttributeError if a library or a symbol is missing."""
+    """Symbols of ROS's C libraries; OSError or AttributeError if a library or a symbol is missing."""
 
     def __init__(self) -> None:
         self._folder = _library_folder()
@@ -123,7 +123,7 @@ class Callbacks:
         return _symbol_address(self._library[name])
 
     def deserializer(self, name: str, layout: int) -> int:
-        """Return the address of a deserialiser for a new type; RuntimeError if all `SLOTS` are in use."""
+        """Return the address of a deserialiser for a new message type; RuntimeError if all `SLOTS` are in use."""
         slot = len(self._names)
         if slot == SLOTS:
             raise RuntimeError(f"more than {SLOTS} types of messages in one process")
@@ -132,7 +132,7 @@ class Callbacks:
         return int(self._slot(slot))
 
     def newly_dropped(self) -> list[str]:
-        """Return the types of which messages with another layout were dropped since the last call."""
+        """Return the message types of which messages were dropped since the last call, for a wrong layout."""
         if self._dropped_in_all.value == self._reported_in_all:
             return []
         self._reported_in_all = self._dropped_in_all.value
@@ -209,7 +209,7 @@ class TypeDescription(TypedDict):
 
 
 class Registry:
-    """Structures by full name, from added definitions and from installed packages below the folders `shares`."""
+    """Structures by full name, from added definitions and from the packages installed in the folders `shares`."""
 
     def __init__(self, shares: Iterable[Path] = ()) -> None:
         self._shares = list(shares)
@@ -224,7 +224,7 @@ class Registry:
                 del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
-        """Return a structure; LookupError if there is no definition and no installed package with it.
+        """Return a structure by full name; LookupError if neither a definition nor an installed package contains it.
 
         ValueError names an invalid line of a definition.
         """
