@@ -42,8 +42,9 @@ class RosNode(NamedTuple):
     """Node of a bus with its ROS names; `remappings` are pairs of absolute names.
 
     `rpdo` has the number of bits of each object that is mapped in an RPDO, by index and subindex. `channels` is empty
-    for nodes with fewer than two axes. `joints` are the joints that the node moves, none for a proxy; `is_drive` is True
-    if the EDS has a controlword. `place` is the path below which the node has its services and topics, "" for its name.
+    for nodes with fewer than two axes. `joints` are the joints that the node moves, none for a proxy. `is_drive` is
+    True if the EDS has a controlword. `place` is the path below which the node has its services and topics, "" for its
+    name.
     """
 
     name: str
