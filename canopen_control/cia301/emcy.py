@@ -232,6 +232,7 @@ class EmcyMessage:
                 return None
             node_id = frame.can_id - EMCY_COB_ID
         data = frame.data
+        # CiA 301, 7.2.7: 8 bytes; some devices omit manufacturer-specific bytes
         if len(data) < 3:
             return None
         return cls(node_id, data[0] | data[1] << 8, data[2], data[3:8])
@@ -290,6 +291,7 @@ class EmcyProducer:
         register = 0
         for bits in self._active.values():
             register |= bits
+        # CiA 301, 7.5.2.2: bit 0 is set with every other bit
         return register | ErrorRegister.GENERIC if self._active else 0
 
     @property
@@ -324,7 +326,7 @@ class EmcyProducer:
         return True
 
     def report(self, code: int, now: int, data: bytes = b"", *, register: int = 0) -> None:
-        """Record and send an error without duration, such as 0x8110 for lost frames: it is raised and reset at once.
+        """Raise an error and clear it at once, for an event without duration such as 0x8110 (lost frames).
 
         The error register therefore never keeps a bit that no later message would clear.
         """
@@ -335,6 +337,7 @@ class EmcyProducer:
         """Remove an active error and send an error reset with the remaining register bits; False if not active."""
         if self._active.pop(code, None) is None:
             return False
+        # CiA 301, 7.2.7: error code 0x0000, and the errors that remain in the register
         self._send(EmcyMessage(self.node_id, NO_ERROR, self.error_register), now)
         return True
 
@@ -369,18 +372,16 @@ class EmcyProducer:
             self._put(self._waiting.popleft(), now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next message, None if no message is waiting."""
         return self._ready_ns if self._waiting else None
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the messages to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[object]:
-        """Return an empty list: the owner raises the errors itself."""
         return []
 
     def _send(self, message: EmcyMessage, now: int) -> None:
+        # CiA 301, 7.5.2.17: bit 31 of 0x1014; 7.3.2.2.5: no EMCY while INITIALISING or STOPPED
         if not (self.enabled and self.allowed):
             return
         self.tick(now)
@@ -392,6 +393,7 @@ class EmcyProducer:
 
     def _put(self, message: EmcyMessage, now: int) -> None:
         self.outgoing.put(message.encode(self.cob_id))
+        # CiA 301, 7.5.2.18: the inhibit time separates two messages
         self._ready_ns = now + self.inhibit_ns if self.inhibit_ns else None
 
 
@@ -409,7 +411,7 @@ class EmcyConsumer:
         self.register = 0
         self.malformed = 0
         self._active: dict[int, int] = {}  # error code: register bits that were new with it
-        self._perhaps_gone: set[int] = set()  # errors reported before the last error reset
+        self._possibly_cleared: set[int] = set()  # errors reported before the last error reset
         self._events: Outbox[EmcyMessage] = Outbox()
 
     @property
@@ -428,7 +430,6 @@ class EmcyConsumer:
         self.register = 0
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
-        """Receive an emergency message of the node."""
         if frame.can_id != self.cob_id:
             return
         message = EmcyMessage.parse(frame, self.node_id)
@@ -445,11 +446,9 @@ class EmcyConsumer:
         """Return None: this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
-        """Return an empty list: a consumer does not send."""
         return []
 
     def events(self) -> list[EmcyMessage]:
-        """Return and clear the received messages, in order."""
         return self._events.drain()
 
     def _note(self, message: EmcyMessage) -> None:
@@ -463,15 +462,15 @@ class EmcyConsumer:
             active_code: own for active_code, own in self._active.items() if own & register or not (own or reset)
         }
         if reset:
-            self._perhaps_gone = set(present)  # CiA 301, 7.2.7: an error reset does not name the error
+            self._possibly_cleared = set(present)  # CiA 301, 7.2.7: an error reset does not name the error
         else:
             # The bits that are new with this error belong to it. The error remains until all of them are clear.
             own = present.pop(code, 0)
             bits = register & ~ErrorRegister.GENERIC
             new = bits & ~self.register
-            if new or not own or code in self._perhaps_gone:  # else the same error was reported again
+            if new or not own or code in self._possibly_cleared:  # else the same error was reported again
                 own |= new or bits or register
-            self._perhaps_gone.discard(code)
+            self._possibly_cleared.discard(code)
             if len(present) >= self.active_limit:
                 del present[next(iter(present))]
             present[code] = own

@@ -1,4 +1,4 @@
-"""Node guarding and life guarding, for master and slave (CiA 301, 7.2.8.3.1).
+"""Node guarding and life guarding, for master and slave (CiA 301, 7.2.8.3.2.1).
 
 Every guard time the master sends a remote frame on the error control COB-ID of each node. The node answers with its
 state and a toggle bit that alternates and is 0 after a reset; a node that was already running may begin with either.
@@ -86,16 +86,17 @@ class GuardingMaster:
         node = self._nodes.get(node_id)
         if node is None:
             return
-        # CiA 301, 7.2.8.3.1: the answer has one byte, toggle bit and state
+        # CiA 301, 7.2.8.3.2.1: the answer has one byte, toggle bit and state
         if len(frame.data) != 1:
             self.malformed += 1
             return
         self._check(node_id, node, now if since is None else since)
         value = frame.data[0]
+        # CiA 301, 7.2.8.3.2.1: the toggle bit of the first answer after a reset communication is 0
         if value == 0:
             node.toggle, node.state = 0, NmtState.INITIALISING
             self._report(GuardingEventKind.BOOT_UP, node_id, node)
-        # CiA 301, 7.2.8.3.1: an answer with the toggle bit of the previous one is not valid
+        # CiA 301, 7.2.8.3.2.1: an answer is invalid if its toggle bit has not alternated
         elif value >> 7 != node.toggle and node.answered:
             self._report(GuardingEventKind.TOGGLE_ERROR, node_id, node)
         else:
@@ -115,20 +116,18 @@ class GuardingMaster:
             node.deadline_ns += nanoseconds
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next remote frame or timeout, None if no node is guarded."""
         times = [node.poll_ns for node in self._nodes.values()]
         times += [node.deadline_ns for node in self._nodes.values() if not node.missed]
         return min(times, default=None)
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the remote frames to send."""
         return self._frames.drain()
 
     def events(self) -> list[GuardingEvent]:
-        """Return and clear the events, in order."""
         return self._events.drain()
 
     def _check(self, node_id: int, node: _Guarded, now: int) -> None:
+        # CiA 301, 7.2.8.3.2.1: node guarding event after guard time x life time factor without an answer
         if not node.missed and now >= node.deadline_ns:
             node.missed = True
             self._report(GuardingEventKind.MISSED, node_id, node)
@@ -153,7 +152,7 @@ class GuardingSlave:
     """Guarding in one slave, which answers remote frames and monitors the master; the owner keeps `state` up to date.
 
     `enabled` is False while a heartbeat producer time is set: only one of the two protocols runs, and heartbeat takes
-    precedence (CiA 301, 7.2.8.3.1). `guard_time_ns` x `life_time_factor` (0x100C, 0x100D) is the life time; at 0 the
+    precedence (CiA 301, 7.2.8.3.2.1). `guard_time_ns` x `life_time_factor` (0x100C, 0x100D) is the life time; at 0 the
     master is not monitored.
     """
 
@@ -171,7 +170,7 @@ class GuardingSlave:
 
     @property
     def life_time_ns(self) -> int:
-        """Life time in ns: the longest silence of the master that is tolerated; 0 if the master is not monitored."""
+        """Longest tolerated silence of the master in ns; 0 if the master is not monitored."""
         return self.guard_time_ns * self.life_time_factor
 
     def reset(self) -> None:
@@ -182,7 +181,7 @@ class GuardingSlave:
         """Answer a remote frame of the master; ignore other frames."""
         if frame.can_id != ERROR_CONTROL_COB_ID + self.node_id | REMOTE_FLAG:
             return
-        # CiA 301, 7.2.8.3.1: no guarding while the heartbeat producer time is not 0
+        # CiA 301, 7.2.8.3.2.1: no guarding while the heartbeat producer time is not 0
         if not self.enabled or self.state is NmtState.INITIALISING:
             return
         self.tick(now)
@@ -196,7 +195,7 @@ class GuardingSlave:
 
     def tick(self, now: int) -> None:
         """Report once that the master was silent for the life time (EMCY 0x8130)."""
-        # CiA 301, 7.2.8.3.1: life guarding event after guard time x life time factor
+        # CiA 301, 7.2.8.3.2.1: life guarding event after guard time x life time factor
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
             self._missed = True
@@ -209,9 +208,7 @@ class GuardingSlave:
         return self._asked_ns + self.life_time_ns
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the answers to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[GuardingEvent]:
-        """Return and clear the events, in order."""
         return self.happened.drain()

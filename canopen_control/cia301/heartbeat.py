@@ -1,4 +1,4 @@
-"""Heartbeat protocol, for producer and consumer (CiA 301, 7.2.8.3.2).
+"""Heartbeat protocol, for producer and consumer (CiA 301, 7.2.8.3.2.2).
 
 Monitoring of a node starts with its first heartbeat, not with `watch` or its boot-up. A boot-up suspends monitoring
 until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are not an
@@ -19,8 +19,9 @@ from canopen_control.frame import MAX_NODE_ID, CanFrame
 
 def consumer_entry(node_id: int, ms: int) -> int:
     """Return the 0x1016 value that monitors `node_id` with `ms` (both 0: unused); LocalProtocolError out of range."""
+    # CiA 301, 7.5.2.19: node id in bits 16 to 23, time in bits 0 to 15
     if not 0 <= node_id <= MAX_NODE_ID or not 0 <= ms <= 0xFFFF:
-        msg = f"0x1016: node {node_id} with {ms} ms; node ids end at 127, times at 65535 ms"
+        msg = f"0x1016: node {node_id} with {ms} ms is out of range; at most node 127 and 65535 ms"
         raise LocalProtocolError(msg)
     return node_id << 16 | ms
 
@@ -79,6 +80,7 @@ class HeartbeatProducer:
 
     def tick(self, now: int) -> None:
         """Send the heartbeat when it is due; missed periods are skipped, without a shift of the later heartbeats."""
+        # CiA 301, 7.5.2.20: a time of 0 disables the heartbeat; 7.3.2.2.5: only the boot-up while INITIALISING
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return
         deadline = now if self._deadline_ns is None else self._deadline_ns
@@ -94,11 +96,9 @@ class HeartbeatProducer:
         return self._deadline_ns or 0
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[object]:
-        """Return an empty list: a producer has no events."""
         return []
 
 
@@ -171,7 +171,7 @@ class HeartbeatConsumer:
         return {node_id: node.timeout_ns for node_id, node in self._nodes.items() if node.timeout_ns}
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the last state received (INITIALISING after a boot-up); None if none was received or it is unknown."""
+        """Return the last received state, INITIALISING after a boot-up; None before any frame or if undefined."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
@@ -185,11 +185,11 @@ class HeartbeatConsumer:
         node = self._nodes.get(node_id)
         return node is not None and node.missed
 
-    def goes_on(self, node_id: int, state: NmtState, now: int, since: int | None = None) -> bool:
-        """Record a heartbeat that is in time and has the previous state; return False if `receive` must process it.
+    def record_unchanged(self, node_id: int, state: NmtState, now: int, since: int | None = None) -> bool:
+        """Record a timely heartbeat with an unchanged state; return False if `receive` must process the frame.
 
-        False is also returned for a node that is not monitored at present. The frame arrived
-        between `since`, when the receive queue was last empty, and `now`.
+        False is also returned for a node that is not monitored at present. The frame arrived between `since`, when the
+        receive queue was last empty, and `now`.
         """
         node = self._nodes.get(node_id)
         if node is None or node.state is not state or node.deadline_ns is None:
@@ -207,12 +207,12 @@ class HeartbeatConsumer:
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         if not 1 <= node_id <= MAX_NODE_ID:
             return
-        # CiA 301, 7.2.8.3.2: a heartbeat has one byte, bit 7 is reserved and 0
+        # CiA 301, 7.2.8.3.2.2: a heartbeat has one byte, bit 7 is reserved and 0
         if len(frame.data) != 1:
             self.malformed += 1
             return
         value = frame.data[0]
-        # CiA 301, 7.2.8.3.2: neither a boot-up (0) nor a heartbeat, whose state is not 0
+        # CiA 301, 7.2.8.3.2.2: neither a boot-up (0) nor a heartbeat, whose state is not 0
         if value == 0x80:
             self.unknown += 1
             return
@@ -234,7 +234,6 @@ class HeartbeatConsumer:
             self._check(node_id, node, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next timeout, None if no node is monitored at present."""
         first: int | None = None
         for node in self._nodes.values():
             deadline = node.deadline_ns
@@ -243,20 +242,20 @@ class HeartbeatConsumer:
         return first
 
     def frames(self) -> list[CanFrame]:
-        """Return an empty list: a consumer does not send."""
         return []
 
     def events(self) -> list[HeartbeatEvent]:
-        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _check(self, node_id: int, node: _Node, now: int) -> None:
+        # CiA 301, 7.2.8.3.2.2: heartbeat event after the consumer time without a heartbeat
         if node.deadline_ns is not None and now >= node.deadline_ns:
             age = now - node.deadline_ns + node.timeout_ns
             node.deadline_ns, node.missed = None, True
             self.happened.put(HeartbeatEvent(HeartbeatEventKind.MISSED, node_id, node.state, age))
 
     def _boot_up(self, node_id: int, node: _Node, age: int) -> None:
+        # CiA 301, 7.2.8.3.3: the boot-up protocol; monitoring starts again with the first heartbeat
         monitored = node.monitored
         node.state, node.deadline_ns, node.missed = NmtState.INITIALISING, None, False
         self.happened.put(HeartbeatEvent(HeartbeatEventKind.BOOT_UP, node_id, node.state, age, monitored))

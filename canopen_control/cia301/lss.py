@@ -19,7 +19,7 @@ from canopen_control.frame import MAX_NODE_ID, CanFrame
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
 
-    _Service: TypeAlias = Generator["_Ask", "bytes | None", "LssResult"]
+    _Service: TypeAlias = Generator["_Exchange", "bytes | None", "LssResult"]
 
 
 MASTER_COB_ID = 0x7E5
@@ -68,7 +68,7 @@ class LssCommand(enum.IntEnum):
 
 
 class LssRefused(RemoteProtocolError):
-    """Refusal of an LSS service; `code` is 1 for a value that is not supported, 2 for storing that failed.
+    """Refusal of an LSS service by a slave; `code` is 1 for an unsupported value, 2 for a storage failure.
 
     Other codes are manufacturer-specific.
     """
@@ -103,8 +103,8 @@ PART_NAMES = LssIdentity._fields
 _REFUSALS = {1: "not supported or out of range", 2: "storing failed"}
 
 
-class _Ask(NamedTuple):
-    """One request of a service: send `frames`, then wait for the command `answer`; do not wait if `answer` is None.
+class _Exchange(NamedTuple):
+    """Frames to send as one step of a service, and the command specifier of the awaited answer (None: no wait).
 
     With `scan` the master waits for the whole scan time, because the answers of several slaves are identical and a late
     answer would be mistaken for the answer to the next request.
@@ -130,7 +130,7 @@ class LssRequest:
 class _Job:
     request: LssRequest
     service: _Service
-    ask: _Ask | None = None
+    exchange: _Exchange | None = None
     deadline_ns: int = 0
     answer: bytes | None = None
 
@@ -168,16 +168,18 @@ class LssMaster:
     def configure_node_id(self, node_id: int) -> LssRequest:
         """Set the node id of the slave in configuration state: 1 to 127, or 255 for none."""
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
-            msg = f"LSS: node id {node_id} is not 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
+            msg = f"LSS: node id {node_id} is out of range, 1 to {MAX_NODE_ID} or {UNCONFIGURED}"
             raise LocalProtocolError(msg)
-        return self._coded(f"configure node id {node_id}", LssCommand.CONFIGURE_NODE_ID, node_id)
+        return self._with_error_code(f"configure node id {node_id}", LssCommand.CONFIGURE_NODE_ID, node_id)
 
     def configure_bit_timing(self, index: int, table: int = 0) -> LssRequest:
         """Set the bit timing of the slave in configuration state; `index` is a key of `lss.BIT_TIMINGS` for table 0."""
         if not (0 <= index <= 0xFF and 0 <= table <= 0xFF):
             msg = f"LSS: bit timing {index} of table {table} does not fit into a byte"
             raise LocalProtocolError(msg)
-        return self._coded(f"configure bit timing {index}", LssCommand.CONFIGURE_BIT_TIMING, table | index << 8)
+        return self._with_error_code(
+            f"configure bit timing {index}", LssCommand.CONFIGURE_BIT_TIMING, table | index << 8
+        )
 
     def activate_bit_timing(self, delay_ms: int) -> LssRequest:
         """Switch all slaves in configuration state to their new bit timing; the service is unconfirmed.
@@ -185,20 +187,20 @@ class LssMaster:
         Each slave waits for `delay_ms`, switches, and stays silent for another `delay_ms`.
         """
         if not 0 <= delay_ms <= 0xFFFF:
-            msg = f"LSS: a delay of {delay_ms} ms is not 0 to 65535"
+            msg = f"LSS: a delay of {delay_ms} ms is out of range, 0 to 65535 ms"
             raise LocalProtocolError(msg)
         return self._submit("activate bit timing", _report(lss_frame(LssCommand.ACTIVATE_BIT_TIMING, delay_ms)))
 
     def store(self) -> LssRequest:
         """Store the node id and the bit timing in the slave in configuration state."""
-        return self._coded("store", LssCommand.STORE, 0)
+        return self._with_error_code("store", LssCommand.STORE, 0)
 
     def inquire(self, part: str) -> LssRequest:
         """Read ``vendor``, ``product``, ``revision``, ``serial`` or ``node_id`` of the slave in configuration state."""
         commands = {name: LssCommand.INQUIRE + number for number, name in enumerate(PART_NAMES)}
         command = {**commands, "node_id": int(LssCommand.INQUIRE_NODE_ID)}.get(part)
         if command is None:
-            msg = f"LSS: cannot inquire {part!r}; there are {', '.join(commands)} and node_id"
+            msg = f"LSS: cannot inquire {part!r}; valid parts are {', '.join(commands)} and node_id"
             raise LocalProtocolError(msg)
         return self._submit(f"inquire {part}", _inquire(f"inquire {part}", command))
 
@@ -231,21 +233,20 @@ class LssMaster:
     ) -> LssRequest:
         """Find a slave without a node id and switch it to configuration state; the result is its identity or None.
 
-        A part that is given is only confirmed, which saves 32 requests.
+        A known part is only confirmed, which saves 32 requests.
         """
         return self._submit("fast scan", _fast_scan((vendor, product, revision, serial)))
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive an answer; ignore other frames."""
         if frame.can_id != SLAVE_COB_ID:
             return
         job = self._jobs[0] if self._jobs else None
-        ask = None if job is None else job.ask
-        if job is None or ask is None or len(frame.data) != 8 or frame.data[0] != ask.answer:
+        exchange = None if job is None else job.exchange
+        if job is None or exchange is None or len(frame.data) != 8 or frame.data[0] != exchange.answer:
             self.stray += 1
             return
         job.answer = frame.data
-        if not ask.scan:
+        if not exchange.scan:
             self._advance(job, now)
 
     def tick(self, now: int) -> None:
@@ -253,7 +254,7 @@ class LssMaster:
         if not self._jobs:
             return
         job = self._jobs[0]
-        if job.ask is None or now >= job.deadline_ns:
+        if job.exchange is None or now >= job.deadline_ns:
             self._advance(job, now)
 
     def next_deadline(self) -> int | None:
@@ -261,22 +262,20 @@ class LssMaster:
         if not self._jobs:
             return None
         job = self._jobs[0]
-        return 0 if job.ask is None else job.deadline_ns
+        return 0 if job.exchange is None else job.deadline_ns
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send."""
         return self._frames.drain()
 
     def events(self) -> list[LssRequest]:
-        """Return and clear the finished requests."""
         return self._events.drain()
 
-    def _coded(self, name: str, command: int, value: int) -> LssRequest:
-        return self._submit(name, _coded(name, command, value))
+    def _with_error_code(self, name: str, command: int, value: int) -> LssRequest:
+        return self._submit(name, _with_error_code(name, command, value))
 
     def _submit(self, name: str, service: _Service) -> LssRequest:
         if len(self._jobs) >= self.queue_limit:
-            msg = f"LSS: {self.queue_limit} services wait already; let the queue drain first"
+            msg = f"LSS: {self.queue_limit} services are waiting already; wait until one has finished"
             raise LocalProtocolError(msg)
         request = LssRequest(name)
         self._jobs.append(_Job(request, service))
@@ -285,21 +284,21 @@ class LssMaster:
     def _advance(self, job: _Job, now: int) -> None:
         answer, job.answer = job.answer, None
         try:
-            ask = next(job.service) if job.ask is None else job.service.send(answer)
-            while ask.answer is None:
-                self._send(ask)
-                ask = job.service.send(None)
+            exchange = next(job.service) if job.exchange is None else job.service.send(answer)
+            while exchange.answer is None:
+                self._send(exchange)
+                exchange = job.service.send(None)
         except StopIteration as stop:
             self._finish(job, stop.value, None, now)
         except RemoteProtocolError as error:
             self._finish(job, None, error, now)
         else:
-            self._send(ask)
-            job.ask = ask
-            job.deadline_ns = now + (self.scan_timeout_ns if ask.scan else self.timeout_ns)
+            self._send(exchange)
+            job.exchange = exchange
+            job.deadline_ns = now + (self.scan_timeout_ns if exchange.scan else self.timeout_ns)
 
-    def _send(self, ask: _Ask) -> None:
-        for frame in ask.frames:
+    def _send(self, exchange: _Exchange) -> None:
+        for frame in exchange.frames:
             self._frames.put(frame)
 
     def _finish(self, job: _Job, result: LssResult, error: RemoteProtocolError | None, now: int) -> None:
@@ -311,14 +310,16 @@ class LssMaster:
 
 
 def _report(frame: CanFrame) -> _Service:
-    yield _Ask([frame], None)
+    yield _Exchange([frame], None)
     return None
 
 
-def _confirmed(name: str, frames: list[CanFrame], answer: int) -> Generator[_Ask, bytes | None, bytes]:
-    data = yield _Ask(frames, answer)
+def _confirmed(name: str, frames: list[CanFrame], answer: int) -> Generator[_Exchange, bytes | None, bytes]:
+    data = yield _Exchange(frames, answer)
     if data is None:
-        raise RemoteProtocolError(0, f"LSS {name}: no answer; is a slave there, and in configuration?")
+        raise RemoteProtocolError(
+            0, f"LSS {name}: no answer; check that one slave is connected and in the configuration state"
+        )
     return data
 
 
@@ -327,10 +328,10 @@ def _switch_selective(name: str, frames: list[CanFrame]) -> _Service:
     return None
 
 
-def _coded(name: str, command: int, value: int) -> _Service:
+def _with_error_code(name: str, command: int, value: int) -> _Service:
     data = yield from _confirmed(name, [lss_frame(command, value)], command)
     if data[1]:
-        reason = _REFUSALS.get(data[1], f"error {data[1]}, manufacturer's {data[2]}")
+        reason = _REFUSALS.get(data[1], f"error {data[1]}, manufacturer-specific code {data[2]}")
         raise LssRefused(data[1], f"LSS {name}: refused, {reason}")
     return None
 
@@ -341,24 +342,24 @@ def _inquire(name: str, command: int) -> _Service:
 
 
 def _exists(frames: list[CanFrame], answer: int) -> _Service:
-    return (yield _Ask(frames, answer, scan=True)) is not None
+    return (yield _Exchange(frames, answer, scan=True)) is not None
 
 
-def _question(number: int, bit: int, part: int, following: int) -> _Ask:
+def _fast_scan_step(number: int, bit: int, part: int, following: int) -> _Exchange:
     frame = lss_frame(LssCommand.FAST_SCAN, number, tail=bytes((bit, part, following)))
-    return _Ask([frame], LssCommand.IDENTIFIED, scan=True)
+    return _Exchange([frame], LssCommand.IDENTIFIED, scan=True)
 
 
 def _fast_scan(known_parts: tuple[int | None, ...]) -> _Service:
-    if (yield _question(0, FAST_SCAN_START, 0, 0)) is None:
+    if (yield _fast_scan_step(0, FAST_SCAN_START, 0, 0)) is None:
         return None
     parts: list[int] = []
     for part, known_part in enumerate(known_parts):
         number = known_part or 0
         for bit in range(31, -1, -1) if known_part is None else ():
-            if (yield _question(number, bit, part, part)) is None:
+            if (yield _fast_scan_step(number, bit, part, part)) is None:
                 number |= 1 << bit  # no slave has a 0 at this bit
-        if (yield _question(number, 0, part, (part + 1) % 4)) is None:
+        if (yield _fast_scan_step(number, 0, part, (part + 1) % 4)) is None:
             name = PART_NAMES[part]
             raise RemoteProtocolError(0, f"LSS fast scan: no slave confirms {name} 0x{number:08X}; scan again")
         parts.append(number)
@@ -427,15 +428,15 @@ class LssSlave:
         self._selected = self._identified = self._scanned = 0
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
-        """Process a frame of the LSS master; ignore other frames."""
         if frame.can_id != MASTER_COB_ID:
             return
-        # CiA 305: every frame has 8 bytes; configuration and inquiry services need the configuration state
+        # CiA 305: every frame has 8 bytes
         command = frame.data[0] if len(frame.data) == 8 else -1
         if (service := self._SERVICES.get(command)) is not None:
             service(self, frame.data)
         elif (service := self._CONFIGURING.get(command)) is None:
             self.malformed += 1
+        # CiA 305: configuration and inquiry services need the configuration state
         elif self.mode is LssMode.CONFIGURATION:
             service(self, frame.data)
         else:
@@ -444,15 +445,12 @@ class LssSlave:
     def tick(self, now: int) -> None:
         """Do nothing: this core has no timers."""
 
-    def next_deadline(self) -> None:
-        """Return None: this core has no timers."""
+    def next_deadline(self) -> None: ...
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the answers to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[LssNodeIdAssigned | LssActivateBitTiming]:
-        """Return and clear the events, in order."""
         return self._events.drain()
 
     def _answer(self, command: int, value: int = 0) -> None:
@@ -474,6 +472,7 @@ class LssSlave:
             self._events.put(LssNodeIdAssigned(self.node_id))
 
     def _switch_selective(self, data: bytes) -> None:
+        # CiA 305: vendor, product, revision and serial number in this order select the slave
         part = data[0] - LssCommand.SWITCH_SELECTIVE
         if part == 0:
             self._selected = 0
@@ -485,12 +484,14 @@ class LssSlave:
             self._answer(LssCommand.SWITCHED)
 
     def _configure_node_id(self, data: bytes) -> None:
+        # CiA 305: node id 1 to 127, or 255 for an unconfigured node
         accepted = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
         if accepted:
             self.pending_node_id = data[1]
         self._answer(LssCommand.CONFIGURE_NODE_ID, OK if accepted else REFUSED)
 
     def _configure_bit_timing(self, data: bytes) -> None:
+        # CiA 305: table 0 holds the standard bit timings
         accepted = data[1] == 0 and data[2] in self.bit_timings
         if accepted:
             self.pending_bitrate = 0 if data[2] == AUTOMATIC_BIT_TIMING else BIT_TIMINGS[data[2]]
@@ -515,6 +516,7 @@ class LssSlave:
         self._answer(data[0], self.node_id)
 
     def _identify(self, data: bytes) -> None:
+        # CiA 305: vendor and product must be equal, revision and serial number within their ranges
         step, number = data[0] - LssCommand.IDENTIFY, _number(data)
         vendor, product, revision, serial = self.identity
         matches = (
@@ -537,6 +539,7 @@ class LssSlave:
             self._answer(LssCommand.IDENTIFIED_NON_CONFIGURED)
 
     def _fast_scan(self, data: bytes) -> None:
+        # CiA 305: only unconfigured nodes in the waiting state take part in a fast scan
         bit, part, following = data[5], data[6], data[7]
         if self.mode is not LssMode.WAITING or self.pending_node_id != UNCONFIGURED:
             return

@@ -2,7 +2,7 @@
 
 `TRANSITIONS` is the slave's state machine: state and command give the next state, and a missing pair is ignored. A
 slave ignores all commands while INITIALISING and leaves this state only through `NmtSlave.boot`, which sends the
-boot-up frame. `SERVICES_BY_STATE` lists the services of each state (table 38).
+boot-up frame. `SERVICES_BY_STATE` lists the services of each state (7.3.2.2.5).
 
 NMT commands are unconfirmed. `NmtMaster` treats the next heartbeat with the requested state as the confirmation and
 repeats an unconfirmed command. A reset is never repeated, because that would reset a node that is still booting.
@@ -42,7 +42,7 @@ class NmtState(enum.IntEnum):
 
 
 class NmtCommand(enum.IntEnum):
-    """NMT command specifiers (CiA 301, 7.2.8)."""
+    """NMT command specifiers (CiA 301, 7.2.8.3.1)."""
 
     START = 1
     STOP = 2
@@ -62,7 +62,7 @@ COMMAND_NAMES: Final[Mapping[str, NmtCommand]] = {
 
 
 class CommunicationService(enum.Enum):
-    """Communication services whose permission depends on the NMT state (CiA 301, table 38)."""
+    """Communication services whose permission depends on the NMT state (CiA 301, 7.3.2.2.5)."""
 
     BOOT_UP = "boot-up"
     NMT = "NMT"
@@ -100,7 +100,7 @@ EXPECTED_STATE: dict[NmtCommand, NmtState] = {
 }
 RESETS = frozenset({NmtCommand.RESET_NODE, NmtCommand.RESET_COMMUNICATION})
 
-# CiA 301, figure 49: the three communicating states have the same five exits.
+# CiA 301, 7.3.2: the three communicating states have the same five exits.
 TRANSITIONS: dict[tuple[NmtState, NmtCommand], NmtState] = {
     (state, command): target
     for state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED)
@@ -119,13 +119,14 @@ def state_of_byte(value: int) -> NmtState | None:
 def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
     """Return the command frame for `node_id` (0: all nodes); LocalProtocolError for a node id outside of 0 to 127."""
     if not 0 <= node_id <= MAX_NODE_ID:
-        msg = f"NMT {command.name}: node id {node_id} is not 0 to {MAX_NODE_ID}"
+        msg = f"NMT {command.name}: node id {node_id} is out of range, 0 to {MAX_NODE_ID}"
         raise LocalProtocolError(msg)
     return CanFrame(NMT_COB_ID, bytes((command, node_id)))
 
 
 def parse_nmt(frame: CanFrame) -> tuple[NmtCommand, int] | None:
     """Return command and node id (0: all nodes), or None if `frame` is not an NMT command of CiA 301."""
+    # CiA 301, 7.2.8.3.1: two bytes, command specifier and node id
     if frame.can_id != NMT_COB_ID or len(frame.data) != 2 or frame.data[1] > MAX_NODE_ID:
         return None
     command = _COMMANDS.get(frame.data[0])
@@ -147,9 +148,9 @@ class NmtStateChanged:
 
 @dataclass(frozen=True, slots=True)
 class NmtResetRequested:
-    """Request to restore the power-on values, of all objects or of 0x1000 to 0x1FFF, then to call `NmtSlave.boot`."""
+    """Reset request to the owner, which must restore the power-on values and then call `NmtSlave.boot`."""
 
-    command: NmtCommand
+    command: NmtCommand  # RESET_NODE: all objects; RESET_COMMUNICATION: 0x1000 to 0x1FFF (CiA 301, 7.3.2.2.1)
 
 
 class NmtSlave:
@@ -172,7 +173,7 @@ class NmtSlave:
 
         No-op in other states.
         """
-        # CiA 301, 7.3.2: the boot-up frame ends INITIALISING
+        # CiA 301, 7.3.2.2.1: the boot-up frame ends INITIALISING
         if self.state is not NmtState.INITIALISING:
             return
         self.outgoing.put(boot_up_frame(self.node_id))
@@ -182,7 +183,7 @@ class NmtSlave:
 
     def command(self, command: NmtCommand) -> bool:
         """Execute a command from the bus or from the node itself; return whether a transition exists."""
-        # CiA 301, figure 49
+        # CiA 301, 7.3.2: other commands are ignored
         target = TRANSITIONS.get((self.state, command))
         if target is None:
             self.ignored += 1
@@ -194,17 +195,16 @@ class NmtSlave:
 
     def allows(self, service: CommunicationService) -> bool:
         """Whether the current state permits `service`."""
-        # CiA 301, table 38
+        # CiA 301, 7.3.2.2.5
         return service in SERVICES_BY_STATE[self.state]
 
     def receive(self, frame: CanFrame, now: int) -> None:  # noqa: ARG002 - the verb of every core
-        """Receive a command frame for this node or for all nodes."""
         if frame.can_id != NMT_COB_ID:
             return
         parsed = parse_nmt(frame)
         if parsed is None:
             self.malformed += 1
-        # CiA 301, 7.2.8: node id 0 addresses all nodes
+        # CiA 301, 7.2.8.3.1: node id 0 addresses all nodes
         elif parsed[1] in (BROADCAST, self.node_id):
             self.command(parsed[0])
 
@@ -215,11 +215,9 @@ class NmtSlave:
         """Return None: this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the boot-up frames to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[NmtStateChanged | NmtResetRequested]:
-        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _enter(self, state: NmtState) -> None:
@@ -230,7 +228,7 @@ class NmtSlave:
 
 @dataclass(frozen=True, slots=True)
 class NmtConfirmed:
-    """Confirmation of `command`: `node_id` entered the requested state after `tries` commands and `elapsed_ns`."""
+    """Confirmed NMT command: the node entered the requested state after `tries` transmissions and `elapsed_ns`."""
 
     node_id: int
     command: NmtCommand
@@ -240,7 +238,7 @@ class NmtConfirmed:
 
 @dataclass(frozen=True, slots=True)
 class NmtUnconfirmed:
-    """Missing confirmation: `node_id` did not enter the requested state after `tries` commands, but is in `state`."""
+    """Unconfirmed NMT command: `state` is the last known state of the node after `tries` transmissions."""
 
     node_id: int
     command: NmtCommand
@@ -272,7 +270,7 @@ class NmtMaster:
         self._events: Outbox[NmtConfirmed | NmtUnconfirmed] = Outbox()
 
     def command(self, command: NmtCommand, node_id: int, now: int, *, confirm_by: Iterable[int] | None = None) -> None:
-        """Send `command` and await confirmation by the nodes `confirm_by` (default: `node_id`; by none if it is 0)."""
+        """Send `command`; the nodes `confirm_by` must confirm it (default: `node_id`; no node for broadcasts)."""
         nodes = (node_id,) if confirm_by is None else confirm_by
         self._frames.put(nmt_frame(command, node_id))
         for node in nodes:
@@ -313,22 +311,19 @@ class NmtMaster:
                 self._frames.put(nmt_frame(entry.command, node_id))
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next repetition or timeout, None if no command is pending."""
         return min((entry.deadline_ns for entry in self._pending.values()), default=None)
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the commands to send."""
         return self._frames.drain()
 
     def events(self) -> list[NmtConfirmed | NmtUnconfirmed]:
-        """Return and clear the confirmations and timeouts."""
         return self._events.drain()
 
     def _timeout(self, command: NmtCommand) -> int:
         return self.reset_timeout_ns if command in RESETS else self.retry_ns
 
 
-# Error behaviour object 0x1029 (CiA 301, 7.5.2.29). Subindex 1 is for communication errors: bus-off, life guarding,
+# Error behaviour object 0x1029 (CiA 301, 7.5.2.32). Subindex 1 is for communication errors: bus-off, life guarding,
 # heartbeat, RPDO timeout. The device profile defines the others.
 
 
@@ -352,10 +347,11 @@ _REACTIONS = {int(value): value for value in ErrorReaction}
 
 def reaction(value: int, state: NmtState) -> NmtCommand | None:
     """Return the NMT command that a node executes after an error; None for no command or an unknown `value`."""
-    commands = _REACTIONS.get(value)
-    return None if commands is None else REACTIONS.get((commands, state))
+    kind = _REACTIONS.get(value)
+    return None if kind is None else REACTIONS.get((kind, state))
 
 
 def check_reaction(value: int) -> AbortCode | None:
     """Return the abort code of a write to 0x1029, None if accepted."""
+    # CiA 301, 7.5.2.32: 0, 1 and 2 are defined
     return None if value in _REACTIONS else AbortCode.INVALID_VALUE

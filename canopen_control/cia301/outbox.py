@@ -31,7 +31,6 @@ class Outbox(Generic[T]):
         waiting.append(item)
 
     def drain(self) -> list[T]:
-        """Return and clear all items, oldest first."""
         waiting = self.waiting
         if not waiting:
             return []

@@ -29,7 +29,7 @@ MAX_BITS = 64  # length of a classic CAN frame
 INVALID_BIT = 1 << 31  # in a COB-ID entry
 NO_RTR_BIT = 1 << 30
 
-# Transmission types (CiA 301, table 69); 1 to 240 are cyclic synchronous, 241 to 251 reserved.
+# Transmission types (CiA 301, 7.5.2.37); 1 to 240 are cyclic synchronous, 241 to 251 reserved.
 ACYCLIC_SYNCHRONOUS = 0
 LAST_CYCLIC = 240
 RTR_SYNCHRONOUS = 252
@@ -74,7 +74,7 @@ def parse_mapping_entry(value: int) -> tuple[int, int, int]:
 def dummy(data_type: DataType) -> MappedObject:
     """Return the RPDO mapping entry that skips a value of `data_type`; LocalProtocolError if not in `DUMMY_TYPES`."""
     if data_type not in DUMMY_TYPES:
-        msg = f"{data_type.name} cannot fill a gap in a PDO; take one of the types 1 to 7"
+        msg = f"{data_type.name} cannot fill a gap in a PDO; use one of the data types 1 to 7"
         raise LocalProtocolError(msg)
     return MappedObject(int(data_type), 0, data_type.bits or 0, data_type)
 
@@ -99,7 +99,7 @@ class PdoParameters:
     """Communication parameter of one PDO, 0x1400 or 0x1800 and above.
 
     `cob_id` is the CAN identifier alone; `enabled` and `rtr_allowed` are the inverse of bits 31 and 30 of the entry.
-    `from_value` disables a PDO whose identifier is 0 or restricted (CiA 301, table 40).
+    `from_value` disables a PDO whose identifier is 0 or restricted (CiA 301, 7.3.5).
     """
 
     cob_id: int
@@ -233,7 +233,7 @@ class PdoCodec:
             fields.append(_field(mapped, self.bits))
             self.bits += mapped.bits
         if self.bits > MAX_BITS:
-            msg = f"a PDO holds {MAX_BITS} bits, the mapping has {self.bits}; leave out an object"
+            msg = f"a PDO has at most {MAX_BITS} bits, the mapping has {self.bits}; remove an object"
             raise LocalProtocolError(msg)
         self._fields = tuple(fields)
         self.length = (self.bits + 7) // 8
@@ -332,7 +332,6 @@ class RpdoConsumer:
 
     @property
     def parameters(self) -> PdoParameters:
-        """Communication parameter of the PDO."""
         return self._parameters
 
     def configure(self, parameters: PdoParameters, length: int) -> None:
@@ -352,7 +351,7 @@ class RpdoConsumer:
         self.running = False
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive the PDO; ignore other frames."""
+        # CiA 301, 7.3.2.2.5: PDOs are processed only while OPERATIONAL
         if frame.can_id != self._can_id or not self.running:
             return
         if self._deadline_ns is not None:
@@ -390,25 +389,24 @@ class RpdoConsumer:
 
     def tick(self, now: int) -> None:
         """Report an RPDO timeout once."""
+        # CiA 301, 7.5.2.35: the event timer of an RPDO is its reception timeout
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._timed_out = None, True
             self.happened.put(RpdoEvent(RpdoEventKind.TIMEOUT))
 
     def next_deadline(self) -> int | None:
-        """Return the time of the RPDO timeout, None if no timeout is running."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:
-        """Return an empty list: an RPDO does not send."""
         return []
 
     def events(self) -> list[RpdoEvent]:
-        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _adopt(self, parameters: PdoParameters) -> None:
         self._parameters, self._event_ns = parameters, parameters.event_ns
         self._immediate = is_event_driven(parameters.transmission_type)
+        # CiA 301, 7.5.2.35: types 0 to 240 are synchronous, 254 and 255 event-driven; the others are not for RPDOs
         usable = parameters.enabled and (self._immediate or parameters.transmission_type <= LAST_CYCLIC)
         self._can_id = parameters.cob_id | (EXTENDED_FLAG if parameters.extended else 0) if usable else -1
         self._waits = usable and not self._immediate and not self._event_ns
@@ -476,7 +474,6 @@ class TpdoProducer:
 
     @property
     def parameters(self) -> PdoParameters:
-        """Communication parameter of the PDO."""
         return self._parameters
 
     def configure(self, parameters: PdoParameters, now: int) -> None:
@@ -490,7 +487,7 @@ class TpdoProducer:
     def start(self, now: int, *, shows: bool = True) -> None:
         """Start transmission when the node enters OPERATIONAL or the PDO becomes valid.
 
-        Event-driven PDOs send their first values, unless `shows` is False: some profiles send only after a request.
+        An event-driven PDO sends its initial values, unless `shows` is False, as some device profiles require.
         """
         self._clear()
         self.running = True
@@ -512,7 +509,7 @@ class TpdoProducer:
         if not self._active:
             return
         transmission_type = self._type
-        # CiA 301, table 69: type 0 is sent at the next SYNC after an event
+        # CiA 301, 7.5.2.37: type 0 is sent at the next SYNC after an event
         if transmission_type == ACYCLIC_SYNCHRONOUS:
             self._pending = True
         elif is_event_driven(transmission_type):
@@ -537,7 +534,7 @@ class TpdoProducer:
         if frame.can_id != self._can_id | REMOTE_FLAG or not self._active:
             return
         transmission_type = self._type
-        # CiA 301, table 69: 252 and 253 are sent on a remote frame, if bit 30 of the COB-ID permits it
+        # CiA 301, 7.5.2.37: 252 and 253 are sent on a remote frame, if bit 30 of the COB-ID permits it
         if transmission_type == RTR_EVENT and self._parameters.rtr_allowed:
             self._send(now)
         elif transmission_type == RTR_SYNCHRONOUS and self._parameters.rtr_allowed and self._sampled is not None:
@@ -562,11 +559,9 @@ class TpdoProducer:
         return max(self._event_at, self._inhibited_until or 0)
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send."""
         return self.outgoing.drain()
 
     def events(self) -> list[object]:
-        """Return an empty list: a producer has no events."""
         return []
 
     @property
@@ -600,6 +595,7 @@ class TpdoProducer:
         return True
 
     def _send(self, now: int) -> None:
+        # CiA 301, 7.5.2.37: every transmission restarts inhibit time and event timer
         self._pending = False
         self._inhibited_until = now + self._inhibit_ns if self._inhibit_ns else None
         self._event_at = now + self._event_ns if self._event_ns else None

@@ -64,7 +64,8 @@ class PdoRules:
     wrong_state: AbortCode = AbortCode.INVALID_VALUE
 
     def check_communication(self, subindex: int, value: int, present: PdoParameters) -> AbortCode | None:
-        """Check a write to the communication parameter while its values are `present`."""
+        """Check a write to the communication parameter; `present` are its current values."""
+        # CiA 301, 7.5.2.35 and 7.5.2.37: the highest subindex is constant
         if subindex == 0:
             return AbortCode.READ_ONLY
         if subindex == COB_ID:
@@ -74,6 +75,7 @@ class PdoRules:
         # CiA 301, 7.5.2.37: inhibit time and SYNC start value must not change while the PDO is valid
         if subindex == INHIBIT_TIME:
             return _fixed_while_valid(value, present.inhibit_time_100us, present)
+        # CiA 301, 7.5.2.37: SYNC start value 0 to 240, for TPDOs only
         if subindex == SYNC_START and self.is_tpdo:
             return AbortCode.INVALID_VALUE if value > 240 else _fixed_while_valid(value, present.sync_start, present)
         return None if subindex == EVENT_TIMER else AbortCode.NO_SUBINDEX
@@ -89,6 +91,7 @@ class PdoRules:
 
     def check_mapping_count(self, value: int, entries: Sequence[int], present: PdoParameters) -> AbortCode | None:
         """Check a write to the number of mapped objects while `entries` are the mapping entries."""
+        # CiA 301, 7.5.2.36 and 7.5.2.38: the number of objects is written while the PDO is invalid
         if present.enabled:
             return self.wrong_state
         if value > MAX_ENTRIES:
@@ -110,10 +113,12 @@ class PdoRules:
         # CiA 301, 7.5.2.37: bit 30 is "no RTR allowed", bit 29 selects a 29-bit identifier
         if (new.rtr_allowed and without_rtr) or (new.extended and not self.extended_supported):
             return AbortCode.INVALID_VALUE
+        # CiA 301, 7.5.2.35 and 7.5.2.37: bit 31 makes the PDO invalid, at any time
         if value & INVALID_BIT:
             return None
         # CiA 301, 7.5.2.35 and 7.5.2.37: bits 0 to 29 must not change while the PDO is valid
         moved = (new.cob_id, new.extended) != (present.cob_id, present.extended)
+        # CiA 301, 7.3.5: restricted identifiers
         in_use = not new.extended and (is_restricted(new.cob_id) or self.in_use(new.cob_id))
         if (moved and present.enabled) or in_use:
             return AbortCode.INVALID_VALUE

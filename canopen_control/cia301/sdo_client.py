@@ -49,8 +49,8 @@ class Awaiting(Phase, metaclass=ABCMeta):
     """Base class of the phases after an initiate request, in which the server's answer is pending."""
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
-        """Receive a frame; ignore it unless the request was sent and has the same multiplexer."""
         request = exchange.active
+        # CiA 301, 7.2.4.3: the answer repeats the multiplexer of the request
         if data[1:4] != exchange.mux or exchange.out or request is None:
             exchange.ignored += 1
         else:
@@ -67,7 +67,6 @@ class Awaiting(Phase, metaclass=ABCMeta):
         return mux == exchange.mux or (mux == NO_MUX and (self.block or not exchange.late_answers.pending))
 
     def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """End this try after a timeout."""
         exchange.handle_timeout(request, now)
 
     def abandon(self, exchange: SdoTransfer) -> None:
@@ -208,7 +207,6 @@ class Transferring(Phase):
             exchange.handle_timeout(request, now)
 
     def abandon(self, exchange: SdoTransfer) -> None:
-        """Abort the transfer."""
         exchange.abort_unanswered(AbortCode.GENERAL_ERROR)
 
 
@@ -332,7 +330,6 @@ class SdoClient:
 
     @property
     def busy(self) -> bool:
-        """Whether a request is active."""
         return self._exchange.active is not None
 
     @property
@@ -366,7 +363,6 @@ class SdoClient:
     # -- sans-IO interface
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive a frame; frames with other COB-IDs are ignored."""
         can_id, data = frame
         if can_id == self.answer_cob_id:
             self._exchange.receive(data, now)
@@ -391,14 +387,12 @@ class SdoClient:
         return self._exchange.deadline
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send, in order."""
         if not (out := self._exchange.out):
             return []  # a new list, because callers extend the result
         self._exchange.out = []
         return out
 
     def events(self) -> list[SdoRequest]:
-        """Return and clear the requests that have ended."""
         if not (finished := self._exchange.finished):
             return []
         self._exchange.finished = []

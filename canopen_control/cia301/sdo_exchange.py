@@ -76,7 +76,7 @@ class SdoOptions:
         if not 1 <= self.block_size <= MAX_BLOCK_SIZE:
             raise LocalProtocolError(f"block_size {self.block_size}: a sub-block has 1 to {MAX_BLOCK_SIZE} segments")
         if not 0 <= self.switch_threshold <= 0xFF:
-            raise LocalProtocolError(f"switch_threshold {self.switch_threshold}: it travels in one byte, 0 to 255")
+            raise LocalProtocolError(f"switch_threshold {self.switch_threshold}: it must be 0 to 255, one byte")
 
 
 class SdoRequest:
@@ -295,7 +295,7 @@ class Phase:
     def __init__(self, block: bool = False, transfer: Transfer | None = None) -> None:
         self.block, self.transfer = block, transfer
 
-    def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:  # noqa: ARG002 - what every phase gets
+    def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:  # noqa: ARG002 - interface of all phases
         """Receive a frame of eight bytes other than an abort."""
         exchange.ignored += 1
 
@@ -320,7 +320,6 @@ class Pausing(Phase):
     """Phase after a busy abort: the request is repeated at the deadline."""
 
     def expire(self, exchange: SdoTransfer, request: SdoRequest, now: int) -> None:
-        """Repeat the request."""
         exchange.retry(request, now)
 
 
@@ -414,7 +413,7 @@ class SdoTransfer:
         self.report(request, error)
 
     def forget(self) -> None:
-        """Forget what is known about the server, because the server has booted."""
+        """Clear the pending late answers and the learned abilities of a server that has booted."""
         self.late_answers.pending.clear()
         self.block_supported = None
         self._constant_codes.clear()
@@ -444,7 +443,7 @@ class SdoTransfer:
         self.start_try(request, now)
 
     def fits(self, request: SdoRequest, size: int | None, now: int) -> bool:
-        """Whether the announced size of an upload is within the limit; if not, the request has ended."""
+        """Whether the announced size of an upload is within the limit; end the request if it is not."""
         if size is None or size <= self.options.max_size:
             return True
         self.abort_transfer(request, AbortCode.OUT_OF_MEMORY, now)
@@ -514,11 +513,11 @@ class SdoTransfer:
         """Abort a try after a timeout, then start another try or end the request."""
         budget = self._retry_budget()
         budget.waited_ns += request.timeout_ns
-        broke_off = self._program_started(request)
+        program_started = self._program_started(request)
         if self.phase.block:
             budget.plain = True  # some servers do not answer unknown commands
         self.abort_unanswered(AbortCode.TIMED_OUT)
-        if not broke_off and budget.has_try(AbortCode.TIMED_OUT):
+        if not program_started and budget.has_try(AbortCode.TIMED_OUT):
             self.retry(request, now)
         else:
             seconds = budget.waited_ns / 1e9

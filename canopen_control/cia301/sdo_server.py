@@ -2,11 +2,10 @@
 
 Rules:
 - There is one transfer at a time. A new initiate request ends the previous transfer silently. A frame outside of a
-  transfer is
-    answered with abort 0x05040001, with multiplexer 0x0000:00 if no transfer is active.
+  transfer is answered with abort 0x05040001, with multiplexer 0x0000:00 if no transfer is active.
 - The store checks existence, access and value of an object; its abort code is sent.
 - A client has one request outstanding. A copy of a request whose answer was not sent yet, and a copy of the segment
-    that completed a transfer, are duplicates by the bus and are not answered.
+  that completed a transfer, are duplicates by the bus and are not answered.
 - Frames never raise or use unlimited memory: frames of a wrong length are counted, an object larger than `max_size` is
   refused with 0x05040005, and a transfer without progress for `timeout_ns` is aborted.
 """
@@ -70,7 +69,7 @@ class ServedObjects(Protocol):
     def size_of(self, index: int, subindex: int) -> int | None:
         """Return the size of an object in bytes, None if it is variable.
 
-        It is called before a download in several frames, so that a wrong size is refused at the initiate.
+        Called before a download in several frames, so that a wrong size is refused at the initiate.
         """
 
 
@@ -138,7 +137,6 @@ class SdoServer:
     # -- sans-IO interface
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive a request; frames with other COB-IDs are ignored."""
         can_id, data = frame
         if can_id != self.request_cob_id:
             return
@@ -175,18 +173,15 @@ class SdoServer:
             self._deadline = min(now + self.silence_ns, self._idle_at) if acknowledged else self._idle_at
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`, None if no transfer is active."""
         return self._deadline
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send, in order."""
         if not (out := self._out):
             return []  # a new list, because callers extend the result
         self._out = []
         return out
 
     def events(self) -> list[StoreFailure]:
-        """Return and clear the unexpected exceptions of the store."""
         if not (failures := self._failures):
             return []
         self._failures = []
@@ -210,6 +205,7 @@ class SdoServer:
 
     def _answer_upload(self, index: int, subindex: int, value: bytes, now: int) -> None:
         length = len(value)
+        # CiA 301, 7.2.4.3.6: up to four bytes are in the answer (expedited)
         if 1 <= length <= 4:
             answer = INITIATE_BYTES.pack(UPLOAD | EXPEDITED_CODES[length], index, subindex, value)
             self.served += 1

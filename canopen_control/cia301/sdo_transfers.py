@@ -80,7 +80,6 @@ class SegmentReceiver:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes received, and the announced size or None."""
         return len(self._buffer), self._size
 
     def _append(self, data: bytes) -> int:
@@ -151,7 +150,7 @@ class BlockReceiver(SegmentReceiver):
         return True
 
     def _receive_segment(self, data: bytes, out: list[CanFrame]) -> int:
-        # CiA 301, 7.2.4.3.15: sequence numbers 1 to 127 in order; the receiver acknowledges the last good one
+        # CiA 301, 7.2.4.3.10 and 7.2.4.3.14: sequence numbers from 1; the last one in order is acknowledged
         if data[0] & ~LAST_FLAG != self._in_order + 1:
             return self._out_of_order(data, out)
         self._previous, self._resync, self._stuck = data, False, 0
@@ -208,7 +207,6 @@ class BlockSender:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes acknowledged, and the size of the object."""
         return min(self._first * SEGMENT_DATA, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
@@ -262,7 +260,6 @@ class SegmentedUpload(SegmentReceiver):
         out.append(_frame(cob_id, _REQUESTS, 0))
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment from the server."""
         if data[0] & COMMAND_MASK != SEGMENT or out:  # an answer cannot precede its request
             return IGNORED
         if data[0] & TOGGLE != self._toggle:
@@ -299,14 +296,13 @@ class SegmentedDownload:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes confirmed, and the size of the object."""
         return min(self._offset, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process the server's confirmation of a segment."""
         # CiA 301, 7.2.4.3.4: scs 1, the answer to a download segment
         if data[0] & COMMAND_MASK != DOWNLOAD_SEGMENT_ANSWER or out:
             return IGNORED
+        # CiA 301, 7.2.4.3.4: the toggle bit alternates; one copy of the last confirmation is ignored
         if data[0] & TOGGLE != self._toggle:
             if self._offset == 0 or self.toggle_suspect:
                 return AbortCode.TOGGLE_NOT_ALTERNATED
@@ -337,7 +333,6 @@ class BlockUpload(BlockReceiver):
         out.append(CanFrame(cob_id, _START))
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment, or the end of the block transfer."""
         if out:  # the acknowledgement was not sent yet: a copy of the last segment
             return IGNORED
         if not self._complete:
@@ -377,11 +372,9 @@ class ServedUpload:
         self._toggle = 0
 
     def takes(self, command: int) -> bool:
-        """Whether a request with this command specifier belongs to the transfer."""
         return command & COMMAND_MASK == UPLOAD_SEGMENT
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Answer a request for a segment."""
         toggle = data[0] & TOGGLE
         if out:
             return IGNORED  # a copy by the bus: the client cannot have the answer yet
@@ -410,11 +403,9 @@ class ServedDownload(SegmentReceiver):
         self.index, self.subindex = index, subindex
 
     def takes(self, command: int) -> bool:
-        """Whether a request with this command specifier belongs to the transfer."""
         return command & COMMAND_MASK == SEGMENT
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment from the client."""
         if out:
             return IGNORED  # a copy by the bus: the client cannot have the answer yet
         if data[0] & TOGGLE != self._toggle:  # CiA 301, 7.2.4.3.4: it alternates
@@ -425,7 +416,6 @@ class ServedDownload(SegmentReceiver):
         return outcome
 
     def confirm(self, out: list[CanFrame]) -> None:
-        """Confirm the last segment received."""
         out.append(_frame(self._cob_id, _CONFIRMATIONS, self._toggle ^ TOGGLE))
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002
@@ -444,7 +434,6 @@ class ServedBlockUpload(BlockSender):
         self._expected = BLOCK_START
 
     def takes(self, command: int) -> bool:
-        """Whether a request with this command specifier belongs to the transfer."""
         return command & COMMAND_MASK == BLOCK_UPLOAD and command & 0x03 != 0
 
     def confirm(self, out: list[CanFrame]) -> None:
@@ -469,7 +458,6 @@ class ServedBlockDownload(BlockReceiver):
         return command != ABORT
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process a segment, or the end of the block transfer."""
         if out or (self._complete and data == self._previous):
             return IGNORED
         if not self._complete:
@@ -477,5 +465,4 @@ class ServedBlockDownload(BlockReceiver):
         return self._end(data) if data[0] & SUB_COMMAND_MASK == BLOCK_END else AbortCode.UNKNOWN_COMMAND
 
     def confirm(self, out: list[CanFrame]) -> None:
-        """Confirm the end of the block transfer."""
         out.append(CanFrame(self._cob_id, BLOCK_END_ANSWER_FRAME))

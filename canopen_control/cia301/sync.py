@@ -32,6 +32,7 @@ class TimeOfDay(NamedTuple):
 
 def parse_time(data: bytes) -> TimeOfDay | None:
     """Return the time in the 6 bytes of a TIME message (the upper four bits are reserved); None for another length."""
+    # CiA 301, 7.2.6: TIME_OF_DAY, 6 bytes
     if len(data) != _WIRE.size:
         return None
     ms, days = _WIRE.unpack(data)
@@ -62,14 +63,16 @@ def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
 
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
     """Return the abort code of a write to 0x1005 while the object holds `present`, None if accepted."""
+    # CiA 301, 7.5.2.5: bit 30, the device generates SYNC
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE
     # CiA 301, 7.3.5: restricted identifiers
     if not value & EXTENDED_BIT and is_restricted(value & 0x7FF):
         return AbortCode.INVALID_VALUE
+    # CiA 301, 7.5.2.5: the identifier must not change while the device generates SYNC
     changed = (value ^ present) & (PRODUCER_BIT - 1)
     if changed and value & PRODUCER_BIT and present & PRODUCER_BIT:
-        return AbortCode.INVALID_VALUE  # the identifier must not change while the node produces SYNC (CiA 301, 7.5.2.5)
+        return AbortCode.INVALID_VALUE
     return None
 
 
@@ -126,15 +129,12 @@ class SyncProducer:
             self._deadline_ns = next_on_grid(self._deadline_ns, self.period_ns, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next SYNC, None if the timer is off."""
         return self._deadline_ns if self.period_ns else None
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the SYNC frames of the timer."""
         return self._frames.drain()
 
     def events(self) -> list[object]:
-        """Return an empty list: a producer has no events."""
         return []
 
 
@@ -177,7 +177,6 @@ class SyncConsumer:
         self._missed = False
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive a SYNC; ignore other frames."""
         if frame.can_id != self.cob_id:
             return
         counter = self._counter_of(frame.data, now) if frame.data or self.overflow else None
@@ -201,6 +200,7 @@ class SyncConsumer:
 
     def tick(self, now: int) -> None:
         """Report once that no SYNC arrived within 1.5 periods."""
+        # 1.5 communication cycle periods (0x1006), as in CANopenNode
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._missed = None, True
             self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
@@ -210,14 +210,13 @@ class SyncConsumer:
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:
-        """Return an empty list: a consumer does not send."""
         return []
 
     def events(self) -> list[SyncEvent]:
-        """Return and clear the events, in order."""
         return self.happened.drain()
 
     def _counter_of(self, data: bytes, now: int) -> int | None:
+        # CiA 301, 7.5.2.22: one byte with a counter, otherwise none
         if len(data) != (1 if self.overflow else 0):
             self.happened.put(SyncEvent(SyncEventKind.LENGTH_ERROR, now))
             self._counter = None

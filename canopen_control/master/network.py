@@ -411,7 +411,7 @@ class Network:
 
         def on_heartbeat(data: bytes, length: int, now: int) -> None:
             usual = length == 1 and data[0] == _OPERATIONAL and node.ready and self._guarding is None
-            if usual and self._consumer.goes_on(node_id, _OPERATIONAL, now, self._since):
+            if usual and self._consumer.record_unchanged(node_id, _OPERATIONAL, now, self._since):
                 node.nmt_state, node.last_seen = _OPERATIONAL, now  # as `on_state` does while it is ready
                 node.log.heartbeat(now, self._since)
                 return

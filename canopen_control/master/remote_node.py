@@ -302,7 +302,7 @@ class RemoteNode:
             self.nmt_state = _COMMANDED.get(command)  # no later message shows it
         self.expected_state = None if boot else _COMMANDED.get(command)
         self._retry_at = now + 2 * RETRY_NS if boot else None
-        # CiA 301, 7.2.8.3.1: life guarding counts from the first remote frame on
+        # CiA 301, 7.2.8.3.2.1: life guarding counts from the first remote frame on
         if command not in RESETS:  # without remote frames the node would consider the master lost
             self._guard(True, now)
 
@@ -358,14 +358,14 @@ class RemoteNode:
         if self.is_taken_out:
             self._guarded_outside(kind, now)
         elif kind is GuardingEventKind.MISSED:
-            # CiA 301, 7.2.8.3.1: node guarding event after the node life time
+            # CiA 301, 7.2.8.3.2.1: node guarding event after the node life time
             self.nmt_state = None
             silence = f"no answer to node guarding for {self.plan.supervision_ns / 1e9:g} s"
             lost = f"{self.who}: {silence}; is it powered and connected?"
             self._drop(now, lost, Level.ERROR, kind="guarding_lost")
             self._retry_at = now + RETRY_NS
         elif kind is GuardingEventKind.TOGGLE_ERROR:
-            # CiA 301, 7.2.8.3.1: the toggle bit alternates, and is 0 after a reset communication
+            # CiA 301, 7.2.8.3.2.1: the toggle bit alternates, and is 0 after a reset communication
             self._toggled(now)
         elif kind is GuardingEventKind.CHANGED and self.ready and event.state is not NmtState.OPERATIONAL:
             self._left_operational(event.state, now)
@@ -582,7 +582,7 @@ class RemoteNode:
     def _guard_at_once(self, request: SdoRequest, now: int) -> None:
         """Start guarding when the boot has written guard time or life time factor.
 
-        Some devices expect guarding from then on, instead of after the first remote frame (CiA 301, 7.2.8.3.1), and
+        Some devices expect guarding from then on, instead of after the first remote frame (CiA 301, 7.2.8.3.2.1), and
         send EMCY 0x8130 if the first remote frame comes only after the life time.
         """
         begins = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None

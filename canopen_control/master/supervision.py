@@ -167,7 +167,7 @@ class DuplicateWatch:
         late = (since is not None and now - since >= self._period) or self._was_held(now)
         if late or now - self._window >= _WINDOW_PERIODS * self._period:
             self._window, self._count = now, 0
-        # CiA 301, 7.2.8.3.2: one heartbeat per producer time; more come from a second device with the node id
+        # CiA 301, 7.2.8.3.2.2: one heartbeat per producer time; more come from a second device with the node id
         self._count += not late
         return self._count >= _DOUBLE and self._is_new(now)
 

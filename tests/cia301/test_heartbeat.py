@@ -224,7 +224,7 @@ def test_a_heartbeat_that_only_goes_on_changes_what_taking_it_in_full_would(stat
         now, since = time * MS, None if not waited else max(0, time - waited) * MS
         beat = CanFrame(0x703, bytes([state]))
         full.receive(beat, now, since)
-        if state != 0x05 or not quick.goes_on(3, NmtState.OPERATIONAL, now, since):
+        if state != 0x05 or not quick.record_unchanged(3, NmtState.OPERATIONAL, now, since):
             quick.receive(beat, now, since)
         assert quick.events() == full.events()
         assert (quick.state_of(3), quick.age_ns(3, now + 5), quick.next_deadline()) == (
@@ -238,9 +238,9 @@ def test_a_heartbeat_that_only_goes_on_changes_what_taking_it_in_full_would(stat
 
 def test_only_a_watched_node_in_time_and_in_its_state_goes_on():
     consumer = watching()
-    assert not consumer.goes_on(3, NmtState.OPERATIONAL, 0)
+    assert not consumer.record_unchanged(3, NmtState.OPERATIONAL, 0)
     consumer.receive(CanFrame(0x703, b"\x05"), 0)
-    assert consumer.goes_on(3, NmtState.OPERATIONAL, 99 * MS)
-    assert not consumer.goes_on(3, NmtState.OPERATIONAL, 199 * MS)
-    assert not consumer.goes_on(3, NmtState.STOPPED, 150 * MS)
-    assert not consumer.goes_on(4, NmtState.OPERATIONAL, 150 * MS)
+    assert consumer.record_unchanged(3, NmtState.OPERATIONAL, 99 * MS)
+    assert not consumer.record_unchanged(3, NmtState.OPERATIONAL, 199 * MS)
+    assert not consumer.record_unchanged(3, NmtState.STOPPED, 150 * MS)
+    assert not consumer.record_unchanged(4, NmtState.OPERATIONAL, 150 * MS)

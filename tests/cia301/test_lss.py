@@ -328,7 +328,9 @@ def test_silence_is_an_error_where_a_slave_must_answer():
     assert master.frames() == [FRAMES_OF_MASTER["store"]]
 
 
-@pytest.mark.parametrize(("answer", "reason"), [("1101", "out of range"), ("11FF07", "error 255, manufacturer's 7")])
+@pytest.mark.parametrize(
+    ("answer", "reason"), [("1101", "out of range"), ("11FF07", "error 255, manufacturer-specific code 7")]
+)
 def test_a_refusal_is_an_error_with_its_reason(answer, reason):
     master = LssMaster()
     request = master.configure_node_id(5)
