@@ -1,8 +1,7 @@
-"""Check of a robot's files without opening a bus, as the verb `check` does it.
+"""Check of a robot's files without opening a bus, for the verb `check`.
 
-Each file is read by itself, so that a mistake in one does not hide those of another; then follow the rules between the
-files (`rules`), the load of each bus, and, without errors so far, the assembly that a start would do. Each finding is
-reported once.
+Each file is read separately, so that an error in one file does not hide errors in another. Then the rules (`rules`) and
+the bus load are checked and, if there are no errors, the robot is built as for a start. Each finding is reported once.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ class CheckOptions:
 
 @dataclass(frozen=True, slots=True)
 class CheckReport:
-    """Findings by file and line; for each bus with a valid file also the load and the SYNC producer.
+    """Findings by file and line, with load and SYNC producer of each bus whose file is valid.
 
     `stops` are the stopping times of the joints on drives, empty if the robot cannot be built.
     """
@@ -73,19 +72,19 @@ class CheckReport:
         return sum(finding.severity is severity for finding in self.findings)
 
     def passes(self, *, strict: bool = False) -> bool:
-        """Whether there is no error, and with `strict` no warning either."""
+        """Whether there is no error and, with `strict`, no warning."""
         return not self.count(Severity.ERROR) and not (strict and self.count(Severity.WARNING))
 
 
 def check_robot(files: RobotFiles, options: CheckOptions) -> CheckReport:
-    """Check the files of a robot; errors in the files become findings, not exceptions."""
+    """Check the files of a robot; errors in the files are returned as findings, not raised."""
     checker = _Checker(files, options)
     checker.run()
     return CheckReport(tuple(sorted_findings(checker.findings)), checker.budgets, checker.sync, checker.stops)
 
 
 def start_warnings(setup: RobotSetup) -> list[str]:
-    """Return the warnings of `check` about a robot whose files have been read, as texts."""
+    """Return the warnings of `check` for a robot whose files have already been read, as texts."""
     if setup.files.bus_alone:
         return []
     buses, control, description = dict(setup.buses), setup.controllers, setup.description
@@ -109,7 +108,7 @@ class _Checker:
         self.stops: tuple[StopTime, ...] = ()
         self._files, self._options = files, options
         self._buses: dict[str, BusConfig] = {}
-        self._whole: dict[str, BusConfig] = {}  # those without an error
+        self._whole: dict[str, BusConfig] = {}  # without errors
 
     def run(self) -> None:
         for name, path in self._files.buses.items():
@@ -169,14 +168,14 @@ class _Checker:
         path = self._files.description
         try:
             mappings = self._files.mappings(mock=self._options.mock)
-            # those of a bus with an error as well: a drive that is refused lacks no command interface for that
+            # also the plans of a bus with errors, or every drive in error would lack its command interfaces too
             return add_plugin_interfaces(read_description(path, mappings=mappings), plans_of(self._buses))
         except ConfigError as error:
             self.findings += rules.findings_of(str(error), str(path), 0, Severity.ERROR)
         return None
 
     def _read_world(self) -> None:
-        """Read the world file, if the robot's files have one, and report errors and notes."""
+        """Read the world file, if any, and report errors and notes."""
         path = self._files.world
         if path is None:
             return
@@ -191,7 +190,7 @@ class _Checker:
                 self.findings += rules.findings_of(note, str(path), 0, Severity.NOTE)
 
     def _build(self) -> None:
-        """Build the robot without opening a bus, as a start does; a refusal becomes an error finding."""
+        """Build the robot as for a start, without opening a bus; report a refusal as an error."""
         options = self._options
         try:
             setup = read_robot(
@@ -220,7 +219,7 @@ class _Checker:
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:
-    """Return a sentence about the SYNC producer, with the reason of the choice or why the kernel cannot send."""
+    """Return a sentence about the SYNC producer, with the reason for the choice or against the kernel."""
     refused = None if choice.sender is not SyncSender.KERNEL else bus.why_no_kernel_sync()
     return f"{bus.sync_words}; {refused or choice.words}"
 
@@ -233,7 +232,7 @@ def _of_problem(problem: Problem, severity: Severity) -> Finding:
 
 
 def _of_eds(config: BusConfig) -> Iterator[Finding]:
-    """Yield a note about each EDS with issues: their number and the first issue; `eds check` lists all."""
+    """Yield a note about each EDS with issues, which states their number and the first issue."""
     for path, issues in config.eds_issues.items():
         odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
         if odd:
@@ -262,7 +261,7 @@ def _one_bus(buses: dict[str, BusConfig]) -> BusConfig | None:
 
 
 def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFile | None) -> Iterator[Finding]:
-    """Find problems of the bus load in a cycle: overload, too small a sync_window, unbounded event PDOs."""
+    """Find bus load problems: overload, PDOs longer than sync_window, event PDOs without inhibit time."""
     kbits, shortest = config.master.baudrate, budget.shortest_period_ns / 1e6
     path, line, cure = config.path, config.period_line, "raise sync_period"
     if not config.master.sync_period and control is not None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives of which no TPDO contains the actual position or the actual velocity."""
+    """Find drives without actual position and actual velocity in any TPDO."""
     bus = robot.bus
     if bus is None:
         return
@@ -54,7 +54,7 @@ def _shown(od: ObjectDictionary, index: int) -> bool:
 
 
 def _measured(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find state interfaces in the URDF whose object is in no TPDO of the drive."""
+    """Find state interfaces in the URDF whose object is not in a TPDO of the drive."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -98,7 +98,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find motors behind a shared controlword that no joint moves: they are enabled, but their faults are not seen."""
+    """Find motors that share a controlword but have no joint: these are enabled, but faults are not seen."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -115,7 +115,7 @@ def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _known(robot: CheckedRobot) -> Iterator[Finding]:
-    """Propose keys that drives of a known manufacturer need, and that bus.yml does not contain."""
+    """Propose keys that drives of a known manufacturer need and that are missing in bus.yml."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         if bus is None or (plan := bus.plans.get(name)) is None or not plan.axes:
@@ -138,7 +138,7 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives without 0x6502 (optional in CiA 402-2) in the EDS, and without a mode in bus.yml."""
+    """Find drives with a mode neither in bus.yml nor in the EDS (0x6502, optional in CiA 402-2)."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion
@@ -153,7 +153,7 @@ def _modes_unlisted(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find modes in bus.yml whose target object is in no RPDO; a drive in such a mode is not enabled."""
+    """Find modes in bus.yml whose target object is not in an RPDO, so that the drive cannot be enabled."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         plan, motion = bus.plans.get(name) if bus is not None else None, node.motion

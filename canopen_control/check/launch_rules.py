@@ -1,8 +1,7 @@
 """Rules that find common mistakes in the launch files (XML of ROS 1 and 2, YAML, Python) of a robot.
 
-Nothing is launched or included. `$(arg NAME)` is replaced by its default; other substitutions in XML are not checked. A
-launch file in Python is parsed and never executed (`runtime.launch_python`); a name that it computes is reported as
-unknown.
+Nothing is launched or included. `$(arg NAME)` is replaced by its default; other substitutions in XML are not checked.
+Launch files in Python are parsed and never executed (`runtime.launch_python`); computed names are reported as unknown.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ _FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # files that are n
 
 @dataclass
 class _Launch:
-    """State of the check of one launch file, with its arguments and the findings."""
+    """Check of one launch file: its arguments so far and the findings."""
 
     path: str
     robot: CheckedRobot
@@ -46,16 +45,15 @@ class _Launch:
     findings: list[Finding] = field(default_factory=list)
 
     def text(self, element: Element, name: str) -> str:
-        """Return an attribute with `$(arg)` replaced by the argument's default."""
+        """Return an attribute in which `$(arg NAME)` is replaced by the argument's default."""
         return _ARG.sub(lambda match: self.arguments.get(match[1], match[0]), element.attributes.get(name, ""))
 
     def add(self, element: Element, severity: Severity, text: str, fix: str) -> None:
-        """Add a finding at an element."""
         self.findings.append(Finding(self.path, element.place.line, severity, text, fix))
 
 
 def check_launch(path: Path, robot: CheckedRobot) -> list[Finding]:
-    """Return the findings in a launch file; namespaces of controllers are added to `robot.launch_namespaces`."""
+    """Return the findings in a launch file, and add controller namespaces to `robot.launch_namespaces`."""
     launch = _Launch(str(path), robot)
     if path.suffix == ".py":
         _check_python(launch, path)
@@ -120,7 +118,7 @@ def _check_python(launch: _Launch, path: Path) -> None:
 
 
 def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
-    """Return an error of a file as a finding at the line that the error names."""
+    """Convert the error of a file to a finding at the line that the error text names."""
     match = re.fullmatch(r"(\d+): (.*)", str(error).removeprefix(f"{path}:").lstrip(), re.DOTALL)
     line, text = (int(match[1]), match[2]) if match else (1, str(error).removeprefix(f"{path}: "))
     return [Finding(path, line, Severity.ERROR, text)]
@@ -143,7 +141,7 @@ def _python_node(launch: _Launch, node: LaunchNode, outer: str) -> None:
 
 
 def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> None:
-    """Check that files named in a text exist, if their package is known."""
+    """Check that the files named in a text exist, if their packages are found."""
     for word in words_of(text):
         if ":=" in word or "/" not in word or not word.endswith(_FILES):
             continue  # a bare name is part of a path that is joined elsewhere
@@ -207,7 +205,7 @@ def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
 
 
 def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:
-    """Return the controllers in a spawner's arguments, and their namespace."""
+    """Return the controllers in a spawner's arguments, and the namespace of these controllers."""
     names: list[str] = []
     words_left = iter(words)
     for word in words_left:
@@ -234,7 +232,7 @@ def _renamed(launch: _Launch, element: Element, name: str) -> None:
 
 
 def _transmissions(launch: _Launch) -> Iterator[Finding]:
-    """Find joints without a transmission, for which spawned controllers of ROS 1 have no interface."""
+    """Find joints of spawned ROS 1 controllers without a <transmission>, and thus without an interface."""
     description, robot = launch.robot.description, launch.robot
     if description is None or not launch.spawns or any(not tag.transmissions for tag in description.hardware):
         return

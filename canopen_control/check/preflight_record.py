@@ -1,9 +1,9 @@
-"""Record of a passed preflight, and the speed limit of a run on real drives without one.
+"""Record of a passed preflight, and the speed limit of a run on real drives without a valid record.
 
-A record is valid for one configuration (the bytes of all its files and of the EDS files they name, and xacro's
-arguments) on these drives (their serial numbers, 0x1018:04), and covers the joints that were turned. With any other
-file, argument or drive, or without an answer, a run on real drives is slow (`SpeedCap`) and reports why. A joint that
-was not turned stays slow.
+A record is valid for one configuration (the bytes of all files of the robot with their EDS files, and the xacro
+arguments) and the same drives (serial numbers, 0x1018:04), and covers the joints that the preflight turned. If a file,
+an argument or a drive differs, or a drive does not answer, a run on real drives is slow (`SpeedCap`) and reports the
+reason. A joint that was not turned stays slow.
 """
 
 from __future__ import annotations
@@ -38,17 +38,16 @@ if TYPE_CHECKING:
 
 # Speed limit of all joints, for every command interface, for the first run with real drives.
 #
-# A command that cannot be limited is reported. A velocity is bounded where it becomes the
-# drive's target, and so are the speeds that a drive has by itself (0x6081, 0x6099). A position follows its command in
-# steps of at most speed times cycle, from where the joint is. An effort is set to 0 as
-# long as the joint is faster than the cap and the effort acts in the direction of motion.
+# A command that cannot be limited is reported. A velocity is limited when it is converted to the drive's target, as are
+# the drive's own speeds (0x6081, 0x6099). A position follows its command in steps of at most speed times cycle, from
+# the actual position. An effort is set to 0 while the joint is faster than the cap and the effort accelerates it.
 
 
 _LAG_S = 0.5  # a joint that is further behind than this at the cap has not followed: it was disabled, or is blocked
 
 
 class _Position:
-    """Limiter of a position command: the position follows the command at the speed cap."""
+    """Limiter of a position command, which makes the position follow the command at the speed cap."""
 
     __slots__ = ("_command", "_here", "_last", "_limit", "_target")
 
@@ -69,7 +68,7 @@ class _Position:
 
 
 class _Effort:
-    """Limiter of an effort command: an effort in the direction of motion is 0 above the speed cap."""
+    """Limiter of an effort command, which is set to 0 if it accelerates a joint above the speed cap."""
 
     __slots__ = ("_command", "_limit", "_speed")
 
@@ -109,7 +108,7 @@ _NEEDS: dict[str, tuple[str, Callable[[CommandInterface, StateInterface, float],
 
 
 class SpeedCap:
-    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are commands that have no cap."""
+    """Command limiter that caps the speed of `joints` in rad/s or m/s; `unlimited` are commands without a cap."""
 
     def __init__(
         self, registry: InterfaceRegistry, joints: Container[str], limit: float, before: CommandLimiter | None = None
@@ -138,9 +137,9 @@ class SpeedCap:
             self._capped.append(_Target(command, here, speed, self._limit))
 
     def bound(self, drives: Iterable[JointDrive], reductions: Mapping[str, float]) -> None:
-        """Limit the velocity targets of drives, and the speeds of motions that the drives perform by themselves.
+        """Limit the velocity targets of drives, and the speeds of motions that the drives generate.
 
-        `reductions` are motor turns per joint turn, for the joints that have a transmission.
+        `reductions` are motor turns per joint turn, for joints with a transmission.
         """
         for drive in drives:
             most = self._limit * abs(reductions.get(drive.joint, 1.0))
@@ -151,7 +150,7 @@ class SpeedCap:
                 command.maximum = min(command.maximum, most)
 
     def enforce(self, period: float) -> str | None:
-        """Limit commands that are too fast; `period` is in s. Return the text of the limiter applied before."""
+        """Limit commands that are too fast; `period` is in s. Return the text of the previous limiter."""
         limited = None if self._before is None else self._before.enforce(period)
         for cap in self._capped:
             cap.enforce(period)
@@ -165,7 +164,7 @@ _ANSWER_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PreflightRecord:
-    """Passed preflight: `config` is the hash of the files, `serials` are by node name, `time` is Unix time in s."""
+    """Passed preflight; `config` is the hash of the files, `serials` are by node name, `time` is Unix time in s."""
 
     config: str
     serials: dict[str, int]
@@ -183,7 +182,7 @@ class SlowReason:
 
 
 def config_hash(setup: RobotSetup) -> str:
-    """Return the SHA-256 of the files and arguments that describe a robot, in hexadecimal digits."""
+    """Return the SHA-256 of the files and arguments of a robot, in hexadecimal digits."""
     paths = [*setup.files.buses.values(), setup.files.controllers, setup.files.description]
     paths += sorted({path for bus in setup.buses.values() for path in bus.eds_paths.values()})
     digest = hashlib.sha256()
@@ -196,7 +195,7 @@ def config_hash(setup: RobotSetup) -> str:
 
 
 def read_serials(setup: RobotSetup) -> dict[str, int | None]:
-    """Read the serial number of every node on the buses: 0 if the node has none, None without an answer.
+    """Read the serial number (0x1018:04) of every node; 0 if the node has none, None without an answer.
 
     BusError if a channel cannot be opened.
     """
@@ -222,10 +221,7 @@ def _file(setup: RobotSetup) -> Path:
 
 
 def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[str]) -> Path:
-    """Save a passed preflight of these joints; it replaces any earlier record of this robot.
-
-    Return the file.
-    """
+    """Save a passed preflight of `joints` in place of an earlier record, and return the file."""
     path = _file(setup)
     path.parent.mkdir(parents=True, exist_ok=True)
     channels = ", ".join(setup.channels.values())
@@ -235,7 +231,7 @@ def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[
 
 
 def find_record(setup: RobotSetup) -> PreflightRecord | None:
-    """Return the last preflight record of a robot; None if there is none or it cannot be read."""
+    """Return the last preflight record of a robot, None without a readable record."""
     try:
         content = json.loads(_file(setup).read_text())
         serials = {str(name): int(serial) for name, serial in content["serials"].items()}
@@ -246,7 +242,7 @@ def find_record(setup: RobotSetup) -> PreflightRecord | None:
 
 
 def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
-    """Return the reason why a record does not allow full speed; None if it does."""
+    """Return the reason why a record does not permit full speed, None if full speed is permitted."""
     if passed is None:
         return "this robot has not passed a pre-flight on this machine"
     if passed.config != config_hash(setup):
@@ -260,7 +256,7 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
 
 
 def slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Return why full speed is not allowed, by the record and the drives' serial numbers; None if it is allowed.
+    """Return why full speed is not permitted, by record and serial numbers; None if full speed is permitted.
 
     BusError if a channel cannot be opened.
     """
@@ -274,14 +270,14 @@ def slow_reason(setup: RobotSetup) -> SlowReason | None:
 
 
 def _turns(setup: RobotSetup, joint: ControlJoint) -> bool:
-    """Whether a joint may have a drive; False for a joint that is only measured by another device."""
+    """Whether a joint may have a drive, and is not only measured by another device."""
     plans = {name: plan for bus in setup.buses.values() for name, plan in bus.plans.items()}
     device = device_of(joint, {name: plan.node_id for name, plan in plans.items()})
     return not device or bool(plans[device].axes) or bool(joint.command_interfaces)
 
 
 def limit_speed(robot: RobotCore, joints: Collection[str], limit: float = SLOW) -> list[str]:
-    """Cap the speed of joints for every kind of command; return the commands that cannot be capped."""
+    """Cap the speed of joints for all command interfaces; return the commands that cannot be capped."""
     cap = SpeedCap(robot.registry, joints, limit, robot.manager.limiter)
     geared = (transmission for tag in robot.setup.description.hardware for transmission in tag.transmissions)
     cap.bound(

@@ -1,7 +1,7 @@
 """Rules that find common mistakes in and between a robot's three files, with the place and the correction.
 
-A rule reads the files that could be parsed (others are None) and yields findings; it never raises, opens nothing
-and changes nothing. What a start refuses is an ERROR, what would surprise later a WARNING.
+A rule reads the files that could be parsed (others are None) and yields findings, without exceptions or side effects.
+An error that prevents the start is an ERROR, a setting with surprising results a WARNING.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint, Ros2ControlSystem
 
 
-# The classic mistakes of robots on wheels: sizes, sides, signs, frames, and limits that freeze.
+# Common mistakes of wheeled robots: wrong sizes, sides, signs, frames, and limits that prevent any motion.
 #
-# REP 103: x is forward, y to the left, and a wheel that drives forward turns about +y. Sizes are
-# compared as they are written, before the multipliers, which are calibration.
+# REP 103: x is forward, y to the left, and a wheel that drives forward turns about +y. Sizes are compared without the
+# multipliers, which are calibration.
 
 
 _DIFF_DRIVE: Final = frozenset({"wheel_separation", "wheel_radius"})
@@ -131,7 +131,7 @@ def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: floa
 
 
 def _sides(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find left wheels that are on the right side, and wheels whose axis points to the right."""
+    """Find left wheels on the right side, and wheels whose axis points to the right."""
     geometry, description = robot.geometry, robot.description
     if geometry is None or description is None:
         return
@@ -171,7 +171,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
-    """Find pairs of left and right wheels whose drives have scales of the same sign."""
+    """Find left and right wheels whose drives have scales of the same sign."""
     assert robot.bus is not None  # an error of `_scales`
     left = [each for name in base.left if (each := _drive(robot, name)) is not None]
     right = [each for name in base.right if (each := _drive(robot, name)) is not None]
@@ -186,7 +186,7 @@ def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
 
 
 def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
-    """Return the node that moves a joint, and whether the scale of the joint is negative; None if unknown."""
+    """Return the node that moves a joint, and whether the joint's scale is negative; None if unknown."""
     if robot.bus is None or robot.description is None:
         return None
     for tag in robot.description.hardware:
@@ -222,7 +222,7 @@ def find(
     mock: bool = False,
     real: bool = False,
 ) -> list[Finding]:
-    """Return the findings of all rules; a file that could not be read is None, `launch` is a ROS launch file."""
+    """Return the findings of all rules; None stands for an unreadable file, `launch` is a ROS launch file."""
     started = _started(files, control, description, controllers)
     chosen = bool(controllers or files.spawned)
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
@@ -243,7 +243,7 @@ def find(
 def _started(
     files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, names: Sequence[str]
 ) -> frozenset[str] | None:
-    """Return the controllers that a run activates, None if unknown."""
+    """Return the controllers that a run activates, None if this cannot be determined."""
     if control is None or description is None:
         return None
     try:
@@ -253,7 +253,7 @@ def _started(
 
 
 def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator[Finding]:
-    """Yield a finding for each line of an error text; a line without a place gets `path` and `line`."""
+    """Yield a finding for each line of an error text; `path` and `line` apply to lines without a location."""
     for row in text.splitlines():
         placed = _PLACED.fullmatch(row)
         if placed is not None:
@@ -264,7 +264,7 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
 
 
 def _unplaced(text: str, path: str) -> str:
-    """Return an error text without its leading path, if this is the path of the finding."""
+    """Remove the leading path of an error text, if this is the path of the finding."""
     head, colon, rest = text.partition(": ")
     return rest if colon and Path(head).resolve() == Path(path).resolve() else text
 
@@ -273,7 +273,7 @@ def _unplaced(text: str, path: str) -> str:
 
 
 def _configure(robot: CheckedRobot) -> Iterator[Finding]:
-    """Create and configure every controller of the file as a start does, and yield the errors and warnings."""
+    """Create and configure every controller of the file as a start does; yield errors and warnings."""
     control = robot.control
     if control is None:
         return
@@ -304,7 +304,7 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _shared_names(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find misspelt parameter names in a block for all nodes (`/**`)."""
+    """Find misspelt parameter names in a block for all ROS nodes (`/**`)."""
     control = robot.control
     if control is None or len(robot.configured) < len(control.controllers):
         return
@@ -356,7 +356,7 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _joints(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find command interfaces of controllers that the description does not contain."""
+    """Find command interfaces of controllers that are missing in the description."""
     description = robot.description
     if description is None or not description.hardware:
         return
@@ -405,7 +405,7 @@ def _why_not(
 
 
 def _line_naming(config: ControllerConfig, joint: str) -> int:
-    """Return the line of the parameter value that names a joint, otherwise the line of the controller."""
+    """Return the line of the parameter value that names a joint, else the line of the controller."""
     for key, value in config.params.flat.pairs():
         places = value.elements() if value.kind == "sequence" else [value]
         for place in places:
@@ -415,7 +415,7 @@ def _line_naming(config: ControllerConfig, joint: str) -> int:
 
 
 def _devices(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find joints and devices in the description whose node is not in bus.yml."""
+    """Find joints and devices of the description whose node is missing in bus.yml."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -433,7 +433,7 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
-    """Whether the node of a joint has keys with errors, or may have such keys if the joint names a node id."""
+    """Whether the node of a joint has, or may have, keys with errors in bus.yml."""
     unreadable = {} if robot.bus is None else robot.bus.unreadable
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
     return name in unreadable or (name is None and any(str(unread) in (node_id, "0") for unread in unreadable.values()))
@@ -459,7 +459,7 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
 
 
 def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find values that `init` guessed, and counts per revolution of 1 or less."""
+    """Find values that `init` has guessed, and counts_per_revolution of 1 or less."""
     bus = robot.bus
     if bus is None:
         return
@@ -557,12 +557,12 @@ UNEVEN: Final = 0.01
 
 
 def _whole(syncs: float) -> int:
-    """Return the whole number of SYNCs per controller update; of two equally near numbers the smaller."""
+    """Round the number of SYNCs per controller update, down if halfway, to at least 1."""
     return max(1, math.ceil(syncs - 0.5))
 
 
 def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find controllers that publish faster than the ROS bridge and bags sample by default."""
+    """Find controllers that publish faster than the default rate of the ROS bridge and bags."""
     if robot.control is None:
         return
     sync = robot.bus.master.sync_period if robot.bus is not None else 0

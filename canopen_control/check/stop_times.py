@@ -1,9 +1,9 @@
 """Stopping times of an axis: the detection time of each stop reason plus the ramp from maximum speed.
 
-Pure computation from a robot's files: `check` prints it, and the invariants of simulations compare the shafts with
-it. Detection is by heartbeat or guarding, by missing TPDOs, by the drive's own monitoring of its master, and
-by the end of a controller's command. The ramp is 0x6084 where the master stops the axis, and what 0x6007, 0x605A and
-0x605E choose where the drive stops by itself (CiA 402-2, 6.3.5). Times are in s, speeds in the drive's units.
+The times are computed from a robot's files, printed by `check`, and compared with the simulated shafts by the
+invariants of simulations. A stop is detected by heartbeat or guarding, by missing TPDOs, by the drive's monitoring of
+the master, or by the end of a controller's command. The ramp is 0x6084 if the master stops the axis, and is selected by
+0x6007, 0x605A and 0x605E if the drive stops by itself (CiA 402-2, 6.3.5). Times are in s, speeds in drive units.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ _LOST: Final[Mapping[Command | State | None, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class AxisFacts:
-    """Stop parameters of one axis; `speed` is inf without a limit, a time is 0 without that supervision.
+    """Stop parameters of one axis; `speed` is inf without a limit, a time is 0 without such a supervision.
 
-    `objects` are values of objects by the index for the first axis; `lives` are command timeouts by controller.
+    `objects` are object values by the index for the first axis; `lives` are command timeouts by controller.
     """
 
     joint: str
@@ -62,7 +62,7 @@ class AxisFacts:
 
 @dataclass(frozen=True, slots=True)
 class StopCase:
-    """Case of one stop reason, with detection and ramp time in s; `by` names what stops the axis.
+    """Stop for one reason, with detection and ramp time in s; `by` names the ramp.
 
     `ramp_s` is inf if there is no ramp (`bound` is False), or if the speed has no limit.
     """
@@ -93,7 +93,7 @@ class StopTime:
 
     @property
     def longest_s(self) -> float:
-        """Longest stopping time in s; inf if there is no bound."""
+        """Longest stopping time in s, inf without a bound."""
         return self.longest.total_s
 
     @property
@@ -135,7 +135,7 @@ def _cases(facts: AxisFacts) -> Iterator[StopCase]:
 
 
 def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
-    """Return the duration in s of the master's ramp, and a text that names the ramp."""
+    """Return duration in s and name of the master's ramp."""
     slope = facts.objects.get(o.PROFILE_DECELERATION)
     if not slope:
         return DEFAULT_RAMP_S, "the master's ramp"
@@ -143,13 +143,13 @@ def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
 
 
 def _on_lost_master(facts: AxisFacts) -> int | None:
-    """Return the index of the option code that applies to a lost master (0x6007); None if there is no ramp."""
+    """Return the index of the option code for a lost master (0x6007), None for no reaction with a ramp."""
     action = ABORT_CONNECTION.get(_option(facts, o.ABORT_CONNECTION_OPTION))
     return _LOST.get(action)
 
 
 def _drives_ramp(facts: AxisFacts, option: int | None) -> tuple[float, str, bool]:
-    """Return the duration in s of the drive's own ramp, a text that names it, and whether there is a ramp."""
+    """Return duration in s and name of the drive's own ramp, and whether there is such a ramp."""
     if option is None:
         return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, with which no ramp stops it", False
     code = _option(facts, option)
@@ -175,8 +175,8 @@ def _named(index: int, slope: float) -> str:
 
 # The stop parameters in a robot's files: supervision times, decelerations, option codes, maximum speeds.
 #
-# An object has the value that bus.yml writes at the boot, else that of the DCF or EDS. The maximum speed is the
-# smaller of the joint's velocity limit and 0x607F.
+# The value of an object is written by bus.yml at the boot, or is the value in the DCF or EDS. The maximum speed is the
+# lower of the joint's velocity limit and 0x607F.
 
 
 _OBJECTS: Final = (
@@ -201,7 +201,7 @@ def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | Non
 
 
 def command_timeouts(manager: ControllerManager) -> dict[str, dict[str, float]]:
-    """Return the command timeouts in s by joint and loaded controller; unlimited commands are left out."""
+    """Return the command timeouts in s by joint and loaded controller, without unlimited commands."""
     timeouts: dict[str, dict[str, float]] = {}
     for name in manager.states:
         controller = manager.get(name)
@@ -246,7 +246,7 @@ def _facts(
 
 
 def _data_s(config: BusConfig, name: str, cycle_s: float) -> float:
-    """Return the time after which missing synchronous TPDOs are detected; 0 without any, or without SYNC."""
+    """Return the time in s until missing synchronous TPDOs are detected; 0 without any, or without SYNC."""
     if not config.master.sync_period:
         return 0.0
     every = [tpdo.transmission_type for tpdo in config.plans[name].tpdos]
@@ -255,14 +255,13 @@ def _data_s(config: BusConfig, name: str, cycle_s: float) -> float:
 
 
 class _Values:
-    """Values of the objects of a node after the boot, from bus.yml, DCF or EDS."""
+    """Values of a node's objects after the boot, from bus.yml, DCF or EDS; None if unknown."""
 
     def __init__(self, config: BusConfig, name: str) -> None:
         self._od, self._address = config.dictionaries[name], config.plans[name].address
         self._written = {(write.index, write.subindex): write.data for write in config.plans[name].writes}
 
     def __call__(self, index: int, subindex: int = 0) -> int | None:
-        """Return the value of an object as an integer, None if it is unknown."""
         data = self._written.get(self._address(index, subindex))
         if data is not None:
             return int.from_bytes(data, "little", signed=index & 0x7FF in _CODES)

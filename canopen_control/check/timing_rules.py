@@ -1,10 +1,9 @@
 """Rules about cyclic set-points: causes of rough motion in CSP and CSV.
 
-A drive in a cyclic mode takes one set-point with each SYNC and interpolates over the SYNC period (CiA 402-2; CiA 301,
-7.5.2.35). RPDOs that act on arrival pass the host's jitter to the motor; set-points for every other SYNC stop it in
-between; feedback that an inhibit time delays is older than a period. 0x60C2 is judged with the plan
-(`master.plan`), which writes it. A deadline of an RPDO (its event timer) shorter than two cycles may expire
-when a cycle is late, in any mode.
+A drive in a cyclic mode applies one set-point with each SYNC and interpolates over the SYNC period (CiA 402-2; CiA 301,
+7.5.2.35). RPDOs that act on arrival pass the host's jitter to the motor; with set-points for every other SYNC the motor
+stops in between; feedback that an inhibit time delays is older than a period. 0x60C2 is checked and written by the plan
+(`master.plan`). An RPDO deadline (event timer) shorter than two cycles may expire when a cycle is late.
 """
 
 from __future__ import annotations
@@ -32,11 +31,10 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.node import Node
 
 
-# Input of the rules of `check`, which is a robot's files as far as they could be read, and their findings.
+# Input and findings of the rules of `check`. The input are the readable files of a robot.
 #
-# ERROR: the robot must not be run like this. WARNING: it runs, and a user will
-# be surprised. NOTE: worth knowing. Line 0 is the file as a whole. The rules that find them return lists and never
-# raise.
+# ERROR: the robot cannot be run. WARNING: the robot runs, with surprising results. NOTE: information. Line 0 refers to
+# the complete file.
 
 
 _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
@@ -44,15 +42,15 @@ _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding about one line of a file; `fix` is advice, or "" if `text` contains the advice."""
+    """Finding about a line of a file; `fix` is advice, "" if `text` contains the advice."""
 
     path: str
     line: int
     severity: Severity
     text: str
     fix: str = ""
-    column: int = 0  # 0: not known
-    source: str = ""  # the line itself, with a caret below the place, for people
+    column: int = 0  # 0 if unknown
+    source: str = ""  # the line of the file, with a caret below the column, for display
 
     def __str__(self) -> str:
         place = ":".join([self.path, *(str(number) for number in (self.line, self.column) if number)])
@@ -62,14 +60,14 @@ class Finding:
 
 
 def sorted_findings(findings: list[Finding]) -> list[Finding]:
-    """Return findings by file and line, the most severe of a line first, without duplicates."""
+    """Return findings by file and line without duplicates, the most severe finding of a line first."""
     once = dict.fromkeys(findings)
     return sorted(once, key=lambda finding: (finding.path, finding.line, _ORDER.index(finding.severity), finding.text))
 
 
 @dataclass
 class CheckedRobot:
-    """Files of a robot as input of the rules; a file that could not be read is None.
+    """Files of a robot as input of the rules; None stands for a file that could not be read.
 
     `requested_controllers` are the names of --controller. `mock` and `real` override the plugins of the description.
     `started` are the controllers that a run would activate, None if unknown; `chosen` means that the user named them.
@@ -88,12 +86,11 @@ class CheckedRobot:
     configured: dict[str, Controller] = field(default_factory=dict)
 
     def severity(self, name: str) -> Severity:
-        """Return the severity of a controller's finding: WARNING if others were selected, otherwise ERROR."""
+        """Return the severity of a controller's errors: WARNING if a run does not activate the controller."""
         waits = (self.chosen or self.mock) and self.started is not None and name not in self.started
         return Severity.WARNING if waits else Severity.ERROR
 
     def config(self, name: str) -> ControllerConfig:
-        """Return the configuration of a controller."""
         assert self.control is not None  # there is no configured controller without a file
         return self.control.controllers[name]
 
@@ -128,13 +125,13 @@ def check_timing(
 
 
 def cycle_ns(config: BusConfig, control: ControllersFile | None) -> int:
-    """Return the period of the cycle in ns: the SYNC period, or without SYNC the period of the controllers."""
+    """Return the cycle period in ns: the SYNC period, or without SYNC the controllers' period."""
     rate = control.update_rate if control is not None else _RATE_HZ
     return config.master.sync_period * 1000 or 1_000_000_000 // rate
 
 
 def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
-    """Find RPDO deadlines (0x1400:05) that the cycle cannot keep with margin."""
+    """Find RPDO deadlines (event timer, 0x1400:05) shorter than two cycles."""
     settings = _FindingsByPlace(config, "rpdo.{}.event_deadline"), _FindingsByPlace(config, "rpdo.{}.event_timer")
     for name, plan in config.plans.items():
         node = config.nodes[name]
@@ -154,7 +151,7 @@ def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
 
 
 def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Find a cycle half a period after an external SYNC, where set-points take effect late."""
+    """Find a cycle half a period after an external SYNC, which loses set-points when late."""
     master = config.master
     if axes and not master.follows_closely and master.sync_producer in ("kernel", "other"):
         text = (
@@ -199,7 +196,7 @@ def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 
 def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Find event-driven feedback that may be sent less often than SYNC."""
+    """Find event-driven feedback whose inhibit time exceeds the SYNC period."""
     setting, period_us = _FindingsByPlace(config, "tpdo.{}.inhibit_time"), config.master.sync_period
     for axis in axes:
         node = axis.node
@@ -221,7 +218,7 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
 
 
 class _FindingsByPlace:
-    """Findings about one key of PDOs, merged by place: a key in `defaults` is reported once for all nodes."""
+    """Findings about one PDO key, merged by place: a key in `defaults` is reported once for all nodes."""
 
     def __init__(self, config: BusConfig, key: str) -> None:
         self._config, self._key = config, key
@@ -233,7 +230,6 @@ class _FindingsByPlace:
         self._by_place.setdefault((place.line, place.column), (place, text, fix, set()))[3].add(node.name)
 
     def findings(self) -> Iterator[Finding]:
-        """Yield one finding for each place in bus.yml."""
         for place, text, fix, names in self._by_place.values():
             more = f" and of {len(names) - 1} more" if len(names) > 1 else ""
             sentence = text.replace("{more}", more)

@@ -1,11 +1,11 @@
 """Clients of a socket, blocking or on a reactor: requests with typed answers, and pushed messages.
 
 One connection carries requests and pushed messages. Any number of threads may use a `Client`: one waiting thread reads
-the socket for all threads, and another one continues when it has its answer. No thread is started.
+the socket for all waiting threads. No thread is started.
 
 Errors are RemoteError: `kind` is the class name of the server's error; "BusClosed" means that the connection is closed,
-"Timeout" that the server has not answered in time, "RemoteProtocolError" that it uses another protocol or sent invalid
-data.
+"Timeout" that the server has not answered in time, "RemoteProtocolError" that the server uses another protocol or sent
+invalid data.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _MAX_PUSHED: Final = 10_000  # pushed messages that are kept until they are fetc
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
-    """Return the error in a refusal; if the refusal cannot be decoded, the error contains its text."""
+    """Return the error of a refused request; a refusal that cannot be decoded becomes the error text."""
     try:
         refusal: Refusal = wire.decode(raw, Refusal)
     except ValueError:
@@ -47,7 +47,7 @@ def read_error(raw: wire.Raw) -> RemoteError:
 
 
 def read_hello(api: Api[H, P], line: Line, label: str) -> H:
-    """Return the greeting in a line; RemoteError if the line is an error, or a greeting of another protocol."""
+    """Return the server's greeting in a line; RemoteError for an error line or another protocol version."""
     if "error" in line:
         raise read_error(line["error"])
     hello = wire.decode(line.get("hello", wire.Raw(b"null")), Any)
@@ -96,7 +96,7 @@ class Client(Generic[H, P]):
         return self._stream.fileno()
 
     def ask(self, request: Request[A], timeout: float | None = None) -> A:
-        """Send a request and wait up to `timeout` s for its answer, which is returned; RemoteError if it is refused."""
+        """Send a request and return the answer; RemoteError if refused, or without an answer within `timeout` s."""
         method = self.api.of(type(request))
         answer = self._exchange(method.name, request, self.timeout if timeout is None else timeout)
         if "error" in answer:
@@ -104,13 +104,13 @@ class Client(Generic[H, P]):
         return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
 
     def notify(self, request: Request[Any]) -> None:
-        """Send a request that the server does not answer, even if it refuses the request."""
+        """Send a request without an answer, also if the server refuses the request."""
         self._send(wire.request_line(None, self.api.of(type(request)).name, request))
 
     def messages(self, timeout: float | None = None) -> Iterator[P]:
-        """Yield pushed messages until none arrives for `timeout` s (None: wait without a timeout).
+        """Yield pushed messages until none is received for `timeout` s (None: no timeout).
 
-        `messages(0)` yields the messages that have been received already. RemoteError if the server is gone;
+        `messages(0)` yields the messages that have been received already. RemoteError if the connection is lost;
         UnreadableMessage for a message that cannot be decoded, after which the iteration can be restarted.
         """
         while self._wait(lambda: bool(self._pushed), timeout):
@@ -123,7 +123,7 @@ class Client(Generic[H, P]):
                     yield self._pushed_message(line[key], kind)
 
     def close(self) -> None:
-        """Close the connection, even while a thread waits for an answer; a second call does nothing."""
+        """Close the connection, also while a thread waits for an answer."""
         with self._changed:
             self._failure = self._failure or RemoteError(
                 "BusClosed", f"the connection to {self._stream.label} is closed"
@@ -175,7 +175,7 @@ class Client(Generic[H, P]):
         return read_hello(self.api, first, self._stream.label)
 
     def _wait(self, ready: Callable[[], bool], timeout: float | None) -> bool:
-        """Read, or wait while another thread reads, until `ready()` is true; return False after the timeout.
+        """Read, or wait while another thread reads, until `ready()` is true; return False on a timeout.
 
         The condition is checked at least once.
         """
@@ -241,7 +241,7 @@ _GARBAGE: Final = "the answer cannot be read: "
 
 
 class ReactorClient:
-    """Connection to the server of an `Api` on a reactor; RemoteError if there is no server.
+    """Non-blocking connection to the server of an `Api` on a reactor; RemoteError without a server.
 
     All methods must be called on the reactor's thread.
     """
@@ -263,7 +263,7 @@ class ReactorClient:
         answer: Callable[[A | None, str | None], object],
         timeout_ns: int | None = None,
     ) -> None:
-        """Send a request; `answer(result, None)` or `answer(None, reason)` is called once.
+        """Send a request; later `answer(result, None)` or `answer(None, reason)` is called once.
 
         After `timeout_ns` (None: the default; `ENDLESS`: no timeout) the answer is an error.
         """
@@ -281,7 +281,7 @@ class ReactorClient:
             self._settle(number, error=str(error))
 
     def keep_saying(self, request: Request[Any], every_ns: int) -> None:
-        """Send a request every `every_ns` ns, without an answer, until the connection is closed."""
+        """Send a request without an answer every `every_ns`, until the connection is closed."""
         if self._closed_reason is not None:
             return
         self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
@@ -298,7 +298,7 @@ class ReactorClient:
         return self._reactor.call_later(wait_ns, lambda: self._settle(number, error=too_late))
 
     def close(self) -> None:
-        """Close the connection; pending requests are answered with an error. A second call does nothing."""
+        """Close the connection, and answer pending requests with an error."""
         self._leave(f"{self._stream.label} was left")
 
     def _on_readable(self) -> None:

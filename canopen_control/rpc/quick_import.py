@@ -10,12 +10,12 @@ import types
 
 
 def import_msgspec() -> None:
-    """Import msgspec without typing_extensions and platform, which account for most of its import time.
+    """Import msgspec without typing_extensions and platform, most of its import time.
 
     msgspec searches typing_extensions for types that this package does not use, and works with `typing` alone. It
     imports uuid, which before Python 3.12 needs only the name of the operating system from platform. No other code may
-    import these modules meanwhile, so this function does nothing while other threads run. It is for programs without
-    foreign code, whose structures may need types that msgspec would not find.
+    import these modules meanwhile, so this function does nothing while other threads run. Call it only in programs
+    without foreign code, whose structures may need types that msgspec would not find.
     """
     if {"msgspec", "typing_extensions"} & sys.modules.keys() or threading.active_count() > 1:
         return

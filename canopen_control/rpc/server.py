@@ -1,7 +1,6 @@
-"""Server of a socket: passes requests of an `Api` to handlers, and pushes messages to clients.
+"""Socket server that passes the requests of an `Api` to handlers, and pushes messages to clients.
 
-An invalid request is refused with a sentence before a handler gets it, and the server continues: unknown methods,
-missing fields and fields of a wrong type are refused.
+Unknown methods, missing fields and fields of a wrong type are refused before a handler is called.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ R_co = TypeVar("R_co", bound=Request[Any], covariant=True)
 
 
 class Call(Generic[R_co]):
-    """Request of a client, to be answered by `reply`, `refuse` or `settle`; a request without an id gets no answer."""
+    """Request of a client, to be answered by `reply`, `refuse` or `settle`; no answer is sent without an id."""
 
     __slots__ = ("_number", "connection", "request")
 
@@ -54,7 +53,7 @@ class Call(Generic[R_co]):
             self.connection.answer(wire.error_line(self._number, type(error).__name__, str(error)))
 
     def settle(self: Call[Request[Done]], error: str | None) -> None:
-        """Answer a request that was executed: with Done if `error` is None, else with a ControlError."""
+        """Answer an executed request, with Done if `error` is None, else with a ControlError."""
         if error is None:
             self.reply(Done())
         else:
@@ -62,10 +61,10 @@ class Call(Generic[R_co]):
 
 
 class ServerObserver(Protocol):
-    """Observer of the accepted requests of a server, except requests that only read."""
+    """Observer of a server's accepted requests, except requests that only read."""
 
     def done(self, method: str, params: msgspec.Raw) -> None:
-        """Process a request that has been handled without error: its method name and undecoded parameters."""
+        """Handle an accepted request; `params` are the undecoded parameters."""
 
 
 class Server(Generic[H, P]):
@@ -102,7 +101,7 @@ class Server(Generic[H, P]):
         )
 
     def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
-        """Register the handler of a request; a CanopenError that the handler raises becomes the answer."""
+        """Register the handler of a request type; a CanopenError raised by the handler becomes the answer."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
     def check(self) -> None:
@@ -113,7 +112,7 @@ class Server(Generic[H, P]):
 
     @property
     def connections(self) -> list[Connection]:
-        """Open connections, without those that are being closed."""
+        """Open connections, except those that are being closed."""
         return self._server.connections
 
     def line_of(self, push: P) -> bytes:
@@ -121,13 +120,13 @@ class Server(Generic[H, P]):
         return wire.push_line(self._api.key_of(type(push)), push)
 
     def push(self, push: P, to: Iterable[Connection] | None = None) -> None:
-        """Send a message to the connections in `to`, or to all; the message is encoded once."""
+        """Send a message to the connections `to`, by default to all connections."""
         line = self.line_of(push)
         for connection in self.connections if to is None else to:
             connection.send(line)
 
     def close(self) -> None:
-        """Close all connections and remove the socket; a second call does nothing."""
+        """Close all connections and remove the socket."""
         self._server.close()
 
     def _greet(self, connection: Connection) -> None:

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 
 def state_name(state: str | None) -> str:
-    """Return the name of a CiA 402 or NMT state as in the standard, with spaces; "-" for None."""
+    """Return a CiA 402 or NMT state name with spaces, as in the standards; "-" for None."""
     return "-" if state is None else state.replace("_", " ")

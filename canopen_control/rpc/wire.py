@@ -28,7 +28,7 @@ _NULL: Final = msgspec.Raw(b"null")
 
 
 class Incoming(msgspec.Struct, frozen=True):
-    """Received request with undecoded parameters; `method` is "" if it is missing or not a text."""
+    """Received request with undecoded parameters; `method` is "" if missing or not a text."""
 
     number: Id
     method: str
@@ -36,7 +36,7 @@ class Incoming(msgspec.Struct, frozen=True):
 
 
 def read_line(line: bytes) -> dict[str, Raw]:
-    """Return the undecoded members of the JSON object in a line; ValueError if the line is no JSON object."""
+    """Return the undecoded members of the JSON object in a line; ValueError for any other line."""
     try:
         return _fields.decode(line)
     except msgspec.ValidationError:
@@ -46,7 +46,7 @@ def read_line(line: bytes) -> dict[str, Raw]:
 
 
 def read_request(line: bytes) -> Incoming:
-    """Return the request in a client's line; ValueError if it is invalid, or has too many values to decode in time."""
+    """Decode a client's line as a request; ValueError if invalid, or with too many values to decode in time."""
     if too_many_values(line):
         raise ValueError(f"more than {MAX_VALUES} values")
     fields = read_line(line)
@@ -72,7 +72,7 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that 
 
 
 def mistake(error: Exception) -> str:
-    """Return msgspec's message of an error; null instead of a number is explained as a number that is not finite."""
+    """Return msgspec's error message; a null in place of a number is explained as a non-finite number."""
     return _NO_NUMBER.sub(_NOT_FINITE, str(error))
 
 
@@ -106,7 +106,7 @@ def push_line(key: str, message: object) -> bytes:
 
 
 def text_of(message: object, *, indent: int = 0) -> bytes:
-    """Encode a message as JSON without a newline at the end; with `indent` on several lines."""
+    """Encode a message as JSON without a final newline, on several lines if `indent` is set."""
     return msgspec.json.format(_encode(message), indent=indent) if indent else _encode(message)
 
 
@@ -116,7 +116,7 @@ def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
 
 
 def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
-    """Convert an object, or a list of objects, to the type `kind`, whose fields are read as attributes."""
+    """Convert an object, or a list of objects, to the type `kind` by reading the attributes."""
     return msgspec.convert(source, kind, from_attributes=True)
 
 

@@ -1,6 +1,6 @@
 """Kinds of bases for `init`, with the controller, the possible numbers of drives and the joint names.
 
-Drives are taken in the order of their joints: left before right, front before rear, traction before steering.
+Drives are assigned to joints in this order: left before right, front before rear, traction before steering.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from canopen_control.scaffold.drive_choice import POSITION, VELOCITY
 
 @dataclass(frozen=True, slots=True)
 class BaseKind:
-    """Kind of base; `shapes` are the possible lists of joints, empty if any number of drives is possible.
+    """Kind of base; `shapes` are the possible lists of joint names, empty for any number of drives.
 
     The last `steering` joints are commanded by position. `type_name` is the type of the controller, "" for none.
     """
@@ -26,7 +26,7 @@ class BaseKind:
     words: str = ""
 
     def joints(self, drives: int) -> tuple[str, ...]:
-        """Return the usual names of the joints for a number of drives."""
+        """Return the default joint names for a number of drives."""
         for shape in self.shapes:
             if len(shape) == drives:
                 return shape
@@ -39,15 +39,15 @@ class BaseKind:
         return (POSITION,) if self.steers(drives, number) else (VELOCITY,)
 
     def steers(self, drives: int, number: int) -> bool:
-        """Whether joint `number`, from 0, turns the direction of a wheel."""
+        """Whether joint `number`, from 0, steers a wheel."""
         return number >= drives - self.steering
 
     def mirrored(self, drives: int, number: int) -> bool:
-        """Whether joint `number` is a wheel on the left, mounted mirrored."""
+        """Whether joint `number`, from 0, is a wheel on the left, whose motor is mounted mirrored."""
         return bool(self.type_name) and not self.steers(drives, number) and number % 2 == 0
 
     def problem(self, drives: int) -> str:
-        """Return the reason why the base cannot have this number of drives, "" if it can."""
+        """Return the error text if the base does not support this number of drives, else ""."""
         if self.type_name and self.type_name not in TYPES:
             return f"--base {self.name}: this version has no {self.type_name}; omit --base, or use diff"
         if self.shapes and drives not in {len(shape) for shape in self.shapes}:

@@ -1,6 +1,6 @@
 """Text of a new robot's bus.yml, with a comment on each key.
 
-If all nodes have the same EDS and control, their common keys are in `defaults`; otherwise each node has its own keys.
+If all nodes have the same EDS and modes, common keys are in `defaults`; otherwise each node has its own keys.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def bus_text(robot: NewRobot) -> str:
 
 
 def remark(text: str, words: str) -> str:
-    """Return a line of YAML with a comment that begins at the common column; no comment if `words` is empty."""
+    """Return a YAML line with the comment `words` at the common column; "" means no comment."""
     return f"{text:<{_COLUMN}} # {words}" if words else text
 
 
@@ -126,7 +126,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
-    """Yield the PDO keys of a device that is no drive, with comments; no keys if its PDOs stay as they are."""
+    """Yield the PDO keys of a device other than a drive, with comments; no keys for default PDOs."""
     if node.left_out:
         first, *_, last = (f"0x{index:04X}:{subindex:02X}" for index, subindex in (*node.left_out, node.left_out[-1]))
         yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
@@ -142,9 +142,9 @@ def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
 
 
 def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str]:
-    """Return the keys that a drive of a known manufacturer needs and that are not `present`, with their sources.
+    """Return the missing keys that a drive of a known manufacturer needs, with sources.
 
-    The keys are comments; if the user named the manufacturer they are active, except for modes.
+    The keys are comments, but if the user named the manufacturer, all keys except modes are active.
     """
     drive = node.known
     if drive is None:
@@ -161,7 +161,7 @@ def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str
 
 
 def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the `sdo` entries required by a drive of the selected manufacturer."""
+    """Return the `sdo` entries that drives of the selected manufacturer need."""
     like = node.device.like
     writes = () if like is None else proposals(like, robot.sync_us, (), (), ())
     entries = [(key, text.removeprefix("sdo: [").removesuffix("]")) for key, text in writes if key.key == "sdo"]
@@ -169,7 +169,7 @@ def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _watched(node: NewNode) -> list[str]:
-    """Return the keys that limit the rate of an encoder's position; a faster change is reported as a jump."""
+    """Return the keys that limit the rate of an encoder's position, to report jumps."""
     if not node.measured:
         return []
     limit = remark(
@@ -179,7 +179,7 @@ def _watched(node: NewNode) -> list[str]:
 
 
 def _kept_pdos(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the keys that keep outputs (`safe: keep`) if the device cannot switch them off by itself."""
+    """Return the keys with `safe: keep` for outputs that the device cannot switch off by itself."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
         return []
@@ -252,7 +252,7 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
 
 
 def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
-    """Return the key that marks guesses, which `check` reports until they are measured."""
+    """Return the `guesses` key, whose values `check` reports until they are measured."""
     guessed = not all(axis.is_known for axis in drive.axes)
     return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
 
@@ -264,7 +264,7 @@ def _counts_comment(axis: AxisChoice) -> str:
 
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
-    """Return the `sdo` writes of the boot: for the manufacturer, a lost master, and ramps missing in the EDS."""
+    """Return the `sdo` entries: manufacturer's needs, reaction to a lost master, and ramps missing in the EDS."""
     lines = []
     if _takes(node, ABORT_CONNECTION_OPTION, 0, _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
@@ -323,7 +323,7 @@ def _pdo(use: PdoUse) -> list[str]:
 
 
 def _by_scale(node: NewNode) -> bool:
-    """Whether bus.yml needs separate scale factors, either for position and velocity or for each axis."""
+    """Whether bus.yml needs scale factors, separate for position and velocity or for each axis."""
     units = {(joint.mirrored, joint.axis.counts, joint.axis.rpm) for joint in node.joints}
     return len(units) > 1 or any(_in_rpm(joint.axis) for joint in node.joints)
 

@@ -1,11 +1,10 @@
-"""Choice of the control of a new robot's drive by its EDS: interfaces, modes, PDOs, units and supervision.
+"""Choice of interfaces, modes, PDOs, units and supervision for a new robot's drive, by the EDS of the drive.
 
-A device may have several axes, whose objects are 0x800 higher for each further axis. All axes are moved, in one mode
-for each kind of interface, since bus.yml has one for a node, and their objects share the device's PDOs.
-Velocity is preferred to position, as far as 0x6502 and the mappable targets allow. PV is preferred, because the drive
-computes the ramp and needs no set-point every cycle; for positions CSP, as ros2_control's position controllers expect.
-Torque is chosen on request only. Units come from the defaults of the EDS (0x608F, 0x6091, 0x6092, 0x60A9), or are a
-guess that is marked as such.
+The objects of each further axis of a device are 0x800 higher. All axes are moved and share the device's PDOs; axes with
+the same command interface have the same mode, since bus.yml has one mode per interface and node. Velocity is preferred
+to position, as far as 0x6502 and the mappable targets allow. For velocities PV is preferred, because the drive computes
+the ramp and needs no set-point every cycle; for positions CSP, as ros2_control's position controllers expect. Torque is
+chosen on request only. Units are from the EDS (0x608F, 0x6091, 0x6092, 0x60A9), or are a guess that is marked as such.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ _FEEDBACK: Final = {POSITION: objects.POSITION_ACTUAL, VELOCITY: objects.VELOCIT
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """Kinds of supervision in use: heartbeat of the drive, heartbeat consumer in the drive, node guarding."""
+    """Supervision in use: heartbeat of the drive, heartbeat consumer in the drive, or node guarding."""
 
     producer: bool
     consumer: bool
@@ -61,16 +60,16 @@ class Supervision:
 
     @property
     def stops_alone(self) -> bool:
-        """Whether the drive stops when the master is lost."""
+        """Whether the drive detects the loss of the master and stops."""
         return self.consumer or self.guarding
 
 
 @dataclass(frozen=True, slots=True)
 class AxisChoice:
-    """Control of axis `number`; `feedback` are state interfaces, `counts` position counts per joint revolution.
+    """Interface, mode and units of axis `number`; `counts` are position counts per joint revolution.
 
-    `is_known` is True if the EDS contains the counts; `rpm` is the unit of velocities in revolutions per minute
-    (0x60A9), 0 for counts per second.
+    `feedback` are state interfaces. `is_known` is True if the EDS contains the counts; `rpm` is the unit of velocities
+    in revolutions per minute (0x60A9), 0 for counts per second.
     """
 
     number: int
@@ -82,13 +81,13 @@ class AxisChoice:
     rpm: float
 
     def index(self, index: int) -> int:
-        """Return the index of a profile object for this axis, from the index for the first axis."""
+        """Return the index of a profile object for this axis, given the index for the first axis."""
         return objects.axis_index(index, self.number)
 
 
 @dataclass(frozen=True, slots=True)
 class DriveChoice:
-    """Control of the axes of a drive, and the PDOs; `motors` is set if several motors share one set of objects."""
+    """Axes and PDOs of a drive; `motors` is set if several motors share one set of objects."""
 
     axes: tuple[AxisChoice, ...]
     rpdos: tuple[PdoUse, ...]
@@ -102,7 +101,7 @@ class DriveChoice:
 
 
 def axes_of(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the numbers of a CiA 402 drive's axes, from 0: those with a controlword and a statusword."""
+    """Return the axis numbers, from 0, of a CiA 402 drive: all axes with controlword and statusword."""
     od = _view(od)
     return tuple(
         axis
@@ -117,7 +116,7 @@ def is_drive(od: ObjectDictionary) -> bool:
 
 
 def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ()) -> DriveChoice:
-    """Choose interface, mode and PDOs for the axes of a drive; RobotConfigError with the reason if impossible.
+    """Choose interfaces, modes and PDOs for all axes of a drive; RobotConfigError with the reason if impossible.
 
     `interfaces` are the acceptable interfaces of each axis, in order of preference; by default velocity, then position.
     """
@@ -139,7 +138,7 @@ def _view(od: ObjectDictionary) -> ObjectDictionary:
 
 
 def _pdos_for(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Choose the PDOs for objects of the axes, at the addresses where the device has these objects."""
+    """Choose the PDOs for objects of the axes, with the device's addresses of shared objects."""
     if (motors := motors_of(od)) is None:
         return choose_pdos(od, required)
     needed, useful = (
@@ -165,7 +164,7 @@ def _axis_choice(
 
 
 def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
-    """Choose the TPDOs; RobotConfigError if a statusword, a mode object or its display is missing."""
+    """Choose the TPDOs; RobotConfigError if an axis lacks statusword, mode or mode display."""
 
     def each(*indices: int) -> tuple[Address, ...]:
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
@@ -186,7 +185,7 @@ def _named(addresses: Sequence[Address]) -> str:
 
 
 def supervision_of(od: ObjectDictionary) -> Supervision:
-    """Return the supervision that the writable objects allow: heartbeat (0x1016, 0x1017), else guarding."""
+    """Return the supervision that the EDS allows: heartbeat (0x1016, 0x1017), else guarding."""
 
     def writable(index: int, subindex: int = 0) -> bool:
         entry = od.get(index, subindex)
@@ -203,7 +202,7 @@ _Chosen = list[tuple[str, OperationMode]]
 def _choose_modes(
     od: ObjectDictionary, axes: Sequence[int], interfaces: Sequence[Sequence[str]]
 ) -> tuple[_Chosen, tuple[PdoUse, ...]]:
-    """Choose interface and mode of each axis, then the RPDOs for all of them."""
+    """Choose interface and mode of each axis, then the RPDOs of the drive."""
     chosen: _Chosen = []
     for axis, interface in zip(axes, interfaces, strict=False):
         chosen.append(_choose_mode(od, axis, interface, dict(chosen)))
@@ -237,7 +236,7 @@ def _choose_mode(
 def _rpdos(
     od: ObjectDictionary, axes: Sequence[int], chosen: _Chosen
 ) -> tuple[tuple[PdoUse, ...], tuple[Address, ...]]:
-    """Return the RPDOs for controlwords, targets and modes of some axes, and the objects that do not fit."""
+    """Return the RPDOs for controlwords, targets and modes of axes, and the objects that do not fit."""
     needed: list[Address] = []
     for axis, (_, mode) in zip(axes, chosen, strict=True):
         index, subindex = TARGET_OBJECTS[mode]
@@ -248,7 +247,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return position units per shaft revolution by the defaults of the EDS, None if the EDS has none."""
+    """Return position counts per shaft revolution by the EDS defaults, None if the EDS has none."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

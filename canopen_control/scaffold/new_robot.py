@@ -1,8 +1,8 @@
 """Nodes, joints and base of a new robot, chosen from EDS files and checked before a file is written.
 
-Names of joints and controllers are names of ROS: letters, digits and _. Each axis of a drive is a joint. A device that
-is not a drive gets the signals of its profile: named inputs and outputs, or for an encoder a measured joint; a device
-with an unknown profile is a proxy. A bus of proxies alone has no description and no controllers.
+Names of joints and controllers are valid in ROS: letters, digits and _. Each axis of a drive is a joint. A device other
+than a drive has the signals of its profile: named inputs and outputs, or for an encoder a measured joint; a device with
+an unknown profile is a proxy. A bus with only proxies has no description and no controllers.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ _MASTERS: Final = (1, *range(127, 1, -1))
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """Planned device: node id, EDS file and the content of the file; `remark` is the result of a scan.
+    """Planned device with node id and EDS; `remark` is the result of a scan, for a comment.
 
-    `like` is the personality of the manufacturer, if the user named the manufacturer.
+    `like` is the personality of the manufacturer, if named by the user.
     """
 
     node_id: int
@@ -62,7 +62,7 @@ class Device:
     like: Personality | None = None
 
     def of_manufacturer(self, like: Personality) -> Device:
-        """Return the device without the objects and modes that the drives of `like` do not have."""
+        """Return the device without objects and modes that the drives of `like` lack."""
         entries = {address: entry for address, entry in self.od.entries.items() if entry.index not in like.absent}
         objects = {index: info for index, info in self.od.objects.items() if index not in like.absent}
         modes = entries.get((SUPPORTED_DRIVE_MODES, 0))
@@ -75,7 +75,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class NewJoint:
-    """Joint that axis `axis` of `node` moves; `mirrored` if the motor is mounted mirrored."""
+    """Joint that axis `axis` of `node` moves; `mirrored` is True for a motor that is mounted mirrored."""
 
     name: str
     node: str
@@ -87,7 +87,7 @@ class NewJoint:
 class NewNode:
     """Node of the new bus.yml; a drive has `drive` and `joints`, another device may have `signals`.
 
-    `unusable` is the reason why a drive cannot be moved; `drive` is None then, and the PDOs are left as they are.
+    `unusable` is the reason why a drive cannot be moved; then `drive` is None, and the PDOs are unchanged.
     """
 
     name: str
@@ -110,7 +110,7 @@ class NewNode:
 
     @property
     def known(self) -> Personality | None:
-        """Personality of the drive, as named by the user or found by the manufacturer; None if unknown."""
+        """Personality of the drive, named by the user or derived from the manufacturer; None if unknown."""
         if self.device.like is not None:
             return self.device.like
         od, device = self.device.od, self.device.od.device
@@ -132,8 +132,8 @@ class NewNode:
 class NewRobot:
     """Plan of a robot before the files are written; `sync_us` is the SYNC period in us, `baudrate` in kbit/s.
 
-    `heartbeat_ms` is the period of both sides' heartbeats, or of guarding. `eds_names` are the names of the copies of
-    EDS files, if they are set. `problems` are sentences about what prevents the robot from running.
+    `heartbeat_ms` is the period of all heartbeats, or of guarding. `eds_names` are file names of EDS copies that differ
+    from the original name. `problems` are sentences about errors that prevent the robot from running.
     """
 
     name: str
@@ -153,7 +153,6 @@ class NewRobot:
 
     @property
     def drives(self) -> tuple[NewNode, ...]:
-        """Nodes that move joints."""
         return tuple(node for node in self.nodes if node.drive is not None)
 
     @property
@@ -163,7 +162,7 @@ class NewRobot:
 
     @property
     def is_bus_alone(self) -> bool:
-        """Whether the robot has neither a drive nor a signal, and so no description and no controllers."""
+        """Whether the robot has neither drives nor signals, and so no description and no controllers."""
         return not any(node.drive is not None or node.signals for node in self.nodes)
 
 
@@ -176,11 +175,11 @@ def plan_robot(
     allow_unsupervised: bool = False,
     interfaces: Sequence[str] = (),
 ) -> NewRobot:
-    """Choose nodes, joints and PDOs of a robot; RobotConfigError lists all errors, one sentence per line.
+    """Choose nodes, joints and PDOs of a robot; RobotConfigError lists all errors, one per line.
 
     Problems of the devices are in the robot's `problems`. A drive that cannot be moved has no joint, and the robot then
-    has no base.
-    `interfaces` are the acceptable interfaces of every joint in order of preference; by default those of the base.
+    has no base. `interfaces` are the acceptable interfaces of every joint in order of preference, by default the
+    interfaces for the base.
     """
     check_robot_name(name)
     axes = sum(len(axes_of(device.od)) for device in devices)
@@ -219,7 +218,7 @@ def plan_robot(
 
 
 def _device_node(device: Device) -> NewNode:
-    """Return the node of a device other than a drive."""
+    """Return the new node of a device other than a drive."""
     profile = profile_of(device.od)
     signals = tuple(profile_signals(device.od, profile).values())
     name = f"{_KINDS[profile]}_{device.node_id}"
@@ -239,7 +238,7 @@ def _device_node(device: Device) -> NewNode:
 def _drive_node(
     device: Device, names: Sequence[str], interfaces: Sequence[Sequence[str]], mirrored: Sequence[bool]
 ) -> NewNode:
-    """Return the node of a drive with a joint for each axis; without joints if it cannot be moved."""
+    """Return the new node of a drive with a joint for each axis, without joints if the drive cannot be moved."""
     name = f"{names[0].removesuffix('_joint')}_drive" if len(names) == 1 else f"drive_{device.node_id}"
     try:
         drive = choose_drive(device.od, interfaces)
@@ -253,7 +252,7 @@ def _drive_node(
 
 
 def check_robot_name(name: str) -> None:
-    """Raise RobotConfigError for a name that is not valid as a folder, a socket and a ROS name."""
+    """Raise RobotConfigError for a robot name that is not valid as a folder, a socket and a ROS name."""
     if not _NAME.fullmatch(name) or len(name) > _LONGEST:
         better = re.sub(r"\W+", "_", name.rstrip("/").rpartition("/")[2], flags=re.ASCII).strip("_")[:_LONGEST]
         better = better if _NAME.fullmatch(better) else "my_robot"
@@ -295,7 +294,7 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate in kbit/s that all devices support by their EDS; 1000 if there is none."""
+    """Return the highest bit rate in kbit/s that all EDS files list, 1000 without a common bit rate."""
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

@@ -1,9 +1,9 @@
 """Choice of the PDOs in a new bus.yml for the objects that a drive needs.
 
 A writable mapping is filled in the order of the required objects, up to the slots and the 64 bits of the PDO. If the
-mapping is fixed (its entries are const or ro, or the EDS has Granularity=0), as few PDOs as
-possible that contain the required objects are used unchanged. An RPDO is not added for useful objects if it repeats an
-object, because two controlwords would compete (CiA 301, 7.5.2.35 to 7.5.2.38; CiA 306-1).
+mapping is fixed (entries are const or ro, or the EDS has Granularity=0), the fewest PDOs with all required objects are
+used unchanged. An RPDO that repeats an object is not added for useful objects, because two controlwords would compete
+(CiA 301, 7.5.2.35 to 7.5.2.38; CiA 306-1).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PREDEFINED = 4  # PDOs of each direction with a COB-ID in the predefined connec
 
 @dataclass(frozen=True, slots=True)
 class PdoRequirement:
-    """Objects for the PDOs of one direction, required ones and useful ones; `transmission` is the preferred type."""
+    """Required and useful objects of the PDOs in one direction; `transmission` is the preferred type."""
 
     is_rpdo: bool
     needed: tuple[Address, ...]
@@ -36,10 +36,9 @@ class PdoRequirement:
 
 @dataclass(frozen=True, slots=True)
 class PdoUse:
-    """PDO to be used; `remaps` if its mapping is written, `auto` if the COB-ID is set to the default.
+    """PDO in the new bus.yml; `remaps` if the mapping is written, `auto` if the COB-ID is set to the default.
 
-    `transmission` is None to keep the device's type. `own` means that nothing can be changed, and bus.yml omits the
-    PDO.
+    `transmission` None keeps the device's type. `own` means that nothing can be changed, so that bus.yml omits the PDO.
     """
 
     number: int
@@ -65,7 +64,7 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
 
 
 def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, ...]:
-    """Return PDOs that contain the needed objects; () if the PDOs enabled by default need no addition.
+    """Return PDOs that contain all required objects; () if the default PDOs already do.
 
     PDOs that are enabled by default stay unchanged. Disabled PDOs that have the objects in the default mapping are
     enabled, as CiA 401 requires for PDOs 2 to 4; objects that are still missing are mapped into unused PDOs.
@@ -87,7 +86,7 @@ def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, .
 
 
 def not_carried(od: ObjectDictionary, wish: PdoRequirement, uses: Sequence[PdoUse]) -> tuple[Address, ...]:
-    """Return the needed objects that are not in `uses`, or if that is empty, not in PDOs enabled by default."""
+    """Return the required objects that are neither in `uses` nor, if `uses` is empty, in the default PDOs."""
     live = (pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od and pdo.enabled)
     mapped = [use.objects for use in uses] or [_ordered(pdo) for pdo in live if _usable(od, pdo, wish)]
     carried = {address for objects in mapped for address in objects}
@@ -104,7 +103,7 @@ def _chosen(
     required: PdoRequirement,
     wishes: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
-    """Fill writable PDOs and use fixed ones for the rest; default mappings alone if they are fixed and suffice."""
+    """Fill writable PDOs and use fixed PDOs for remaining objects; prefer sufficient fixed mappings."""
     needed, useful = wishes
     uses = _covering(fixed, needed, useful, doubling=not required.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
@@ -118,7 +117,7 @@ def _chosen(
 
 
 def _packed(od: ObjectDictionary, pdos: Iterable[Pdo], addresses: Sequence[Address]) -> list[_Use]:
-    """Map objects into writable PDOs, filling one PDO after the other."""
+    """Map objects into writable PDOs, one PDO after the other."""
     rest, uses = list(addresses), list[_Use]()
     for pdo in pdos:
         used, bits = list[tuple[int, int]](), 0
@@ -187,7 +186,7 @@ def _mappable(od: ObjectDictionary, address: Address, required: PdoRequirement) 
 
 
 def _usable(od: ObjectDictionary, pdo: Pdo, required: PdoRequirement) -> bool:
-    """Whether the default mapping of a PDO can be used: every object exists, is mappable, and fits."""
+    """Whether the default mapping of a PDO can be used: all objects exist, are mappable, and fit."""
     return (
         bool(pdo.mapped)
         and (pdo.enabled or od[pdo.communication, 1].writable)
@@ -214,7 +213,7 @@ def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
 
 
 def _auto(od: ObjectDictionary, pdo: Pdo) -> bool:
-    """Whether bus.yml sets the COB-ID to `auto`: it is writable without limits (PDOs 1 to 4), or 0 in the EDS."""
+    """Whether bus.yml must set the COB-ID to `auto`: writable without limits (PDOs 1 to 4), or 0 in the EDS."""
     entry = od[pdo.communication, 1]
     if pdo.number > _PREDEFINED:
         return not (pdo.cob_id or 0) & 0x7FF

@@ -1,8 +1,7 @@
 """Generator of a robot's folder: files are written to a temporary folder, checked as by `check`, and copied.
 
-An existing folder is not changed unless that is requested, and then only the generated files are replaced.
-Errors that the check finds are written into bus.yml as comments, and reported; so is the reason why a
-drive cannot be moved.
+An existing folder is changed only on request, and then only the generated files are replaced. Errors that the check
+finds, and reasons why a drive cannot be moved, are reported and written into bus.yml as comments.
 """
 
 from __future__ import annotations
@@ -120,7 +119,7 @@ def _joint(joint: str, place: tuple[float, float, float], axis: str, fastest: fl
 
 
 def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
-    """Return the position of a joint on base_link: left and right alternating from the front, or in a row.
+    """Return the position of a joint on base_link: in a row, or left and right alternately from the front.
 
     A steered wheel is in front of the single pair.
     """
@@ -134,7 +133,7 @@ def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
 
 
 def _measured(node: NewNode) -> list[str]:
-    """Return the lines of the joint that an encoder measures, without a command interface."""
+    """Return the URDF lines of the joint that an encoder measures, without a command interface."""
     return [
         f'    <joint name="{node.measured}">',
         f'      <param name="device_name">{node.name}</param>  <!-- an encoder of bus.yml -->',
@@ -145,7 +144,7 @@ def _measured(node: NewNode) -> list[str]:
 
 
 def _signals(node: NewNode) -> list[str]:
-    """Return the lines for inputs and outputs of a device that is no drive; [] for an unknown profile."""
+    """Return the URDF lines for the signals of a device other than a drive; [] without signals."""
     if not node.signals:
         return []
     tag = "gpio" if node.profile is Profile.IO or node.outputs else "sensor"
@@ -174,15 +173,15 @@ def _control(joint: NewJoint) -> list[str]:
     ]
 
 
-# The controllers of devices that are not drives in a new ros2_controllers.yaml: outputs by name, and what is measured.
+# Controllers of devices other than drives in a new ros2_controllers.yaml.
 #
-# A device with outputs gets a GPIO command controller, which publishes its inputs too. A battery gets its broadcaster,
-# any other device one that contains all of its signals. The joint state broadcaster publishes the joint of an encoder.
+# A device with outputs gets a GPIO command controller, which also publishes the inputs. A battery gets a battery state
+# broadcaster, any other device a broadcaster of all signals. The joint state broadcaster publishes an encoder's joint.
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceController:
-    """Controller type for a device; the controller is named after the node, with "_" and `suffix`."""
+    """Controller type for a device; the controller's name is the node name, "_" and `suffix`."""
 
     suffix: str
     type_name: str
@@ -190,7 +189,7 @@ class DeviceController:
 
 
 def device_controller(node: NewNode) -> tuple[DeviceController, list[str]]:
-    """Return the controller for a device with signals, and the lines of its parameters."""
+    """Return the controller for a device with signals, and the parameter lines of the controller."""
     if node.outputs:
         chosen = _OUTPUTS
     elif node.profile is Profile.BATTERY and any(signal.name == QUANTITIES[0] for signal in node.signals):
@@ -229,8 +228,8 @@ _INPUTS: Final = DeviceController("broadcaster", "canopen_control/GpioBroadcaste
 
 # ros2_controllers.yaml of a new robot, with comments.
 #
-# The first controller other than a broadcaster is activated by `run` and `demo`: the controller of the
-# base, otherwise that of the velocity joints, otherwise that of the position joints.
+# `run` and `demo` activate the first controller other than a broadcaster: the controller of the base, otherwise of the
+# velocity joints, otherwise of the position joints.
 
 
 BASE_CONTROLLER: Final = "base_controller"
@@ -288,7 +287,7 @@ def controllers_text(robot: NewRobot) -> str:
 
 
 def _feedback(joints: Sequence[NewJoint]) -> set[str]:
-    """Return the state interfaces that any of the joints has."""
+    """Return the union of the state interfaces of joints."""
     return {name for joint in joints for name in joint.axis.feedback}
 
 
@@ -316,7 +315,7 @@ def _diff(robot: NewRobot) -> list[str]:
 
 
 def _odometry(feedback: set[str], timeout: str) -> list[str]:
-    """Return the parameters for the source of odometry (positions, velocities or commands) and the timeout."""
+    """Return the parameters for the odometry source (positions, velocities or commands) and the timeout."""
     source = POSITION if POSITION in feedback else VELOCITY if VELOCITY in feedback else "the commands"
     return [
         "odom_frame_id: odom",
@@ -394,7 +393,7 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; RobotConfigError if it exists or cannot be written."""
+    """Write the folder of a robot into `parent`; RobotConfigError if it exists already or cannot be written."""
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
@@ -412,7 +411,7 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
-    """Raise RobotConfigError if `folder` is no folder, or if it exists and `force` is not set."""
+    """Raise RobotConfigError if `folder` is a file, or if it exists and `force` is not set."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RobotConfigError(f"{folder} is there and is not a folder; choose another name")
     if folder.exists() and not force:
@@ -420,7 +419,7 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
 
 
 def _with_distinct_files(robot: NewRobot) -> NewRobot:
-    """Return the robot with different names for copies of EDS files, which are in one folder."""
+    """Return the robot with distinct names for the EDS copies, which are all in one folder."""
     names: dict[Path, str] = {}
     for node in robot.nodes:
         path, name = node.device.eds, node.device.eds.name
@@ -448,7 +447,7 @@ def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, .
 
 
 def _dcf_periods(robot: NewRobot) -> Iterator[int]:
-    """Yield the interpolation periods of drives in us from DCF files (0x60C2), which belong to their SYNC."""
+    """Yield the interpolation periods (0x60C2) in DCF files in us, which should be the SYNC period."""
     for node in robot.drives:
         value, exponent = (node.device.od.get(INTERPOLATION_TIME_PERIOD, subindex) for subindex in (1, 2))
         text = None if value is None else value.parameter_value

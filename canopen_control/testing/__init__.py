@@ -1,1 +1,1 @@
-"""Plug-in for pytest: robots in virtual time, with faults of drives and buses and access to their shafts."""
+"""Pytest plug-in with robots in virtual time, fault injection in drives and buses, and access to motor shafts."""

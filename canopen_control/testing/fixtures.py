@@ -1,9 +1,9 @@
 """Fixtures for pytest: `robot` in virtual time, and its `drives`, `bus` and `clock`.
 
 The ini option `canopen_robot` selects the robot (a folder, relative to the ini file, or a bundled name); the mark
-`canopen_robot("config/robby", controllers=["..."], seed=7)` selects it for one test or module. Its argument
+`canopen_robot("config/robby", controllers=["..."], seed=7)` selects the robot of one test or module. The argument
 `quirks={"left_drive": ["brake_delay=0.5"]}` sets quirks of drives from power-on ("all" stands for every drive). A test
-fails if an invariant was violated, unless its mark has `breaches=True`.
+fails if an invariant was violated, unless the mark has `breaches=True`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @functools.cache
 def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
-    """Return the setup of a robot from its files, which are read once for all tests."""
+    """Return the setup of a robot, whose files are read once for all tests."""
     from canopen_control.runtime.robot_files import find_robot  # tests without a robot need not wait for its imports
     from canopen_control.runtime.setup import read_robot
 
@@ -64,7 +64,7 @@ def _configured(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
 
 @pytest.fixture
 def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
-    """Yield a booted robot in virtual time; the violation of an invariant fails the test."""
+    """Yield a booted robot in virtual time; a violated invariant fails the test."""
     from canopen_control.testing.tested_robot import TestedRobot
 
     config, words = _configured(request)

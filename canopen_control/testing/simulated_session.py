@@ -1,7 +1,7 @@
-"""Session with a node of a robot in virtual time, beside the sessions on a running robot and on a bare bus.
+"""Session with a node of a robot in virtual time, in place of a session on a running robot or a bare bus.
 
-The transfers are those of the robot's own SDO client, so that jobs such as a backup or a restore run in virtual time as
-they do on hardware; a request advances the time until its end.
+The robot's own SDO client executes the transfers, so that jobs such as a backup or a restore run in virtual time as on
+hardware; a request advances the time until its end.
 """
 
 from __future__ import annotations
@@ -41,12 +41,10 @@ class SimulatedTransfers(Transfers):
         return self._robot.core.node(str(self._node_id))
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object, and return its bytes; the error of the SDO request is raised."""
         node = self._node
         return self._ended(node.sdo.read(index, subindex, block=block, timeout_ns=self._timeout_ns)).data
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download the bytes of an object; the error of the SDO request is raised."""
         self._ended(self._node.sdo.write(index, subindex, data, timeout_ns=self._timeout_ns))
 
     def _ended(self, request: SdoRequest) -> SdoRequest:
@@ -58,11 +56,10 @@ class SimulatedTransfers(Transfers):
         return request
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the SDO timeout in s for all further answers, None for the default."""
         self._timeout_ns = None if seconds is None else round(seconds * 1e9)
 
     def command(self, command: NmtCommand) -> None:
-        """Send an NMT command as the robot does; raise DriveError if the node does not reach the state."""
+        """Send an NMT command through the robot; DriveError if the node does not reach the resulting state."""
         robot, node = self._robot, self._node
         robot.host.call(partial(node.command, command, robot.core.reactor.now()))
         robot.host.call(robot.core.bus_of(node).send_waiting)
@@ -75,15 +72,12 @@ class SimulatedTransfers(Transfers):
                 raise DriveError(f"node {self._node_id} is {state} after NMT {command.name.replace('_', ' ').lower()}")
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state that the robot last received from the node, None if there is none."""
         return self._node.nmt_state
 
     def taken_out(self) -> bool:
-        """Return whether an NMT command has taken the node out of operation."""
         return self._node.is_taken_out
 
     def progress(self) -> tuple[int, int | None]:
-        """Return the transferred and the total bytes (None if unknown) of the present transfer."""
         return self._node.sdo.progress
 
     def pause(self, seconds: float) -> None:
@@ -95,6 +89,6 @@ class SimulatedTransfers(Transfers):
 
 
 def simulated_session(robot: RobotUnderTest, name: str, node_id: int) -> NodeSession:
-    """Return a session with a node of a robot in virtual time, with the object dictionary of that node."""
+    """Return a session with a node of a robot in virtual time."""
     node = robot.core.node(name)
     return NodeSession(SimulatedTransfers(robot, node_id), node_id, node.od, name=name)

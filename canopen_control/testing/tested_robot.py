@@ -44,7 +44,7 @@ class _EventKeeper(SimulationObserver):
 
 
 class TestedRobot:
-    """Booted robot in virtual time; `events` are all events since its start.
+    """Booted robot in virtual time; `events` are all events since the start.
 
     `quirks` are the quirks of drives from power-on, by node-ID or name, or "all" for every drive.
     """
@@ -75,7 +75,7 @@ class TestedRobot:
     # -- time
 
     def run(self, seconds: float) -> None:
-        """Advance the time by `seconds`; raise ControlError for a command that the robot refused, see `command`."""
+        """Advance the time by `seconds`; raise ControlError for a refused command (see `command`)."""
         if self._served is None:
             self.simulated.run_for(round(seconds * _S))
         else:
@@ -88,7 +88,7 @@ class TestedRobot:
             raise mistake
 
     def serve(self, *, speed: float = 1.0, ros: Sequence[str] | None = None) -> None:
-        """Accept other programs on the robot's socket from now on; `run` then advances at `speed` times real time.
+        """Accept other programs on the robot's socket; `run` then advances at `speed` times real time.
 
         With `ros` a bridge with these arguments connects ROS programs and publishes `/clock`.
         """
@@ -108,7 +108,7 @@ class TestedRobot:
         return passed
 
     def stopped_within(self, seconds: float) -> bool:
-        """Advance the time until all shafts stand, by at most `seconds`; return whether they do."""
+        """Advance the time until all shafts have stopped, by at most `seconds`; return whether they have."""
         remaining = round(seconds / _STEP_S)
         while self.moving and remaining > 0:
             self.run(_STEP_S)
@@ -187,7 +187,7 @@ class TestedRobot:
         self.do("axis", name="fault-reset")
 
     def stop(self, *, latch: bool = False) -> None:
-        """Stop with a ramp and disable the drives; with `latch` the stop remains until `release`."""
+        """Stop with a ramp and disable the drives; with `latch` the stop stays latched until `release`."""
         self.do("latch" if latch else "stop")
 
     def release(self) -> None:
@@ -216,7 +216,7 @@ class TestedRobot:
         self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
     def session(self, node: int | str) -> NodeSession:
-        """Return a service session with a node, for jobs such as a backup; its requests advance the time."""
+        """Return a session with a node for service jobs such as a backup; requests advance the time."""
         name, node_id = self.drives.place(node)
         return simulated_session(self.simulated, name, node_id)
 
@@ -252,12 +252,12 @@ class TestedDrive:
         return abs(self.velocity) > _STANDING
 
     def fault(self, name: str, seconds: float | None = None) -> None:
-        """Inject a fault now, and clear it after `seconds`; raise ConfigError for an unknown fault."""
+        """Inject a fault for `seconds` (None: until `heal`); ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("fault", str(self._drive.node_id), name=name, seconds=seconds)
 
     def heal(self, name: str) -> None:
-        """Clear a fault; raise ConfigError for an unknown fault."""
+        """Clear a fault; ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("heal", str(self._drive.node_id), name=name)
 
@@ -266,12 +266,12 @@ class TestedDrive:
         self._drive.quirks = [*self._drive.quirks, *quirks]
 
     def quirk(self, text: str, seconds: float | None = None) -> None:
-        """Enable a quirk, ``NAME=VALUE@AXIS``, for `seconds`; raise ConfigError if it does not exist."""
+        """Enable a quirk ``NAME=VALUE@AXIS`` for `seconds` (None: permanently); ConfigError for an unknown quirk."""
         parse_quirk(text)
         self._robot.do("quirk", str(self._drive.node_id), name=text, seconds=seconds)
 
     def quirk_off(self, text: str) -> None:
-        """Disable a quirk; raise ConfigError if it does not exist."""
+        """Disable a quirk; ConfigError for an unknown quirk."""
         parse_quirk(text)
         self._robot.do("quirk_off", str(self._drive.node_id), name=text)
 
@@ -282,11 +282,11 @@ class TestedDrive:
         return [] if device is None or device.quirks is None else device.quirks.active
 
     def power_off(self, seconds: float | None = None) -> None:
-        """Switch the supply of the drive off, for `seconds` (None: for good)."""
+        """Switch off the supply of the drive for `seconds` (None: permanently)."""
         self._robot.do("power", str(self._drive.node_id), seconds=seconds)
 
     def cut(self, seconds: float | None = None) -> None:
-        """Cut the CAN cable of the drive, for `seconds` (None: for good)."""
+        """Cut the CAN cable of the drive for `seconds` (None: permanently)."""
         self._robot.do("cut", str(self._drive.node_id), seconds=seconds)
 
 
@@ -304,7 +304,7 @@ class TestedDrives:
         return self._drives[self.place(node)[1]]
 
     def place(self, node: int | str) -> tuple[str, int]:
-        """Return name and node-ID of a drive; raise UnknownName if there is no such drive."""
+        """Return name and node-ID of a drive; UnknownName for an unknown drive."""
         for name, number in self._ids.items():
             if node in (name, number) and number in self._drives:
                 return name, number
@@ -319,7 +319,7 @@ class TestedDrives:
 
 
 class TestedBus:
-    """Buses of a robot under test; `frames` are time in s, sender and frame of all traffic since the start."""
+    """Buses of a robot under test; `frames` are (time in s, sender, frame) of all traffic since the start."""
 
     __test__ = False
 
@@ -333,19 +333,19 @@ class TestedBus:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
 
     def lose(self, every: int = 1, seconds: float | None = None) -> None:
-        """Lose every n-th frame (`every` is n), for `seconds` (None: for good)."""
+        """Lose every n-th frame (`every` is n) for `seconds` (None: permanently)."""
         self._tamper("lose", every, seconds)
 
     def double(self, every: int = 1, seconds: float | None = None) -> None:
-        """Send every n-th frame twice (`every` is n), for `seconds` (None: for good)."""
+        """Send every n-th frame twice (`every` is n) for `seconds` (None: permanently)."""
         self._tamper("double", every, seconds)
 
     def disturb(self, every: int = 1, seconds: float | None = None) -> None:
-        """Disturb every n-th frame (`every` is n), which is then sent again, for `seconds` (None: for good)."""
+        """Disturb and repeat every n-th frame (`every` is n) for `seconds` (None: permanently)."""
         self._tamper("disturb", every, seconds)
 
     def send(self, can_id: int, data: bytes = b"") -> None:
-        """Send a frame as a participant that is not part of the robot."""
+        """Send a frame from a device that is not part of the robot."""
         self._robot.do("frame", values=(can_id, *data))
 
     def _tamper(self, kind: str, every: int, seconds: float | None) -> None:
@@ -355,7 +355,7 @@ class TestedBus:
 
 
 class TestedClock:
-    """Virtual clock of a robot under test, in s since its start."""
+    """Virtual clock of a robot under test, in s since the start."""
 
     __test__ = False
 
@@ -368,7 +368,7 @@ class TestedClock:
         return self.at(self._robot.simulated.now_ns)
 
     def at(self, now_ns: int) -> float:
-        """Convert a time of the simulation in ns to s since the start."""
+        """Convert a simulation time in ns to s since the start."""
         return (now_ns - self._began_ns) / _S
 
     def run(self, seconds: float) -> None:

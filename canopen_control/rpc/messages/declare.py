@@ -46,26 +46,26 @@ R = TypeVar("R", bound="Request[Any]")
 
 
 class Request(msgspec.Struct, Generic[A], frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base class of requests; `A` is the type of the answer."""
+    """Base class of requests; the type parameter `A` is the type of the answer."""
 
 
 class Document(msgspec.Struct, frozen=True):
-    """Base class of the content of a file or of `--json` output; the fields are the keys."""
+    """Base class of file contents and `--json` outputs; the field names are the JSON keys."""
 
 
 class Done(msgspec.Struct, frozen=True):
-    """Empty answer of a method that was executed."""
+    """Empty answer to an executed request."""
 
 
 class Refusal(msgspec.Struct, frozen=True):
-    """Error that answers a request; `kind` is the name of a class in errors.py."""
+    """Error answer to a request; `kind` is the name of a class in errors.py."""
 
     kind: str = "RemoteError"
     message: str = "refused without a reason"
 
 
 class Effect(enum.Enum):
-    """Effect of a method; methods with MOVES are refused while a stop is latched."""
+    """Effect of a method on the robot; MOVES methods are refused while a stop is latched."""
 
     READS = "reads"
     CHANGES = "changes settings or states, moves nothing"
@@ -88,7 +88,7 @@ class Method(NamedTuple):
 
 
 class Api(Generic[H, P]):
-    """Declared methods of one socket, the type `H` of its greeting, and the types `P` of its pushed messages by key."""
+    """Declared methods of one socket, with greeting type `H` and types `P` of pushed messages by key."""
 
     def __init__(self, name: str, hello: type[H], pushes: Mapping[str, type[P]]) -> None:
         self.name, self.hello, self.pushes = name, hello, pushes
@@ -108,14 +108,14 @@ class Api(Generic[H, P]):
         return declare
 
     def declare(self, methods: Iterable[tuple[str, Effect, type[Request[Any]]]]) -> None:
-        """Declare the requests of another module as methods: name, effect and request of each."""
+        """Declare methods from another module's (name, effect, request) tuples."""
         for name, effect, request in methods:
             self.method(name, effect)(request)
 
     def of(self, request: type[Request[Any]]) -> Method:
-        """Return the method of a request type; KeyError if the type was not declared."""
+        """Return the method of a request type; KeyError for an undeclared type."""
         return self.methods[self._names[request]]
 
     def key_of(self, push: type[P]) -> str:
-        """Return the key of a type of pushed message."""
+        """Return the JSON key of a pushed message type."""
         return self._keys[push]

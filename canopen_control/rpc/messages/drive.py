@@ -18,9 +18,9 @@ from canopen_control.rpc.messages.declare import Api, Done, Effect, Request
 class WorldShape(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Object around a simulated robot: `kind` is "box", "cylinder" (along z), "ellipsoid" or "patch" of the floor.
 
-    `size` has its lengths in m along its own axes; `position` of its centre in m and `rotation`, a quaternion w, x, y,
-    z, are in the world frame; `moves` tells that it can be pushed. `robot` is the name of another robot to which the
-    object belongs, or ""; `grip` is the friction of a patch.
+    `size` are the lengths in m along the axes of the object. `position` (the centre, in m) and `rotation` (a quaternion
+    w, x, y, z) are in the world frame; `moves` is True if the object can be pushed. `robot` is another robot to which
+    the object belongs, or ""; `grip` is the friction of a patch.
     """
 
     name: str
@@ -60,11 +60,11 @@ DRIVE: Final[Api[DriveHello, DriveEvent]] = Api("drive", DriveHello, {"event": D
 
 
 class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
-    """Fault that can be injected into a virtual node, and whether it is active (`on`).
+    """Fault that can be injected into a virtual node; `on` is True while the fault is active.
 
-    `row` is its number in the catalogue of the behaviour of real drives (0: not in the catalogue), `acts` the affected
-    part: "wire", "node", "axis", "input" or "output"; `does` is the behaviour of the drive, `reaction` that of a
-    correct master; `once` tells that the fault ends by itself.
+    `row` is the number in the catalogue of the behaviour of real drives (0: not in the catalogue), `acts` the affected
+    part: "wire", "node", "axis", "input" or "output"; `does` is the behaviour of the drive, `reaction` the reaction of
+    a correct master; `once` is True if the fault ends by itself.
     """
 
     name: str
@@ -103,7 +103,7 @@ class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
     `does` is the behaviour of the drive, `clause` the clause from which it deviates, `source` where the behaviour is
     documented, `acts` the affected part, "axis" or "node". A quirk with a strength has a `unit`, a `default` and the
-    bounds `low` and `high`. `on` are its active instances, such as "brake_delay=0.5@1".
+    bounds `low` and `high`. `on` are the active instances, such as "brake_delay=0.5@1".
     """
 
     name: str
@@ -157,7 +157,7 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Timing and smoothness of the set-points in a cyclic mode, since the axis was enabled or `restart_quality`.
+    """Timing and smoothness of set-points in a cyclic mode since the enable or `restart_quality`.
 
     `taken` counts the set-points that the drive used, `missed` the periods without a new set-point, `doubled` the
     set-points that repeated the previous one during a motion, `overwritten` the set-points that were replaced before
@@ -180,7 +180,7 @@ class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=T
 
 
 class AxisState(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a virtual axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
+    """State of a virtual axis; `state` is a CiA 402 state such as "SWITCHED_ON", `mode` a mode such as "PV".
 
     `statusword` is 0x6041, `controlword` 0x6040, `position` 0x6064 and `velocity` 0x606C in the units of the drive;
     `set_points` exists after the axis was enabled in a cyclic mode (CSP, CSV, CST, interpolated position).
@@ -214,7 +214,7 @@ class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """State of the physics simulation that the axes share: the pose of the `base`, and `sensors` by name.
+    """State of the physics simulation of several axes: pose of the `base`, and `sensors` by name.
 
     An IMU has ten numbers: quaternion (w, x, y, z), angular velocities in rad/s and accelerations in m/s2; a range
     finder has a distance in m, negative if nothing is in range; a force-torque sensor has three forces in N and three
@@ -229,7 +229,7 @@ class WorldState(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class SignalState(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Signal of a device other than a drive, such as "di3"; `output` distinguishes outputs from inputs."""
+    """Signal such as "di3" of a device other than a drive; `output` is True for an output."""
 
     name: str
     value: float
@@ -241,8 +241,8 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """State of a virtual node: NMT state such as "OPERATIONAL", errors, axes and signals.
 
     `error_register` is 0x1001, `errors` are the active EMCY codes, `faults` the names of active faults, `quirks` the
-    active quirks with their strengths. `world` exists if the axes belong to a physics simulation, `signals` are those
-    of a device other than a drive.
+    active quirks with their strengths. `world` exists if the axes belong to a physics simulation; only devices other
+    than drives have `signals`.
     """
 
     node_id: int
@@ -259,7 +259,7 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @DRIVE.method("state", Effect.READS)
 class GetDriveState(Request[DriveState], frozen=True):
-    """Return the state of the node, its axes and their mechanics."""
+    """Return the state of the node, of the axes and of their mechanics."""
 
 
 # -- inputs and mechanics
@@ -267,7 +267,7 @@ class GetDriveState(Request[DriveState], frozen=True):
 
 @DRIVE.method("inputs", Effect.CHANGES)
 class SetInputs(Request[Done], frozen=True, kw_only=True):
-    """Set the digital inputs (0x60FD) of an axis; they keep the value until it is set again."""
+    """Set the digital inputs (0x60FD) of an axis, which keep the value."""
 
     value: Inputs
     axis: int = 0
@@ -275,7 +275,7 @@ class SetInputs(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("signals", Effect.CHANGES)
 class SetSignals(Request[Done], frozen=True, kw_only=True):
-    """Set inputs of a device other than a drive, by name and in units: all or none; they keep their values.
+    """Set inputs of a device other than a drive, by name and in units; all values are set, or none.
 
     `values` is for example {"di0": 1, "position": 3.14}.
     """
@@ -285,7 +285,7 @@ class SetSignals(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("plant", Effect.CHANGES)
 class SetPlant(Request[Done], frozen=True, kw_only=True):
-    """Set parameters of an axis' mechanics by their names in a plant file: all or none.
+    """Set parameters of an axis' mechanics by their names in a plant file; all are set, or none.
 
     For a motor with a load these are mainly `external` and `friction`, torques in per mille of the rated torque,
     `inertia` as a multiple of the motor's own inertia, `backlash` in counts, and whether the motor is `stalled`.
@@ -319,7 +319,7 @@ class AddPayload(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("push", Effect.CHANGES)
 class PushRobot(Request[Done], frozen=True, kw_only=True):
-    """Push a link at its centre of mass with `force` in N in the world frame; `on` "" is the heaviest link."""
+    """Push a link at the centre of mass with `force` in N in the world frame; `on` "" is the heaviest link."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -328,7 +328,7 @@ class PushRobot(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("block", Effect.CHANGES)
 class BlockJoint(Request[Done], frozen=True, kw_only=True):
-    """Block a joint that a drive moves, or unblock it with `on` false."""
+    """Block a joint that a drive moves, or release the joint with `on` false."""
 
     joint: str
     on: bool = True
@@ -350,9 +350,9 @@ WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
 
 @DRIVE.method("world", Effect.READS)
 class GetWorld(Request[WorldState], frozen=True):
-    """Return the true pose of the base and the sensors; all nodes of a physics simulation return the same."""
+    """Return the true pose of the base and the sensors, with the same result from all nodes of a simulation."""
 
 
 @DRIVE.method("shapes", Effect.READS)
 class GetWorldShapes(Request[tuple[WorldShape, ...]], frozen=True):
-    """Return the present objects around the robot: patches, boxes, ramps, walls and other robots."""
+    """Return the objects around the robot at present: patches, boxes, ramps, walls and other robots."""

@@ -12,11 +12,11 @@ from canopen_control.cia301.emcy import EmcyMessage, code_text, is_reset_code, r
 
 
 class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Fault as observed on the bus.
+    """Fault of a device, an axis or a bus, as observed on the bus.
 
     `error_code` is from an EMCY message or 0x603F; `error_register` (0x1001) and `data`, the manufacturer-specific
-    bytes in hexadecimal, are from an EMCY message; `statusword` is the one that shows the fault of an axis;
-    `identifiers` are those of frames that belong to no node of the bus.
+    bytes in hexadecimal, are from an EMCY message; `statusword` shows the fault of an axis; `identifiers` are the
+    identifiers of received frames that no node of the bus uses.
     """
 
     error_code: int | None = None
@@ -27,7 +27,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of_emcy(cls, message: EmcyMessage) -> FaultEvent:
-        """Return the fault that an EMCY message reports, or its end."""
+        """Return the fault, or the end of a fault, that an EMCY message reports."""
         return cls(message.error_code, message.error_register, message.data.hex())
 
     @property
@@ -42,7 +42,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def text(self) -> str:
-        """Error code, error register, data and statusword with their meanings; missing and zero data is omitted."""
+        """Error code, error register, data and statusword as text; missing and zero data are omitted."""
         parts = [self.code_text]
         if self.error_register is not None:
             bits = register_text(self.error_register)

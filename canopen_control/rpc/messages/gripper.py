@@ -1,7 +1,7 @@
 """Requests to a gripper action controller of a running robot.
 
-The end of a goal is reported to the connection that sent it; a connection has one goal at a time, the last one that it
-sent. SI units: rad or m, Nm or N.
+The end of a goal is reported to the connection that sent the goal; a new goal replaces the connection's previous goal.
+SI units: rad or m, Nm or N.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ A = TypeVar("A")
 
 
 class GripperVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Acceptance or refusal of a gripper goal, with the reason; `feedback_rate` is in Hz.
+    """Acceptance or refusal of a gripper goal; `text` is the reason, `feedback_rate` is in Hz.
 
     `outlives_client` is always false: a gripper stops when the client of its goal disconnects.
     """
@@ -58,7 +58,7 @@ class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
 
 
 class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
-    """Send a gripper goal; accepted or refused at once, while `gripper_end` waits for the end of the goal."""
+    """Send a gripper goal and return at once whether the goal is accepted; `gripper_end` waits for the end."""
 
 
 class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
@@ -66,7 +66,7 @@ class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
 
 
 class CancelGripper(Request[Done], frozen=True, kw_only=True):
-    """Cancel the goal of a gripper controller, sent by any client; the joint is held.
+    """Cancel the goal of a gripper controller, also of another client; the joint is held.
 
     With `own` true only a goal of this connection is cancelled. `why` becomes part of the result.
     """

@@ -1,4 +1,4 @@
-"""Meanings of the states of axes and robot, with advice, and the health of a drive, for all displays and ROS.
+"""Display texts and advice for the states of axes and robots, and the health of drives, for all displays and ROS.
 
 The first matching rule applies (REP 107): no data is STALE; a fault, or an error of a drive that is not enabled, is an
 ERROR; a drive that is booting or not enabled, which may be intended, or an error of an enabled drive, is a WARN;
@@ -24,7 +24,7 @@ GOOD, IDLE, WARN, BAD = "good", "idle", "warn", "bad"
 
 
 class StateWords(NamedTuple):
-    """Meaning of a state: text and display level, advice, and the suggested action by its name in the API."""
+    """Display text of a state: meaning, display level `tone`, advice, and suggested API action."""
 
     text: str
     tone: str
@@ -62,7 +62,7 @@ _FAULTS: Final = (State.FAULT.name, State.FAULT_REACTION_ACTIVE.name)
 
 
 class Health(enum.IntEnum):
-    """Levels of diagnostic_msgs/msg/DiagnosticStatus."""
+    """Health levels of diagnostic_msgs/msg/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -71,7 +71,7 @@ class Health(enum.IntEnum):
 
 
 class Verdict(NamedTuple):
-    """Health of a drive, with a short reason."""
+    """Health level of a drive, with a short reason."""
 
     level: Health
     message: str
@@ -80,7 +80,7 @@ class Verdict(NamedTuple):
 def stale(age: float | None, after: float, *, is_known: bool) -> Verdict | None:
     """Return STALE if no message was received, or if the data is older than `after` s; else None.
 
-    `age` is the age of the newest data in s; `is_known` tells whether any message was received.
+    `age` is the age of the newest data in s; `is_known` is True if any message was received.
     """
     if not is_known:
         return Verdict(Health.STALE, "no message was received from it")

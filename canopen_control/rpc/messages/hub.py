@@ -1,6 +1,6 @@
 """Control socket of a ``local:`` bus: the members of the bus, and the injection of bus faults.
 
-A label is the name of a member of the bus, such as ``drive 3``; if it is optional, "" means all members. The kind of an
+A label is the name of a member of the bus, such as ``drive 3``; an optional label "" means all members. The kind of an
 error is a class in errors.py: ConfigError for an unknown label.
 """
 
@@ -35,7 +35,7 @@ HUB: Final[Api[HubHello, NoReturn]] = Api("hub", HubHello, {})  # the hub pushes
 
 
 class Member(msgspec.Struct, frozen=True):
-    """Member of the bus, with the numbers of frames received, sent, lost, and waiting to be read."""
+    """Member of the bus, with the numbers of received, sent, lost and waiting frames."""
 
     label: str
     pid: int
@@ -46,7 +46,7 @@ class Member(msgspec.Struct, frozen=True):
 
 
 class DropState(msgspec.Struct, frozen=True):
-    """Active rule of `drop`, with the numbers of frames that matched (`seen`) and were `lost`."""
+    """Active `drop` rule, with the number of frames that matched (`seen`) and that were `lost`."""
 
     label: str = ""
     can_id: int | None = None
@@ -57,7 +57,7 @@ class DropState(msgspec.Struct, frozen=True):
 
 
 class HubStatus(msgspec.Struct, frozen=True):
-    """Status of a local bus: members, faults by label, and, if a bit rate is simulated, the load from 0 to 1."""
+    """Status of a local bus; `load` (0 to 1) exists if a bit rate is simulated, faults are listed by label."""
 
     bus: str
     pid: int
@@ -97,7 +97,7 @@ class Uncut(Request[Done], frozen=True):
 
 @HUB.method("bus_off", Effect.CHANGES)
 class ForceBusOff(Request[Done], frozen=True):
-    """Set the CAN controller of a member to bus-off; an error frame reports this to the member."""
+    """Set the CAN controller of a member to bus-off, which an error frame reports to the member."""
 
     label: str
 
@@ -111,7 +111,7 @@ class Restart(Request[Done], frozen=True):
 
 @HUB.method("error_frame", Effect.CHANGES)
 class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
-    """Make the CAN controller of a member, or of all members, report an error frame."""
+    """Report an error frame by the CAN controller of a member, or of all members."""
 
     kind: ErrorKind = "bus-error"
     label: str = ""
@@ -119,7 +119,7 @@ class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("drop", Effect.CHANGES)
 class DropFrames(Request[Done], frozen=True, kw_only=True):
-    """Drop frames of a member, or of all: with one identifier or any, each `every`-th, `count` in total."""
+    """Drop every `every`-th frame of a member (or all) with an identifier (or any), `count` frames in total."""
 
     label: str = ""
     can_id: Identifier | None = None
@@ -137,7 +137,7 @@ class DelayFrames(Request[Done], frozen=True, kw_only=True):
 
 @HUB.method("bitrate", Effect.CHANGES)
 class SetBitrate(Request[Done], frozen=True):
-    """Simulate a bit rate in bit/s with arbitration; null or 0 ends the simulation of a bit rate."""
+    """Simulate a bit rate in bit/s with arbitration; null or 0 ends the simulation."""
 
     bitrate: Annotated[int, msgspec.Meta(ge=0, le=_MAX_BITRATE)] | None = None
 

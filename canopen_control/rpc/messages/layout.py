@@ -12,7 +12,7 @@ Direction = Literal["rpdo", "tpdo"]
 
 
 class MappedEntry(msgspec.Struct, frozen=True):
-    """Object mapped in a PDO; `data_type` is a name in CiA 301, `name` the name in the EDS.
+    """Object mapped in a PDO, with the `data_type` name of CiA 301 and the `name` in the EDS.
 
     The value times `factor` plus `offset` is in `unit`, if the files of the robot define a unit; otherwise `unit` is
     "".
@@ -29,7 +29,7 @@ class MappedEntry(msgspec.Struct, frozen=True):
 
 
 class PdoLayout(msgspec.Struct, frozen=True):
-    """Active PDO; `direction` ("rpdo" or "tpdo") is as seen by the device, `cob_id` includes the flag of 29-bit ids."""
+    """Active PDO; `direction` is from the device's view, `cob_id` includes the flag of 29-bit identifiers."""
 
     cob_id: Identifier
     direction: Direction
@@ -48,7 +48,7 @@ class NodeLayout(msgspec.Struct, frozen=True):
 
 
 class BusLayout(msgspec.Struct, frozen=True):
-    """PDOs of all nodes on a bus, and its SYNC; `bitrate` is in bit/s."""
+    """PDOs of all nodes on a bus, and the SYNC of the bus; `bitrate` is in bit/s."""
 
     channel: str
     bitrate: BitRate

@@ -28,7 +28,7 @@ _SPECIAL: Final = {".nan": math.nan, ".inf": math.inf, "-.inf": -math.inf}
 
 
 def plain_value(value: object) -> PlainValue:
-    """Convert a Python value to its form in messages; None for a value that cannot be a parameter."""
+    """Convert a Python value to the form in messages; None for a value that cannot be a parameter."""
     if isinstance(value, list | tuple):
         elements = [plain_value(item) for item in value]
         return [element for element in elements if element is not None and not isinstance(element, list)]
@@ -38,7 +38,7 @@ def plain_value(value: object) -> PlainValue:
 
 
 def number_of(value: Scalar) -> float:
-    """Convert a double in a message, which may be `.nan` or `.inf`, to a float; ValueError if it is no number."""
+    """Convert a double in a message, which may be `.nan` or `.inf`, to a float; ValueError for a bool or text."""
     if isinstance(value, bool):
         raise ValueError(f"{value} is not a number")
     return _SPECIAL[value] if isinstance(value, str) and value in _SPECIAL else float(value)
@@ -63,9 +63,9 @@ class ParameterValue(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ParameterReading(ParameterValue, frozen=True, kw_only=True, omit_defaults=True):
-    """Parameter with its valid values: `low` and `high` are the bounds of a number, `choices` the valid texts.
+    """Parameter with its limits; `low` and `high` are bounds of a number, `choices` are the valid texts.
 
-    A `read_only` parameter cannot change after its controller was configured. `text` is the description.
+    A `read_only` parameter cannot change after the controller was configured. `text` is the description.
     """
 
     read_only: bool = False
@@ -82,7 +82,7 @@ class GetParameters(Request[tuple[ParameterReading, ...]], frozen=True, kw_only=
 
 
 class SetParameters(Request[Done], frozen=True, kw_only=True):
-    """Set parameters of a controller or of the `controller_manager`: all, or none if one is refused."""
+    """Set parameters of a controller or of the `controller_manager`; if one is refused, none is changed."""
 
     controller: str
     values: tuple[ParameterValue, ...]

@@ -1,7 +1,7 @@
 """Socket of a running robot for all other processes: methods and pushed messages.
 
-Answers may arrive in another order than the requests. The kind of an error is a class in errors.py: UnknownName if
-nothing has a name in the request. SI units; times are Unix time in s.
+Answers may arrive in another order than the requests. The kind of an error is a class in errors.py, such as UnknownName
+for an unknown name in the request. SI units; times are Unix time in s.
 
 A client that reads too slowly is disconnected; when a client ends, only its commands end. If the server has no free
 connection, an idle client without subscription and command is disconnected in favour of a new client, with a message.
@@ -45,9 +45,9 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """Node in the files of a robot: its bus, the path of its EDS, and its section of bus.yml.
+    """Node in the files of a robot, with bus, path of the EDS, and settings from bus.yml.
 
-    `axes` is the number of CiA 402 axes in its EDS; `joints` are the joints that it moves, none for a proxy.
+    `axes` is the number of CiA 402 axes in the EDS; `joints` are the joints that the node moves, none for a proxy.
     """
 
     name: str
@@ -78,14 +78,14 @@ class NodeListing(msgspec.Struct, frozen=True):
 
 
 class GetNodes(Request[NodeListing], frozen=True):
-    """Return all buses, and all nodes with their bus and EDS."""
+    """Return all buses, and all nodes with bus and EDS."""
 
 
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
-    """Send the NMT `command` start, stop, preop, reset-node or reset-comm; `node` may be "all".
+    """Send the NMT `command` start, stop, preop, reset-node or reset-comm to a node or "all".
 
-    With `boot` true the node is booted again after a reset; otherwise it waits for `start`. `source` is the name of the
-    sender in the robot's events.
+    With `boot` true the node is booted again after a reset; otherwise the node waits for `start`. `source` is the name
+    of the sender in the robot's events.
     """
 
     command: str
@@ -113,7 +113,7 @@ class SdoRead(Request[SdoData], frozen=True, kw_only=True):
 class SdoWrite(Request[Done], frozen=True, kw_only=True):
     """Download an object; downloads that move an axis are refused while a stop is latched.
 
-    An event of the robot names the sender: `source`, or the client's program if it is null.
+    An event of the robot names the sender, which is `source`, or the client's program if `source` is null.
     """
 
     node: NodeName
@@ -125,26 +125,26 @@ class SdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class SdoProgress(msgspec.Struct, frozen=True):
-    """Progress of an SDO transfer: transferred and total bytes; 0 and null if they are unknown."""
+    """Progress of an SDO transfer as transferred and total bytes, 0 and null if unknown."""
 
     done: Count = 0
     total: Count | None = None
 
 
 class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
-    """Return the progress of the present SDO transfer with a node, of any client."""
+    """Return the progress of the present SDO transfer with a node, also of another client."""
 
     node: NodeName
 
 
 class SdoPiece(Request[Done], frozen=True, kw_only=True):
-    """Send a part of the data of this connection's next `sdo_write`, because a request is limited to 64 KiB."""
+    """Send a part of the data of this connection's next `sdo_write`; a request is limited to 64 KiB."""
 
     data: bytes
 
 
 class PdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Send an object once, in the RPDOs that map it, with the next cycle and SYNC; refused for objects of motion."""
+    """Send an object once, in the RPDO that maps the object; refused for objects that move an axis."""
 
     node: NodeName
     index: Index
@@ -153,7 +153,7 @@ class PdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class TouchProbe(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Touch probe objects of an axis (0x60B8 to 0x60BD) in device units; objects that do not exist are omitted."""
+    """Touch probe objects of an axis (0x60B8 to 0x60BD) in device units; missing objects are omitted."""
 
     function: int | None = None
     status: int | None = None
@@ -197,7 +197,7 @@ class RobotHello(msgspec.Struct, frozen=True):
 
 
 class MappedValue(msgspec.Struct, frozen=True, array_like=True):
-    """Data of an object received in a TPDO."""
+    """Mapped object with the bytes received in a TPDO."""
 
     index: int
     subindex: int
@@ -205,14 +205,14 @@ class MappedValue(msgspec.Struct, frozen=True, array_like=True):
 
 
 class ProcessData(msgspec.Struct, frozen=True):
-    """Contents of received TPDOs by node name: at first all objects, then the changed objects of each cycle."""
+    """Contents of received TPDOs by node name; the first message has all objects, later ones the changes."""
 
     time: float
     nodes: dict[str, list[MappedValue]]
 
 
 class RequestSeen(msgspec.Struct, frozen=True):
-    """Accepted request of a client with its parameters; requests that only read are not reported."""
+    """Accepted request of a client with parameters, except requests that only read."""
 
     time: float
     method: str
@@ -235,7 +235,7 @@ class GetStatus(Request[Status], frozen=True):
 
 @ROBOT.method("subscribe", Effect.READS)
 class Subscribe(Request[Done], frozen=True, kw_only=True):
-    """Subscribe to state samples at `state_rate` in Hz (null: none), events, TPDO contents and requests of clients."""
+    """Subscribe to state samples (`state_rate` in Hz, null: none), events, TPDO contents and clients' requests."""
 
     state_rate: Rate | None = None
     events: bool = False
@@ -273,7 +273,7 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("command_by_name", Effect.MOVES)
 class CommandByName(Request[Done], frozen=True, kw_only=True):
-    """Command some of a controller's interfaces by name, such as "io/lamp"; the others are unchanged.
+    """Command some interfaces of a controller by name, such as "io/lamp"; other interfaces are unchanged.
 
     Only GPIO command controllers accept this request. A `dead_man` command ends when this connection is closed.
     """
@@ -286,9 +286,9 @@ class CommandByName(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
-    """Command a base: `linear` forward and, if the base can, `lateral` to the left in m/s, `angular` in rad/s.
+    """Command a base by a twist: `linear` forward and `lateral` to the left in m/s, `angular` in rad/s.
 
-    `stamp` is the Unix time of the twist in s, null for now.
+    `lateral` must be 0 for a base that cannot drive sideways. `stamp` is the Unix time of the twist in s, null for now.
     """
 
     controller: str
@@ -354,7 +354,7 @@ class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Result of an axis request; `text` names further axes of a base controller that were affected, "" without any."""
+    """Result of an axis request; `text` names additionally affected axes of a base, "" without any."""
 
     text: str = ""
 
@@ -364,7 +364,7 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
     """Execute `action`: enable, disable, halt, quick-stop, fault-reset, home (`method`) or mode (`mode`, such as CSP).
 
     `node` may be "all"; `joint` selects one axis of a multi-axis node. `source` is the name of the sender in events,
-    the name of the client's program if it is null.
+    by default the name of the client's program.
     """
 
     action: str
@@ -380,7 +380,7 @@ class AxisRequest(Request[AxisDone], frozen=True, kw_only=True):
 
 @ROBOT.method("controllers", Effect.READS)
 class ListControllers(Request[tuple[ControllerReading, ...]], frozen=True, kw_only=True):
-    """List the loaded controllers; with `all` also unloaded controllers in ros2_controllers.yaml."""
+    """List the loaded controllers; `all` adds the unloaded controllers in ros2_controllers.yaml."""
 
     all: bool = False
 
@@ -392,7 +392,7 @@ class ListControllerTypes(Request[list[str]], frozen=True):
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller in ros2_controllers.yaml and configure it; only load it if `configure` is false, as in ROS."""
+    """Load a controller in ros2_controllers.yaml and, unless `configure` is false, configure the controller."""
 
     controller: str
     configure: bool = True
@@ -407,7 +407,7 @@ class ConfigureController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("cleanup", Effect.CHANGES)
 class CleanupController(Request[Done], frozen=True, kw_only=True):
-    """Undo the configuration of a controller, which keeps no state."""
+    """Clean up an inactive controller, which also unloads the controller."""
 
     controller: str
 
@@ -421,7 +421,7 @@ class UnloadController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("switch", Effect.CHANGES)
 class SwitchControllers(Request[Done], frozen=True, kw_only=True):
-    """Activate and deactivate controllers in one step; if `strict` is false, as many as possible."""
+    """Activate and deactivate controllers in one step; all if `strict`, else as many as possible."""
 
     activate: tuple[str, ...] = ()
     deactivate: tuple[str, ...] = ()
@@ -433,7 +433,7 @@ ROBOT.declare(SIMULATION_METHODS)
 
 
 class InterfaceReading(msgspec.Struct, frozen=True):
-    """Interface of a hardware component, named "joint/interface"."""
+    """Interface of a hardware component, with a name such as "joint/position"."""
 
     name: str
     available: bool
@@ -465,7 +465,7 @@ class ComponentState(msgspec.Struct, frozen=True):
 
 @ROBOT.method("set_hardware_state", Effect.CHANGES)
 class SetHardwareState(Request[ComponentState], frozen=True, kw_only=True):
-    """Set a hardware component to "unconfigured", "inactive" or "active"; this causes no motion."""
+    """Set a hardware component to "unconfigured", "inactive" or "active", which causes no motion."""
 
     component: str
     state: str
@@ -484,8 +484,7 @@ class GetLayout(Request[Layout], frozen=True):
 class Description(msgspec.Struct, frozen=True, omit_defaults=True):
     """Description of a robot as URDF text; `path` is the source file.
 
-    `world` has the objects around a simulated robot in a recording; for a running robot they are requested from its
-    drives.
+    `world` has the objects around a simulated robot in a recording; for a running robot, the drives have these objects.
     """
 
     urdf: str
@@ -495,4 +494,4 @@ class Description(msgspec.Struct, frozen=True, omit_defaults=True):
 
 @ROBOT.method("description", Effect.READS)
 class GetDescription(Request[Description], frozen=True):
-    """Return the robot's description as URDF, after xacro."""
+    """Return the robot's description as URDF, after xacro processing."""

@@ -22,9 +22,9 @@ class Sample(msgspec.Struct, frozen=True, kw_only=True, tag_field="kind", tag="n
 
 
 class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
-    """Pose and twist of a base controller by odometry, in m, rad and s.
+    """Odometry of a base controller as pose and twist, in m, rad and s.
 
-    `lateral` is the velocity to the left, of a holonomic base; covariances are the six values of the diagonal.
+    `lateral` is the velocity of a holonomic base to the left; covariances are the six values of the diagonal.
     `limited` is the twist after the limiters, `ackermann` the speed (rad/s) and the angle (rad) of the wheel that
     drives and steers; both are None if they are not published. With `only_twist` the ROS message has no pose.
     """
@@ -71,10 +71,10 @@ class MecanumSample(OdometrySample, frozen=True, kw_only=True, tag="mecanum"):
 
 
 class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
-    """Values of a joint state broadcaster by joint and interface; `names` is the order of JointState messages.
+    """Joint states of a broadcaster by joint and interface; `names` is the order in JointState messages.
 
-    "position", "velocity" and "effort" have the values of the interfaces that its parameters map to them; those of
-    extra joints are 0.0.
+    "position", "velocity" and "effort" have the values of the interfaces that the broadcaster's parameters map to these
+    names; all values of extra joints are 0.0.
     """
 
     names: tuple[str, ...]
@@ -82,13 +82,13 @@ class JointStatesSample(Sample, frozen=True, kw_only=True, tag="joint_states"):
 
 
 class GpioSample(Sample, frozen=True, kw_only=True, tag="gpio"):
-    """Inputs and outputs of a GPIO controller: values by part (a joint or a <gpio>) and interface."""
+    """Inputs and outputs of a GPIO controller, by part (a joint or a <gpio>) and interface."""
 
     parts: dict[str, Values]
 
 
 class JointDiagnosis(msgspec.Struct, frozen=True):
-    """Diagnosis of a joint: `level` as in diagnostic_msgs, and the `values` on which it is based."""
+    """Diagnosis of a joint; `level` is as in diagnostic_msgs, `values` are the values behind the diagnosis."""
 
     name: str
     level: int
@@ -97,13 +97,13 @@ class JointDiagnosis(msgspec.Struct, frozen=True):
 
 
 class DiagnosticsSample(Sample, frozen=True, kw_only=True, tag="diagnostics"):
-    """Diagnoses of a diagnostics broadcaster for the drives of its joints."""
+    """Diagnoses of the drives of a diagnostics broadcaster's joints."""
 
     joints: list[JointDiagnosis]
 
 
 class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
-    """Point of a trajectory: each list has one value per joint, or no value; `time_from_start` is in s.
+    """Point of a trajectory; each list has one value per joint or is empty, `time_from_start` is in s.
 
     Positions are in rad (m), velocities in rad/s, accelerations in rad/s^2, effort in Nm (N).
     """
@@ -151,7 +151,7 @@ class PidSample(Sample, frozen=True, kw_only=True, tag="pid"):
 
 
 class GripperSample(Sample, frozen=True, kw_only=True, tag="gripper"):
-    """State and target of a gripper, in rad, rad/s and Nm or m, m/s and N; `target` is None while it holds."""
+    """State and target of a gripper in SI units; `target` is None while the gripper holds."""
 
     joint: str
     position: float | None
@@ -179,7 +179,7 @@ class ImuSample(Sample, frozen=True, kw_only=True, tag="imu"):
 
 
 class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
-    """Distance in m, and data of the sensor; `radiation_type` is 0 for ultrasound and 1 for infrared."""
+    """Distance measured by a range sensor, in m; `radiation_type` is 0 for ultrasound, 1 for infrared."""
 
     frame_id: str
     range: float | None
@@ -201,7 +201,7 @@ class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
 class PoseSample(Sample, frozen=True, kw_only=True, tag="pose"):
     """Pose of a pose broadcaster: `position` in m, `orientation` as (x, y, z, w).
 
-    `child_frame_id` is the frame whose transform this is, None if it is not published as a transform.
+    `child_frame_id` is the frame at this pose, None if no transform is published.
     """
 
     frame_id: str
@@ -234,7 +234,7 @@ class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BatteriesSample(Sample, frozen=True, kw_only=True, tag="batteries"):
-    """States of a robot's batteries, and of their combination."""
+    """States of a robot's batteries, and the combined state `together`."""
 
     batteries: list[BatteryReading]
     together: BatteryReading
@@ -260,15 +260,15 @@ ControllerSample: TypeAlias = (
 
 
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
-    """Return a sample of the derived type `kind` with the fields of `sample` and further fields."""
+    """Return a sample of the derived type `kind`, from the fields of `sample` and further fields."""
     return kind(**(msgspec.structs.asdict(sample) | more))
 
 
 def stamped(message: M, time: float, **more: Any) -> M:  # noqa: ANN401 - fields of any type
-    """Return a copy of a message with another `time`, and with other values of the fields in `more`."""
+    """Return a copy of a message with another `time`, and other fields replaced by `more`."""
     return msgspec.structs.replace(message, time=time, **more)
 
 
 def kind_of(sample: type[Sample]) -> str:
-    """Return the value of the key `kind` for a type of sample."""
+    """Return the value of `kind` in the JSON of a sample type."""
     return str(sample.__struct_config__.tag)

@@ -1,8 +1,8 @@
 """Requests for a robot that is simulated by a ros2_control plugin without drives.
 
-The simulated time advances with the cycles of the robot. Real and virtual drives have a time of their own, so that a
-robot on a bus refuses all these requests; disturbances are then requested from its virtual drives (`drive`). A refusal
-has a reason and changes nothing.
+The simulated time advances with the cycles of the robot. A robot with drives on a bus refuses all these requests, since
+real and virtual drives cannot be paused; disturbances are then requested from the virtual drives (`drive` socket). A
+refusal has a reason and changes nothing.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MAX_STEPS: Final = 1_000_000
 
 
 class Simulation(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a simulation: simulated `seconds`, whether it is paused, and the `period` of a cycle in s.
+    """State of a simulation; `seconds` is the simulated time, `period` the cycle time in s.
 
     If `changeable`, the simulation has physics, and payloads, pushes, blocked joints and another friction can be
     requested.
@@ -54,7 +54,7 @@ class GetSimulation(Request[Simulation], frozen=True):
 
 
 class GetLaserScans(Request[tuple[LaserScanReading, ...]], frozen=True):
-    """Return the present scans of the lidars of a robot with physics; empty without lidars."""
+    """Return the present scans of the robot's simulated lidars; empty without lidars or physics."""
 
 
 class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
@@ -68,7 +68,7 @@ class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
 
 
 class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
-    """Simulate `steps` cycles of a paused simulation with the active commands, and answer afterwards."""
+    """Execute `steps` cycles of a paused simulation with the active commands, then answer."""
 
     steps: Annotated[int, msgspec.Meta(ge=1, le=MAX_STEPS)]
 

@@ -30,9 +30,9 @@ class SdoCounts(msgspec.Struct, frozen=True):
 
 
 class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"}):
-    """State of an axis: `state` as in CiA 402, such as "SWITCHED_ON", `mode` such as "PV".
+    """State of an axis; `state` is a CiA 402 state such as "SWITCHED_ON", `mode` a mode such as "PV".
 
-    `fault` is the present fault of its drive, as far as it is known; `error` is the text that is reported.
+    `fault` is the present fault of the drive, as far as known; `error` is the reported error text.
     """
 
     joint: str
@@ -52,11 +52,11 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
     """State of a node: NMT state such as "OPERATIONAL", `age` of the newest frame in s, and errors.
 
-    `taken_out` tells that an NMT command has stopped or reset the node, which the robot then ignores until another
-    command starts it. `void_outputs` are outputs whose command became void when the node was lost, and that have no new
+    `taken_out` is True after an NMT command has stopped or reset the node; the robot then ignores the node until a
+    command starts it. `void_outputs` are outputs that lost their command when the node was lost, and have no new
     command. `unsupervised` is the reason why nothing stops the node when the master is lost, as permitted by
     `allow_unsupervised`; "" if the node stops. `name` is "" in recordings older than protocol 2, which have the name
-    only as a key. `fault` is that of the last EMCY message, None after an error reset.
+    only as a key. `fault` is from the last EMCY message, None after an error reset.
     """
 
     name: str = ""
@@ -75,11 +75,11 @@ class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age
 
 
 class TrackingReading(msgspec.Struct, frozen=True):
-    """Tracking of a joint: errors in rad or rad/s (m, m/s), corrected for the dead time of the bus.
+    """Tracking errors of a joint in rad or rad/s (m, m/s), corrected for the dead time of the bus.
 
     `interface` is the compared quantity, "position" or "velocity"; `error_max` and `error_rms` are for the last
     `window_s`, 5 to 10 s. `repeated` counts positions that were sent again while the joint moved, `skipped` set-points
-    that were not sent; both since the joint was enabled, as the two other errors.
+    that were not sent, both since the joint was enabled.
     """
 
     interface: str = ""
@@ -95,7 +95,7 @@ class TrackingReading(msgspec.Struct, frozen=True):
 class JointReading(msgspec.Struct, frozen=True):
     """State of a joint: `position` in rad, `velocity` in rad/s, `effort` in Nm (prismatic: m, m/s, N).
 
-    `command` is the present value of the claimed interface, in its unit; `others` are the values of further state
+    `command` is the present value of the claimed command interface; `others` are the values of further state
     interfaces by name. `name` is "" in recordings older than protocol 2. `tracking` is None for a joint without a
     drive, or one without compared set-points since it was enabled.
     """
@@ -109,7 +109,7 @@ class JointReading(msgspec.Struct, frozen=True):
     tracking: TrackingReading | None = None
 
     def value(self, interface: str) -> float | None:
-        """Return the value of a state interface, None if it does not exist or is unknown."""
+        """Return the value of a state interface, None if unknown or missing."""
         if interface == "position":
             return self.position
         if interface == "velocity":
@@ -123,7 +123,7 @@ class JointReading(msgspec.Struct, frozen=True):
 
 
 class CycleTimes(msgspec.Struct, frozen=True):
-    """Timing of the control cycle; `late_counts` is a histogram of start delays with the bounds `late_edges_s`."""
+    """Timing of the control cycle; `late_counts` is a histogram of start delays with bounds `late_edges_s`."""
 
     period_s: float = 0.0
     count: Count = 0
@@ -135,9 +135,9 @@ class CycleTimes(msgspec.Struct, frozen=True):
 
 
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Event of the robot: `time` is Unix time in s, `level` is "info", "warning" or "error".
+    """Event of the robot; `time` is Unix time in s, `level` is "info", "warning" or "error".
 
-    `node` is the name of the node concerned, None for the robot itself; `controller` is the name of the controller.
+    `node` is the name of the affected node, None for the robot itself; `controller` is the name of the controller.
     `kind` is one word for programs, `text` a sentence for users, which includes `count` and `since` if it summarises
     several events. `details` is the reported fault, for programs.
     """
@@ -154,7 +154,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def first(self) -> float:
-        """Time of the first of the summarised events, or of the event itself."""
+        """Time of the first summarised event, or of the event itself."""
         return self.time if self.since is None else self.since
 
 
@@ -179,7 +179,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def in_odometry(self) -> Planar | None:
-        """True pose in the odometry frame; None if that frame is unknown."""
+        """True pose in the odometry frame; None if the odometry frame is unknown."""
         if self.odom is None:
             return None
         x, y, turn = self.odom
@@ -189,12 +189,12 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def rpy(self) -> Planar | None:
-        """Roll, pitch and yaw in the odometry frame, in rad; None if that frame is unknown."""
+        """Roll, pitch and yaw in the odometry frame, in rad; None if the odometry frame is unknown."""
         return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
 
     @property
     def words(self) -> str:
-        """True pose, and the error of odometry if it is known, as a text."""
+        """True pose, and the odometry error if known, as a text."""
         place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
         if self.error is None:
             return place
@@ -202,7 +202,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
         return f"{place}; odometry is off by {1e3 * math.hypot(x, y):.1f} mm and {abs(math.degrees(turn)):.2f} deg"
 
     def with_odometry_error(self, odometry: Planar) -> TruePose:
-        """Return this pose with the error of an odometry pose of the same time."""
+        """Return a copy with the error of `odometry`, an odometry pose at the same time."""
         pose = self.in_odometry
         if pose is None:
             return self
@@ -211,9 +211,9 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
-    """Common fields of state sample and status; `controllers` are the states of controllers by name.
+    """Common fields of the status and the state samples; `controllers` are controller states by name.
 
-    `hint` is the reason why the robot cannot move, and the remedy, while the robot runs; `latched_by` is the client
+    `hint` is the reason why the robot cannot move, with the remedy; `latched_by` is the client
     that latched a stop; `true_pose` exists if a simulation moves the base.
     """
 
@@ -234,13 +234,13 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
-    """Snapshot at `time`, with the fields that recordings of every version have."""
+    """Snapshot at a `time`, with only the fields that recordings of every version have."""
 
     time: UnixTime
 
 
 class StateSample(TimedSnapshot, frozen=True, kw_only=True):
-    """Sample of the state stream; `load` of each bus is from 0 to 1, `sim_time` is the simulated time in s.
+    """Sample of the state stream; the `load` of a bus is from 0 to 1, `sim_time` the simulated time in s.
 
     `sim_epoch` is the Unix time at which the simulation would have begun if it had never been paused: times of
     `samples` minus `sim_epoch` are simulated time. `samples` are the last publications of the active controllers, by
@@ -259,9 +259,10 @@ class StateSample(TimedSnapshot, frozen=True, kw_only=True):
 
 
 class BusTraffic(msgspec.Struct, frozen=True):
-    """Traffic of a bus: numbers of frames, of `unknown` frames, and the load from 0 to 1.
+    """Traffic of a bus as numbers of frames; `load` is from 0 to 1.
 
-    `sync` describes the SYNC producer, its rate, and whether SYNC is sent before or after the RPDOs.
+    `unknown` counts frames that no node uses. `sync` describes the SYNC producer, the rate, and whether SYNC is sent
+    before or after the RPDOs.
     """
 
     channel: str = ""
@@ -274,7 +275,7 @@ class BusTraffic(msgspec.Struct, frozen=True):
 
 
 class BootStep(msgspec.Struct, frozen=True):
-    """Step of a node's last boot, with its duration in s and its error."""
+    """Step of a node's last boot, with duration in s and error."""
 
     node: str
     step: str
@@ -306,15 +307,14 @@ WHEEL_CALIBRATION: Final = "wheel_calibration"
 
 
 class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"claims": "claimed_interfaces"}):
-    """State of a controller: "unloaded", "unconfigured", "inactive" or "active"; `claims` are its interfaces.
+    """State of a controller: "unloaded", "unconfigured", "inactive" or "active".
 
-    `topic` is the topic of its commands, None if it accepts none; `twist_axes` are the twist components that a base
-    uses, () for other controllers; `update_rate` is in Hz. `tells` is the kind of its samples, None if it has none,
-    `publish_rate` their rate in Hz. `publishes` are its topics of joint states, with `frame_id` in their headers.
-    `reference_interfaces` are the interfaces through which another controller can command it,
-    `exported_state_interfaces` the states that another controller can read. `offers` are the services and actions that
-    it has in addition to commands, by the constants above. `node_options` are arguments of its ROS node: `-r`,
-    `FROM:=TO`.
+    `claims` are the claimed command interfaces. `topic` is the topic of commands, None without commands; `twist_axes`
+    are the twist components that a base uses, () for other controllers; `update_rate` is in Hz. `tells` is the kind of
+    samples, None without samples, and `publish_rate` the sample rate in Hz. `publishes` are the topics of joint states,
+    with `frame_id` in the headers. Another controller can command the `reference_interfaces` and read the
+    `exported_state_interfaces`. `offers` are services and actions in addition to commands, by the constants above.
+    `node_options` are arguments of the ROS node of the controller: `-r`, `FROM:=TO`.
     """
 
     name: str
@@ -346,7 +346,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def takes_outputs(self) -> bool:
-        """Whether its commands are values of outputs by name, which move no joint."""
+        """Whether commands are output values by name, which move no joint."""
         return self.topic == "gpio_commands"
 
     @property
@@ -356,7 +356,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def odometry_topic(self) -> str:
-        """Last part of the name of a base's odometry topic, which depends on its twist topic."""
+        """Last part of the odometry topic of a base, which depends on the twist topic."""
         return "odometry" if self.topic == "reference" else "odom"
 
     @property
@@ -370,7 +370,7 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
         return len(self.required_command_interfaces or self.claims)
 
     def published(self, kind: str) -> str | None:
-        """Return the topic of joint states whose last part is `kind`, None if it does not exist."""
+        """Return the joint state topic with the last part `kind`, None without such a topic."""
         return next((publish for publish in self.publishes if publish.rsplit("/", 1)[-1] == kind), None)
 
     def became(self, state: str) -> ControllerReading:

@@ -1,7 +1,7 @@
 """Requests for the trajectories of a joint trajectory controller.
 
-The end of a goal is reported to the connection that sent it; a connection has one goal at a time, the last one that it
-sent. The end of a trajectory that was set without a goal is not reported. SI units; times of points are in s from the
+The end of a goal is reported to the connection that sent the goal; a new goal replaces the connection's previous goal.
+The end of a trajectory that was set without a goal is not reported. SI units; times of points are in s from the
 start of the trajectory, stamps are Unix time in s.
 """
 
@@ -19,7 +19,7 @@ MAX_POINTS: Final = 20_000  # maximum of a trajectory
 
 
 class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
-    """Tolerances of a joint (control_msgs/JointTolerance); 0 uses the parameters, -1 disables a check."""
+    """Tolerances of a joint (control_msgs/JointTolerance); 0 selects the parameter, -1 disables a check."""
 
     joint: str
     position: float = 0.0
@@ -28,7 +28,7 @@ class TrajectoryTolerance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Acceptance of a goal, or its refusal with a code of FollowJointTrajectory and the reason.
+    """Acceptance or refusal of a goal, with a FollowJointTrajectory code and the reason.
 
     `feedback_rate` in Hz and `outlives_client` are from the controller's parameters: the rate of feedback to the
     client, and whether the goal continues after the client has disconnected.
@@ -42,7 +42,7 @@ class TrajectoryVerdict(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Result of a goal: "succeeded", "canceled" or "aborted", a code of FollowJointTrajectory and a reason."""
+    """Result of a goal: "succeeded", "canceled" or "aborted", a FollowJointTrajectory code and a reason."""
 
     state: str
     error_code: int
@@ -50,7 +50,7 @@ class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryAt(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a trajectory at a time; if not `known`, the present state and a reason in `text`."""
+    """State of a trajectory at a time; if not `known`, the present state, with a reason in `text`."""
 
     known: bool
     text: str = ""
@@ -85,15 +85,15 @@ class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
 
 
 class SendTrajectory(_Goal[TrajectoryVerdict], frozen=True, kw_only=True):
-    """Send a trajectory as a goal; accepted or refused at once, while `trajectory_end` waits for the end."""
+    """Send a trajectory goal and return at once whether the goal is accepted; `trajectory_end` waits for the end."""
 
 
 class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
-    """Set a trajectory without a goal, as from the ROS topic; it replaces the trajectory of an active goal."""
+    """Set a trajectory without a goal, as from the ROS topic; an active goal's trajectory is replaced."""
 
 
 class TrajectoryData(Request[Done], frozen=True, kw_only=True):
-    """Send the first points of this connection's next trajectory, if it does not fit into one request."""
+    """Send the first points of this connection's next trajectory, if too long for one request."""
 
     points: list[TrajectoryPoint]
 
@@ -103,11 +103,11 @@ class TrajectoryEnd(Request[TrajectoryResult], frozen=True, kw_only=True):
 
 
 class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
-    """Send a heartbeat for a trajectory or gripper goal of this connection that was sent with `heartbeat`."""
+    """Send a heartbeat for this connection's trajectory or gripper goal, if the goal requires heartbeats."""
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Cancel the trajectory of a controller, sent by any client; the joints brake and hold.
+    """Cancel the trajectory of a controller, also of another client; the joints brake and hold.
 
     Refused if the controller follows no trajectory. With `own` true only a goal of this connection is cancelled. `why`
     becomes part of the result.
