@@ -29,7 +29,7 @@ MAY_IMPORT = {
     "rpc": ({"host", "cia301.emcy", "cia402.state"}, STDLIB | {"msgspec"}),  # a state and an error code have one text
     "yamlfile": ({"data_files"}, PURE | {"yaml", "os"}),
     "personality": ({"data_files", "yamlfile"}, PURE),  # of drives: what both sides of the wire know of manufacturers
-    "urdf": (set(), STDLIB | {"xacro", "ament_index_python"}),
+    "urdf": ({"host.fork"}, STDLIB | {"xacro", "ament_index_python"}),
     "od": ({"data_files"}, PURE | {"xml"}),
     "cia301": ({"od"}, PURE),
     "cia402": ({"od", "cia301"}, PURE),

@@ -4,8 +4,8 @@ Xacro evaluates expressions of the file, which may need unlimited time or memory
 enforced by the kernel. The first byte of the answer is its kind: `URDF`, or `REFUSED` with a reason in UTF-8. `$(find
 package)` is answered by `package_search`.
 
-The program runs as a script, without the package, and imports little besides xacro, because the start of xacro waits
-for it; the package search is imported only if a file needs it.
+The program is a fork of its parent process, or runs as a script, without the package, and then imports little besides
+xacro, because the start of xacro waits for it; the package search is imported only if a file needs it.
 """
 
 from __future__ import annotations
@@ -30,30 +30,33 @@ REFUSED = b"R"
 LARGEST = 64 << 20  # maximum size of a URDF in bytes; a robot with five hundred joints needs half a million
 
 
-def main(arguments: list[str]) -> None:
-    """Run xacro within limits, and write the answer to standard output.
+def main(arguments: list[str]) -> int:
+    """Run xacro within limits, and write the answer to standard output; the exit code is 0.
 
-    `arguments` are the folders to import from (one per line), the file, processor time in s, elapsed time in s, memory
-    in bytes, and KEY:=VALUE for each xacro argument; the file need not use an argument `KEY?:=VALUE`.
+    `arguments` are the descriptor of a pipe that the parent process holds open, the folders to import from (one per
+    line), the file, processor time in s, elapsed time in s, memory in bytes, and KEY:=VALUE for each xacro argument;
+    the file need not use an argument `KEY?:=VALUE`.
     """
-    folders, path, processor_s, wall_s, memory, *mappings = arguments
+    lifeline, folders, path, processor_s, wall_s, memory, *mappings = arguments
     sys.path[:0] = folders.splitlines()
-    _end_with_starter()
+    _end_with_parent(int(lifeline))
     _limit(int(processor_s), int(wall_s), int(memory))
-    answer = os.dup(1)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # output of an expression is not part of the answer
+    answer, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 1)  # output of an expression is not part of the answer
+    os.dup2(nothing, 2)
     kind, text = _run(path, dict(mapping.split(":=", 1) for mapping in mappings))
     with os.fdopen(answer, "wb") as out:
         out.write(kind + text.encode("utf-8", "replace"))
+    return 0
 
 
-def _end_with_starter() -> None:
-    """End this process when the parent process ends, which closes standard input."""
+def _end_with_parent(lifeline: int) -> None:
+    """Let the kernel end this process when the pipe `lifeline` is closed, which happens when the parent ends."""
     with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
-        fcntl.fcntl(0, fcntl.F_SETOWN, os.getpid())
-        fcntl.fcntl(0, fcntl.F_SETFL, fcntl.fcntl(0, fcntl.F_GETFL) | os.O_ASYNC)
-        if select.select([0], [], [], 0)[0]:  # it was closed before the signal was set up
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(lifeline, fcntl.F_SETFL, fcntl.fcntl(lifeline, fcntl.F_GETFL) | os.O_ASYNC)
+        if select.select([lifeline], [], [], 0)[0]:  # it was closed before the signal was set up
             sys.exit(1)
 
 
@@ -193,4 +196,4 @@ def _finding(path: str) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main(sys.argv[1:]))

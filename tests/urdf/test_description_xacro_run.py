@@ -92,12 +92,51 @@ def test_a_run_that_nobody_waits_for_leaves_no_process(tmp_path):
     assert process.returncode == -9
 
 
-def test_it_does_not_outlive_who_started_it(tmp_path):
+FORKED = "from canopen_control.host.fork import allow_forks; allow_forks()"
+
+
+def test_a_fork_gives_what_a_new_interpreter_gives(tmp_path):
+    texts = {
+        "good": '<link name="${2 * 3}"/>',
+        "wrong": '<link name="${1 / 0}"/>',
+        "large": '<link name="${list(range(10**12))}"/>',
+        "endless": '<link name="${9**9**9}"/>',
+    }
+    for name, text in texts.items():
+        write(tmp_path, text, f"{name}.xacro")
+    script = f"""
+import sys
+from pathlib import Path
+from canopen_control.errors import RobotConfigError
+from canopen_control.urdf.description import XacroLimits, XacroRun
+exec(sys.argv[1])
+for name in {list(texts)}:
+    with XacroRun(Path(name + ".xacro"), {{"unused?": "1"}}, XacroLimits(1, 30, 512 << 20)) as run:
+        try:
+            print(run.result())
+        except RobotConfigError as error:
+            print(error)
+    print(type(run._process).__name__)
+"""
+
+    def lines(preparation):
+        command = [sys.executable, "-P", "-c", script, preparation]
+        return subprocess.check_output(command, text=True, cwd=tmp_path).splitlines()
+
+    forked = lines(FORKED)
+    assert forked.count("ForkedProcess") == len(texts)
+    assert [line.replace("ForkedProcess", "Popen") for line in forked] == lines("")
+    assert any("more than 1 s of the processor" in line for line in forked)
+
+
+@pytest.mark.parametrize("preparation", ["", FORKED], ids=["interpreter", "fork"])
+def test_it_does_not_outlive_who_started_it(tmp_path, preparation):
     path = write(tmp_path, '<link name="${9**9**9}"/>')
     script = f"""
 import os, signal, sys, time
 from pathlib import Path
 from canopen_control.urdf.description import XacroRun
+{preparation}
 run = XacroRun(Path({str(path)!r}), {{}})
 print(run._process.pid, flush=True)
 time.sleep(1.0)  # it is in the middle of it
