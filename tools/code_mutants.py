@@ -228,7 +228,7 @@ self.reactor.call_later(300_000_000, begin)
         "a base ignores its command time-out",
         Change(
             "controllers.mobile_base",
-            "MobileBase._take_reference",
+            "MobileBase._update_request",
             "life.limit_ns and now - life.given > life.limit_ns",
             "life.limit_ns < 0",
         ),

@@ -49,10 +49,10 @@ class TypedEnds:
     """End positions that a user types at a terminal; `ask` shows a prompt and returns a line, or raises EOFError."""
 
     def __init__(self, ask: Callable[[str], str], report: Callable[[str], object]) -> None:
-        self._ask, self._say = ask, report
+        self._ask, self._report = ask, report
 
     def before(self, text: str) -> None:
-        self._say(text)
+        self._report(text)
         self._line("  put the base at its start, keep clear, and press Enter: it drives ")
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
@@ -61,7 +61,7 @@ class TypedEnds:
             try:
                 return parse_end(self._line("  where did it end? X Y, m ahead and to the left of its start: "))
             except ConfigError as error:
-                self._say(f"  {error}")
+                self._report(f"  {error}")
 
     def _line(self, prompt: str) -> str:
         try:
@@ -74,10 +74,10 @@ class FiledEnds:
     """End positions from a file, in the order of its lines."""
 
     def __init__(self, ends: Sequence[tuple[float, float]], report: Callable[[str], object]) -> None:
-        self._ends, self._say = list(ends), report
+        self._ends, self._report = list(ends), report
 
     def before(self, text: str) -> None:
-        self._say(text)
+        self._report(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
         """Return the end position of the next line."""

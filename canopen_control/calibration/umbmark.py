@@ -184,7 +184,7 @@ _TURN: Final = math.pi / 2
 _NEAR: Final = 0.001  # remaining distance in m at which a side ends
 _STRAIGHT: Final = 0.001  # remaining angle in rad at which a turn ends
 _CREEP: Final = (0.01, 0.02)  # m/s and rad/s: speed at the end of a ramp
-_STANDS: Final = (0.002, 0.005)  # m and rad: maximum motion of a standing base
+_STANDSTILL: Final = (0.002, 0.005)  # m and rad: maximum motion of a standing base
 _STEER: Final = (2.0, 1.0)  # rad/s per rad of heading error, and per m of lateral error over 0.1 m
 _MOST_STEER: Final = 0.2  # rad/s
 _OFF: Final = 0.3  # fraction of the side, at least 0.2 m: maximum deviation from the square
@@ -269,7 +269,7 @@ class SquarePath:
     def _is_standstill(self, moved: Planar, now: float) -> bool:
         if self._stood is not None:
             (x, y, heading), since = self._stood
-            if math.hypot(moved[0] - x, moved[1] - y) <= _STANDS[0] and abs(moved[2] - heading) <= _STANDS[1]:
+            if math.hypot(moved[0] - x, moved[1] - y) <= _STANDSTILL[0] and abs(moved[2] - heading) <= _STANDSTILL[1]:
                 return now - since >= self.pace.settle
         self._stood = moved, now
         return False

@@ -62,10 +62,10 @@ class TrueEnds:
     """Source of true end positions for a simulated base: the true poses of the simulation."""
 
     def __init__(self, report: Callable[[str], object]) -> None:
-        self._say = report
+        self._report = report
 
     def before(self, text: str) -> None:
-        self._say(text)
+        self._report(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
         """Return the end position of the simulation; raise ControlError if the simulation has reported none."""

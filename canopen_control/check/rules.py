@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 from canopen_control.check.drive_rules import DRIVE_RULES
 from canopen_control.check.timing_rules import CheckedRobot, Finding
 from canopen_control.cia402 import objects
+from canopen_control.controllers.base import sample_type_of
 from canopen_control.controllers.command_timeout import DEFAULT_LIFE_S, ENDLESS
 from canopen_control.controllers.controllers_file import ManagerParams, is_within
 from canopen_control.controllers.mobile_base import ONE_UPDATE
@@ -569,7 +570,7 @@ def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
     most = min(robot.control.update_rate, 1_000_000 / sync if sync else math.inf)
     for name, controller in robot.configured.items():
         updates = min(controller.update_rate or most, most)
-        rate = 0.0 if controller.tells is None else min(controller.publish_rate or updates, updates)
+        rate = 0.0 if sample_type_of(controller) is None else min(controller.publish_rate or updates, updates)
         if rate > STREAM_RATE:
             config = robot.config(name)
             line = config.params.line("publish_rate") or config.params.line("update_rate") or config.line

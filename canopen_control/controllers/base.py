@@ -53,13 +53,13 @@ class StateCopy:
         self._values = [0.0] * len(places)
         self._sources = [(index, source) for index, (_, _, source) in enumerate(places) if source is not None]
         self._joints = list(layout)
-        self.take()
+        self.refresh()
 
     @property
     def joints(self) -> list[str]:
         return list(self._joints)
 
-    def take(self) -> None:
+    def refresh(self) -> None:
         """Copy the current state values, without allocating memory."""
         values = self._values
         for index, source in self._sources:
@@ -176,6 +176,11 @@ def twist_axes_of(controller: Controller) -> tuple[str, ...]:
     return controller.twist_axes or (("linear.x", "angular.z") if controller.topic == "cmd_vel" else ())
 
 
+def sample_type_of(controller: Controller) -> type[Sample] | None:
+    """Return the type of a controller's samples, or None for a controller without samples."""
+    return controller.sample_type or controller.tells
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Controller:
     """Base class of all controllers; without overrides it claims no interfaces and computes nothing.
@@ -185,7 +190,7 @@ class Controller:
     - `life`: timeout of the command.
     - `topic`: name of the ROS topic for commands, None without one.
     - `publishes`: topics of joint states for ROS, relative to the robot's namespace; `frame_id` is their frame.
-    - `tells`: type of the published samples, None without samples.
+    - `sample_type`: type of the published samples, None without samples.
     - `publish_rate`: publications in Hz; 0 publishes at every update. `stamp` is the time of the last one in ns.
     """
 
@@ -207,7 +212,9 @@ class Controller:
     settable: ClassVar[tuple[str, ...]] = ()
     """Patterns of the parameters that `on_set` accepts after configuration, as dotted names (`gains.*`)."""
     topic: ClassVar[str | None] = None
+    sample_type: ClassVar[type[Sample] | None] = None
     tells: ClassVar[type[Sample] | None] = None
+    """Deprecated name of `sample_type`, used up to version 0.2."""
     roller_wheels: ClassVar[tuple[str, ...]] = ()
     """Parameters that name the joints of mecanum wheels, whose rollers the physics simulation models."""
     offers: ClassVar[tuple[str, ...]] = ()
@@ -297,16 +304,13 @@ class Controller:
         del commands
         self.forget(now)
 
-    def on_cleanup(self) -> None:
-        """Discard the configuration; the base class does nothing."""
-
     def update(self, now: int, period: float) -> ReturnType:
         """Execute one control step; `now` is in ns, `period` is the time since the previous step in s."""
         del now, period
         return OK
 
     def sample(self, wall_offset_ns: int) -> ControllerSample | None:
-        """Return the last publication, of type `tells`; None before the first publication.
+        """Return the last publication, of type `sample_type`; None before the first publication.
 
         `wall_offset_ns` converts the time stamps to Unix time. The method is called between two cycles, any number of
         times, and changes nothing: it returns the results of `update`.
@@ -352,8 +356,8 @@ class Controller:
     @property
     def describe_stop(self) -> str:
         """Clause for messages about the joints after the end of a command, such as "its targets are 0"."""
-        stands = all(command.quantity in MOVING for command in self.commands)
-        return "its targets are 0" if stands else "what moves is stopped, positions are held where they are"
+        are_zeroed = all(command.quantity in MOVING for command in self.commands)
+        return "its targets are 0" if are_zeroed else "what moves is stopped, positions are held where they are"
 
     def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
         """Refuse a value outside the range of the CANopen object behind any of these interfaces.

@@ -119,7 +119,9 @@ class BatteryParams(CommonParams):
             return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
         first, *others = QUANTITIES
         selected = [self.interfaces.get(f"{battery}.{other}", False) for other in others]
-        names = [f"{battery}/{other}" if is_wanted else "" for other, is_wanted in zip(others, selected, strict=True)]
+        names = [
+            f"{battery}/{other}" if is_selected else "" for other, is_selected in zip(others, selected, strict=True)
+        ]
         return [f"{battery}/{first}", *names]
 
     def mistakes(self) -> Iterator[str]:
@@ -395,7 +397,7 @@ class SensorBroadcaster(Controller):
         params.check(self.name)
         self.update_rate, self.frame_id, self._names = params.update_rate, params.frame_id, names
 
-    def _known(self, first: int, last: int) -> tuple[float | None, ...]:
+    def _finite(self, first: int, last: int) -> tuple[float | None, ...]:
         """Return values `first` to `last` - 1 of the last update; None for values that are not finite."""
         return tuple(finite(value) for value in self._values[first:last])
 
@@ -405,7 +407,7 @@ class IMUSensorBroadcaster(SensorBroadcaster):
 
     title: ClassVar[str] = "IMU"
     reads: ClassVar[type[ImuParams]] = ImuParams
-    tells: ClassVar[type[Sample] | None] = ImuSample
+    sample_type: ClassVar[type[Sample] | None] = ImuSample
     params: ImuParams
 
     def on_configure(self, params: Params) -> None:
@@ -417,9 +419,9 @@ class IMUSensorBroadcaster(SensorBroadcaster):
         return ImuSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
-            orientation=self._known(0, 4),
-            angular_velocity=self._known(4, 7),
-            linear_acceleration=self._known(7, 10),
+            orientation=self._finite(0, 4),
+            angular_velocity=self._finite(4, 7),
+            linear_acceleration=self._finite(7, 10),
             orientation_covariance=list(params.static_covariance_orientation),
             angular_velocity_covariance=list(params.static_covariance_angular_velocity),
             linear_acceleration_covariance=list(params.static_covariance_linear_acceleration),
@@ -431,7 +433,7 @@ class RangeSensorBroadcaster(SensorBroadcaster):
 
     title: ClassVar[str] = "Range sensor"
     reads: ClassVar[type[RangeParams]] = RangeParams
-    tells: ClassVar[type[Sample] | None] = RangeSample
+    sample_type: ClassVar[type[Sample] | None] = RangeSample
     params: RangeParams
 
     def on_configure(self, params: Params) -> None:
@@ -457,7 +459,7 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
 
     title: ClassVar[str] = "Force and torque"
     reads: ClassVar[type[ForceTorqueParams]] = ForceTorqueParams
-    tells: ClassVar[type[Sample] | None] = WrenchSample
+    sample_type: ClassVar[type[Sample] | None] = WrenchSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
@@ -479,8 +481,8 @@ class ForceTorqueSensorBroadcaster(SensorBroadcaster):
         return WrenchSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
-            force=self._known(0, 3),
-            torque=self._known(3, 6),
+            force=self._finite(0, 3),
+            torque=self._finite(3, 6),
         )
 
 
@@ -492,7 +494,7 @@ class PoseBroadcaster(SensorBroadcaster):
     sections: ClassVar[dict[str, type[object]]] = {
         "Transform: `tf.KEY`": PoseTransform,
     }
-    tells: ClassVar[type[Sample] | None] = PoseSample
+    sample_type: ClassVar[type[Sample] | None] = PoseSample
     params: PoseParams
 
     def on_configure(self, params: Params) -> None:
@@ -508,8 +510,8 @@ class PoseBroadcaster(SensorBroadcaster):
         return PoseSample(
             time=self.published(wall_offset_ns),
             frame_id=self.frame_id,
-            position=self._known(0, 3),
-            orientation=self._known(3, 7),
+            position=self._finite(0, 3),
+            orientation=self._finite(3, 7),
             child_frame_id=self.params.child_frame_id,
         )
 
@@ -531,7 +533,7 @@ class BatteryStateBroadcaster(SensorBroadcaster):
     sections: ClassVar[dict[str, type[object]]] = {
         "Each battery: `BATTERY.KEY`": BatteryFacts,
     }
-    tells: ClassVar[type[Sample] | None] = BatteriesSample
+    sample_type: ClassVar[type[Sample] | None] = BatteriesSample
     params: BatteryParams
 
     def on_configure(self, params: Params) -> None:
@@ -542,7 +544,7 @@ class BatteryStateBroadcaster(SensorBroadcaster):
     def sample(self, wall_offset_ns: int) -> BatteriesSample:
         size = len(QUANTITIES)
         batteries = [
-            _reading(name, own, self._known(place * size, (place + 1) * size))
+            _reading(name, own, self._finite(place * size, (place + 1) * size))
             for place, (name, own) in enumerate(zip(self.params.names, self.params.own, strict=True))
         ]
         return BatteriesSample(time=self.published(wall_offset_ns), batteries=batteries, together=_together(batteries))
@@ -658,7 +660,7 @@ class _StateBroadcaster(Controller):
 
     def update(self, now: int, period: float) -> ReturnType:
         del period
-        self._copy.take()
+        self._copy.refresh()
         self.stamp = now
         return ReturnType.OK
 
@@ -667,7 +669,7 @@ class GpioBroadcaster(_StateBroadcaster):
     """Broadcaster of the inputs and outputs of drives and of <gpio> parts."""
 
     chosen = ("digital_inputs", DIGITAL_OUTPUTS)
-    tells: ClassVar[type[Sample] | None] = GpioSample
+    sample_type: ClassVar[type[Sample] | None] = GpioSample
 
     def sample(self, wall_offset_ns: int) -> GpioSample:
         return GpioSample(time=self.published(wall_offset_ns), parts=self._copy.by_joint())
@@ -678,7 +680,7 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
 
     chosen = ("nmt_state", "statusword", "error_code", "age")
 
-    tells: ClassVar[type[Sample] | None] = DiagnosticsSample
+    sample_type: ClassVar[type[Sample] | None] = DiagnosticsSample
 
     def sample(self, wall_offset_ns: int) -> DiagnosticsSample:
         judged = [

@@ -339,7 +339,7 @@ def limited_joint(joint: Joint, limits: HardLimits, commands: Commands, states: 
     return parts[0] if len(parts) == 1 else JointSeveral(parts)
 
 
-_TOLD_AT_ONCE = 3  # limited commands that one report describes
+_MOST_REPORTED: Final = 3  # limited commands that one report describes
 _NO_BOUNDS: Final = InterfaceInfo("")
 
 
@@ -391,8 +391,8 @@ def _is_bounded(command: CommandInterface) -> bool:
 
 
 def _summary(texts: list[str]) -> str:
-    more = [f"and {len(texts) - _TOLD_AT_ONCE} more"] if len(texts) > _TOLD_AT_ONCE else []
-    return "; ".join(texts[:_TOLD_AT_ONCE] + more)
+    more = [f"and {len(texts) - _MOST_REPORTED} more"] if len(texts) > _MOST_REPORTED else []
+    return "; ".join(texts[:_MOST_REPORTED] + more)
 
 
 def hard_limits(joint: Joint, part: ControlJoint, *, speeds: bool = True) -> HardLimits:

@@ -34,28 +34,28 @@ class GoalState(enum.Enum):
 class CommandTimeout:
     """Validity of a controller's current command, without the values of the command.
 
-    - `live`: whether the command is valid; `given`: its creation time in ns; `limit_ns`: the timeout, 0 if unlimited.
+    - `live`: whether the command is valid; `created`: its creation time in ns; `limit_ns`: the timeout, 0 if unlimited.
     - `source`: text that names the sender.
     - `holder`: connection whose end also ends the command; None if the command outlives the connection.
     - `ended_by`: reason for the end of the previous command, "" if unknown.
     """
 
-    __slots__ = ("ended_by", "given", "holder", "limit_ns", "live", "source")
+    __slots__ = ("created", "ended_by", "holder", "limit_ns", "live", "source")
 
     def __init__(self) -> None:
         self.limit_ns = 0
-        self.given = 0
+        self.created = 0
         self.live = False
         self.source = self.ended_by = ""
         self.holder: object = None
 
     def give(self, now: int) -> None:
         """Start the validity of a command that was created at `now`, in ns."""
-        self.given, self.live = now, True
+        self.created, self.live = now, True
 
     def runs_out(self, now: int) -> bool:
         """Return True once when the command has expired; `now` is in ns."""
-        if not self.live or not self.limit_ns or now - self.given <= self.limit_ns:
+        if not self.live or not self.limit_ns or now - self.created <= self.limit_ns:
             return False
         self.live = False
         return True

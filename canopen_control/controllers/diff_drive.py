@@ -91,9 +91,9 @@ class Odometry(PlanarPose):
         dt = (now - self._time) / NS
         if dt < MIN_DT:
             return False
-        way_left, way_right = left * self._left_radius, right * self._right_radius
-        step_left, step_right = way_left - self._left, way_right - self._right
-        self._left, self._right = way_left, way_right
+        distance_left, distance_right = left * self._left_radius, right * self._right_radius
+        step_left, step_right = distance_left - self._left, distance_right - self._right
+        self._left, self._right = distance_left, distance_right
         if step_left == 0.0 == step_right and self._still > self._window:
             self._time = now  # pose and averages are unchanged
             return True

@@ -90,7 +90,7 @@ class ForwardCommandController(Controller):
         life = self.life
         if not life.live:
             return OK
-        if life.limit_ns and now - life.given > life.limit_ns and self._runs_out(now):
+        if life.limit_ns and now - life.created > life.limit_ns and self._runs_out(now):
             self._stop(now)
             return OK
         index, values = 0, self._values
@@ -107,7 +107,7 @@ class ForwardCommandController(Controller):
         zero_targets(self.commands)
         outcome = "position targets are held" if self.interface == POSITION else "targets are 0"
         self.report(
-            "command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {outcome} until the next one"
+            "command_timeout", f"no command for {(now - self.life.created) / 1e9:.2f} s, {outcome} until the next one"
         )
 
     def _set_up(

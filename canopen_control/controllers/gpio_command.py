@@ -166,7 +166,7 @@ class GpioCommandController(Controller):
     moves_joints: ClassVar[bool] = False
     independent: ClassVar[bool] = True
     topic: ClassVar[str | None] = "gpio_commands"
-    tells: ClassVar[type[Sample] | None] = GpioSample
+    sample_type: ClassVar[type[Sample] | None] = GpioSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
@@ -267,7 +267,7 @@ class GpioCommandController(Controller):
         del period
         if self.life.runs_out(now):
             self.report(
-                "command_timeout", f"no command for {(now - self.life.given) / 1e9:.2f} s, {self.describe_stop}"
+                "command_timeout", f"no command for {(now - self.life.created) / 1e9:.2f} s, {self.describe_stop}"
             )
             self.forget(now)
         index = 0
@@ -275,7 +275,7 @@ class GpioCommandController(Controller):
             if not math.isnan(self._values[index]):
                 command.value = self._values[index]
             index += 1  # noqa: SIM113 - as above
-        self._copy.take()
+        self._copy.refresh()
         self.stamp = now
         return OK
 

@@ -129,7 +129,7 @@ class PositionGripperActionController(Controller):
     """Controller that moves a gripper by position commands; `goal` is the active goal, None without one."""
 
     title: ClassVar[str] = "Gripper, commanded by position"
-    tells: ClassVar[type[Sample] | None] = GripperSample
+    sample_type: ClassVar[type[Sample] | None] = GripperSample
     offers: ClassVar[tuple[str, ...]] = (GRIPPER_GOALS,)
     reads: ClassVar[type[GripperParams]] = GripperParams
     commanded: ClassVar[str] = POSITION
@@ -140,7 +140,7 @@ class PositionGripperActionController(Controller):
         self.goal: GripperGoal | None = None
         self._target = self._at = self._velocity = self._effort = math.nan
         self._limits = (0.0, 0.0)
-        self._way = GripStatus.MOVING
+        self._status = GripStatus.MOVING
         self._progress = StallDetector(0.0, 0.0, 0.0)
         self._is_limited = False
 
@@ -160,7 +160,7 @@ class PositionGripperActionController(Controller):
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         super().on_activate(commands, states, now)
-        self._target, self._way = math.nan, GripStatus.MOVING
+        self._target, self._status = math.nan, GripStatus.MOVING
         self.life.end()
         self._read()
         self.stamp = now
@@ -187,7 +187,7 @@ class PositionGripperActionController(Controller):
         self._report_unlimited(goal)
         self._end(GoalState.ABORTED, "another goal has taken its place")
         goal.feedback_rate = params.action_monitor_rate
-        self.goal, self._target, self._limits, self._way = goal, goal.position, (effort, velocity), GripStatus.MOVING
+        self.goal, self._target, self._limits, self._status = goal, goal.position, (effort, velocity), GripStatus.MOVING
         self._progress.begin(now)
         self.life.give(now)
 
@@ -224,11 +224,11 @@ class PositionGripperActionController(Controller):
             text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
             self.report("max_effort", text)
 
-    def _end(self, state: GoalState, text: str, way: GripStatus = GripStatus.MOVING) -> None:
+    def _end(self, state: GoalState, text: str, status: GripStatus = GripStatus.MOVING) -> None:
         """End the active goal, if any, with a result, and report a failure."""
         goal, self.goal = self.goal, None
         if goal is not None:
-            goal.end(state, text, self._at, self._effort, way)
+            goal.end(state, text, self._at, self._effort, status)
             self.life.end()
             if state is not GoalState.SUCCEEDED:
                 self.report(f"goal_{state.value}", text)
@@ -254,8 +254,8 @@ class PositionGripperActionController(Controller):
             effort=finite(self._effort),
             target=finite(self._target),
             executing=self.goal is not None,
-            stalled=self._way is GripStatus.STALLED,
-            reached_goal=self._way is GripStatus.REACHED,
+            stalled=self._status is GripStatus.STALLED,
+            reached_goal=self._status is GripStatus.REACHED,
         )
 
     def _read(self) -> None:
@@ -271,15 +271,15 @@ class PositionGripperActionController(Controller):
             index += 1  # noqa: SIM113 - enumerate makes a tuple per interface in the cycle
 
     def _update_status(self, now: int) -> None:
-        self._way = way = self._progress.update(now, self._target - self._at, self._velocity)
-        if way is GripStatus.REACHED:
-            self._end(GoalState.SUCCEEDED, "the goal was reached", way)
-        elif way is GripStatus.STALLED:
+        self._status = status = self._progress.update(now, self._target - self._at, self._velocity)
+        if status is GripStatus.REACHED:
+            self._end(GoalState.SUCCEEDED, "the goal was reached", status)
+        elif status is GripStatus.STALLED:
             text = f"{self.params.joint} has stalled at {self._at:g}, {self._target - self._at:g} before the goal"
             if self.params.allow_stalling:
-                self._end(GoalState.SUCCEEDED, text, way)
+                self._end(GoalState.SUCCEEDED, text, status)
             else:
-                self._end(GoalState.ABORTED, f"{text}; it is held there", way)
+                self._end(GoalState.ABORTED, f"{text}; it is held there", status)
                 self._hold()
 
     def _write(self, period: float) -> None:

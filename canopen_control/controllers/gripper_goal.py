@@ -38,11 +38,11 @@ class GripperGoal:
         self.feedback_rate = 20.0
         self._ended_now = ended_now
 
-    def end(self, state: GoalState, text: str, at: float, effort: float, way: GripStatus) -> None:
+    def end(self, state: GoalState, text: str, at: float, effort: float, status: GripStatus) -> None:
         """Store the result and call `ended_now`, unless the goal has already ended."""
         if not self.ended:
             self.state, self.text, self.at, self.effort = state, text, at, effort
-            self.reached, self.stalled = way is GripStatus.REACHED, way is GripStatus.STALLED
+            self.reached, self.stalled = status is GripStatus.REACHED, status is GripStatus.STALLED
             self.ended = True
             self._ended_now()
 

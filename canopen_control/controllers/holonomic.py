@@ -207,7 +207,7 @@ class MecanumDriveController(HolonomicBase):
         "Limits: `linear.x.KEY`, `linear.y.KEY` and `angular.z.KEY`": TwistAxisLimits,
     }
     topic: ClassVar[str | None] = "reference"
-    tells: ClassVar[type[Sample] | None] = MecanumSample
+    sample_type: ClassVar[type[Sample] | None] = MecanumSample
     timeout_key: ClassVar[str] = "reference_timeout"
     roller_wheels: ClassVar[tuple[str, ...]] = COMMANDED
     settable: ClassVar[tuple[str, ...]] = (

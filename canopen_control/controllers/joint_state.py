@@ -37,7 +37,7 @@ class JointStateBroadcaster(Controller):
     title: ClassVar[str] = "Joint states"
     reads: ClassVar[type[BroadcasterParams]] = BroadcasterParams
     is_broadcaster: ClassVar[bool] = True
-    tells: ClassVar[type[Sample] | None] = JointStatesSample
+    sample_type: ClassVar[type[Sample] | None] = JointStatesSample
 
     def __init__(self, name: str, type_name: str = "") -> None:
         super().__init__(name, type_name)
@@ -92,7 +92,7 @@ class JointStateBroadcaster(Controller):
 
     def update(self, now: int, period: float) -> ReturnType:
         del period
-        self._copy.take()
+        self._copy.refresh()
         self.stamp = now
         return OK
 

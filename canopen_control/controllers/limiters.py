@@ -538,9 +538,9 @@ class PointLimiter(Limiter["Point"]):
         if rate == 0.0:
             return
         below, above = here - limits.min_position, limits.max_position - here
-        needs, going_on = velocity * velocity / (2.0 * rate), velocity * abs(velocity) / rate
+        braking_distance, coasting_distance = velocity * velocity / (2.0 * rate), velocity * abs(velocity) / rate
         left = below if velocity < 0.0 else above
-        if velocity != 0.0 and (left < needs or left < going_on):
+        if velocity != 0.0 and (left < braking_distance or left < coasting_distance):
             self._brakes = True
             self._note(joint)
 

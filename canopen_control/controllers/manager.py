@@ -15,7 +15,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.controllers.base import Controller, ControllerEvent, ControllerState, EnableStatus, twist_axes_of
+from canopen_control.controllers.base import (
+    Controller,
+    ControllerEvent,
+    ControllerState,
+    EnableStatus,
+    sample_type_of,
+    twist_axes_of,
+)
 from canopen_control.controllers.declared import checked, declared_by, given_in
 from canopen_control.controllers.gripper_goal import GripperGoal
 from canopen_control.controllers.params import Params
@@ -124,7 +131,7 @@ class ControllerManager:
         self._description = description or {}
         self.limiter: CommandLimiter | None = None
         self.enable_status = enable_status or EnableStatus()
-        self._told_refusal: set[str] = set()
+        self._reported_refusals: set[str] = set()
         self._controllers: dict[str, Controller] = {}
         self._params: dict[str, Params] = {}
         self._fallbacks: dict[str, tuple[str, ...]] = {}
@@ -368,12 +375,12 @@ class ControllerManager:
         except ControlError as error:
             self.report_refusal(name, error, source)
             raise
-        self._told_refusal.discard(name)
+        self._reported_refusals.discard(name)
 
     def report_refusal(self, name: str, error: ControlError, source: str) -> None:
         """Report the first refusal of a command since the controller last accepted a command."""
-        if name not in self._told_refusal and not isinstance(error, NotYetEnabled):
-            self._told_refusal.add(name)
+        if name not in self._reported_refusals and not isinstance(error, NotYetEnabled):
+            self._reported_refusals.add(name)
             self._report("refused", name, f"{error} (from {source or 'not named'}; reported once)")
 
     def _require_enabled(self, controller: Controller) -> None:
@@ -410,6 +417,7 @@ class ControllerManager:
     def _info(self, controller: Controller) -> ControllerReading:
         configured = controller.state is not ControllerState.UNCONFIGURED
         rate = min(controller.update_rate or self.update_rate, self.update_rate)
+        sample_type = sample_type_of(controller)
         return ControllerReading(
             name=controller.name,
             type=controller.type,
@@ -427,13 +435,13 @@ class ControllerManager:
             twist_axes=twist_axes_of(controller),
             publishes=controller.publishes,
             frame_id=controller.frame_id,
-            tells=None if controller.tells is None else kind_of(controller.tells),
+            tells=None if sample_type is None else kind_of(sample_type),
             offers=controller.offers,
             is_broadcaster=controller.is_broadcaster,
             rejected=controller.rejected,
             update_rate=rate,
             node_options=self._node_options.get(controller.name, ()),
-            publish_rate=0.0 if controller.tells is None else min(controller.publish_rate or rate, rate),
+            publish_rate=0.0 if sample_type is None else min(controller.publish_rate or rate, rate),
         )
 
     def _report(self, kind: str, controller: str, text: str) -> None:

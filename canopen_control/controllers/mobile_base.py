@@ -61,12 +61,12 @@ class LimitedTwist:
         self._quiet = 0
 
     @property
-    def known(self) -> bool:
+    def is_requested(self) -> bool:
         """Whether a twist is requested; it may be zero."""
         return not math.isnan(sum(self.desired))
 
     @property
-    def stands(self) -> bool:
+    def is_zero(self) -> bool:
         """Whether the limited twist is zero."""
         return not any(self.limited)
 
@@ -140,7 +140,7 @@ class OdometryPublication:
         self.count += 1
         return True
 
-    def take(self, pose: PlanarPose, velocities: tuple[float, float, float], limited: list[float]) -> None:
+    def store(self, pose: PlanarPose, velocities: tuple[float, float, float], limited: list[float]) -> None:
         """Copy the current values; `velocities` are forward and to the left in m/s, and the yaw rate in rad/s."""
         self._x, self._y, self._heading = pose.x, pose.y, pose.heading
         self._linear, self._lateral, self._angular = velocities
@@ -194,7 +194,7 @@ class MobileBase(Controller):
 
     topic: ClassVar[str | None] = "cmd_vel"
     is_base: ClassVar[bool] = True
-    tells: ClassVar[type[Sample] | None] = OdometrySample
+    sample_type: ClassVar[type[Sample] | None] = OdometrySample
     twist_axes: ClassVar[tuple[str, ...]] = ("linear.x", "angular.z")
     references: ClassVar[tuple[str, ...]] = ("linear", "angular")
     timeout_key: ClassVar[str] = "cmd_vel_timeout"
@@ -366,7 +366,7 @@ class MobileBase(Controller):
 
     def snapshot(self) -> None:
         """Copy pose, velocities and limited twist for the publication; an override calls this method first."""
-        self._publication.take(self.pose, self.velocities(), self.limited)
+        self._publication.store(self.pose, self.velocities(), self.limited)
 
     # ----------------------------------------------------------------------------------------------------- lifecycle
 
@@ -397,7 +397,7 @@ class MobileBase(Controller):
         """Discard the twist and its history; a timeout is counted from `now`, in ns."""
         self._twist.forget()
         self.life.end()
-        self.life.given = now
+        self.life.created = now
         self.braking = self._fresh = False
         self._was_chained = self._writing = self._too_fast = False
         for reference in self._references:
@@ -435,11 +435,11 @@ class MobileBase(Controller):
         if not self.begun:
             fill(self.limited, 0.0)
             self.follow(now)
-        self._take_reference(now)
+        self._update_request(now)
         twist = self._twist
         is_standstill = twist.is_standstill
         if not is_standstill:
-            if not twist.known:
+            if not twist.is_requested:
                 return OK if self.waits_for_a_twist else self._rest(now)
             twist.limit(period)
         if not self.follow(now):
@@ -450,10 +450,10 @@ class MobileBase(Controller):
         self._publish(now)
         return OK
 
-    def _take_reference(self, now: int) -> None:
+    def _update_request(self, now: int) -> None:
         """Update the requested twist from the chain or the last command; request zero after a timeout."""
         life = self.life
-        if self._take_chain():
+        if self._follow_chain():
             self._was_chained = True
             life.end()
         elif self._was_chained and not life.live:
@@ -463,15 +463,15 @@ class MobileBase(Controller):
             if life.live and not self._fresh:
                 life.end()
             self._fresh = False
-            if not life.live and self._twist.known:
+            if not life.live and self._twist.is_requested:
                 self._brake()
-        elif life.limit_ns and now - life.given > life.limit_ns:
+        elif life.limit_ns and now - life.created > life.limit_ns:
             if life.runs_out(now):
-                age = (now - life.given) / NS
+                age = (now - life.created) / NS
                 self.report("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
             self._brake()
 
-    def _take_chain(self) -> bool:
+    def _follow_chain(self) -> bool:
         """Use the claimed reference interfaces as requested twist; return False if none is claimed."""
         for reference in self._references:
             if reference.owner is not None:
@@ -481,7 +481,7 @@ class MobileBase(Controller):
         self.braking = False
         for index, reference in enumerate(self._references):
             self.desired[index] = reference.value
-        if self._writing and not self._twist.known:
+        if self._writing and not self._twist.is_requested:
             self._brake()  # a base that moved by a topic's twist must not continue without a reference
         return True
 
@@ -521,7 +521,7 @@ class MobileBase(Controller):
         are velocities.
         """
         self._writing = True
-        if (is_standstill and self.by_twist_alone) or (self.braking and self._twist.stands):
+        if (is_standstill and self.by_twist_alone) or (self.braking and self._twist.is_zero):
             zero_targets(self.commands)
             return
         self.compute_commands(self.limited)

@@ -42,7 +42,7 @@ class _Dof:
         self.state_rate: StateInterface | None = None
         self.error = self.error_rate = math.nan
 
-    def take(self, gains: DofGains) -> None:
+    def set_gains(self, gains: DofGains) -> None:
         self.pid.set_gains(gains.pid())
         self.keep, self.forward, self.wraps = gains.save_i_term, gains.feedforward_gain, gains.angle_wraparound
 
@@ -85,7 +85,7 @@ class PidController(Controller):
         "Each degree of freedom: `gains.DOF.KEY`": DofGains,
     }
     topic: ClassVar[str | None] = "reference"
-    tells: ClassVar[type[Sample] | None] = PidSample
+    sample_type: ClassVar[type[Sample] | None] = PidSample
     settable: ClassVar[tuple[str, ...]] = ("gains.*",)
 
     def __init__(self, name: str, type_name: str = "") -> None:
@@ -144,7 +144,7 @@ class PidController(Controller):
     def on_set(self, params: Params) -> None:
         self.params = settings = read_params(params, self.name)
         for dof, gains in zip(self._dofs, settings.gains, strict=False):
-            dof.take(gains)
+            dof.set_gains(gains)
 
     def _reference(self, dof: str, interface: str) -> CommandInterface:
         """Return a new reference interface with the range of the joint."""
@@ -315,5 +315,5 @@ class PidController(Controller):
     def _stop(self, now: int) -> None:
         for dof in self._dofs:
             dof.clear()
-        age = (now - self.life.given) / 1e9
+        age = (now - self.life.created) / 1e9
         self.report("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next one")

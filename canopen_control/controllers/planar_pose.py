@@ -66,15 +66,15 @@ class PlanarPose:
     def set_pose(self, x: float, y: float, heading: float) -> None:
         self.x, self.y, self.heading = x, y, heading
 
-    def drive(self, way: float, turn: float) -> None:
-        """Move forward by `way` while turning by `turn`, on an arc or, if nearly straight, along the mean heading."""
+    def drive(self, distance: float, turn: float) -> None:
+        """Move forward by `distance` and turn by `turn`: on an arc or, if nearly straight, along the mean heading."""
         if abs(turn) < STRAIGHT:
             direction = self.heading + turn * 0.5
-            self.x += way * math.cos(direction)
-            self.y += way * math.sin(direction)
+            self.x += distance * math.cos(direction)
+            self.y += distance * math.sin(direction)
             self.heading += turn
             return
-        before, radius = self.heading, way / turn
+        before, radius = self.heading, distance / turn
         self.heading += turn
         self.x += radius * (math.sin(self.heading) - math.sin(before))
         self.y -= radius * (math.cos(self.heading) - math.cos(before))

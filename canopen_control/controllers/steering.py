@@ -42,7 +42,7 @@ class SteeringController(MobileBase):
     """Base class of controllers of bases with traction and steered wheels; `kinematics` contains the pose."""
 
     topic: ClassVar[str | None] = "reference"
-    tells: ClassVar[type[Sample] | None] = SteeringSample
+    sample_type: ClassVar[type[Sample] | None] = SteeringSample
     timeout_key: ClassVar[str] = "reference_timeout"
     settable: ClassVar[tuple[str, ...]] = ("reference_timeout", "enable_odom_tf")
     reads: ClassVar[type[SteeringParams]] = SteeringParams

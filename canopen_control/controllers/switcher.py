@@ -18,6 +18,7 @@ from canopen_control.controllers.base import (
     ControllerState,
     EnableStatus,
     is_moving,
+    sample_type_of,
     zero_targets,
 )
 from canopen_control.errors import ControlError, InterfaceConflict, UnknownName, nearest
@@ -166,10 +167,10 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
     """Sort controllers stably, so that each precedes the controllers that it commands or reads."""
     done: list[Controller] = []
 
-    def add(controller: Controller, on_the_way: tuple[Controller, ...]) -> None:
+    def add(controller: Controller, pending: tuple[Controller, ...]) -> None:
         for upper in controllers:
-            if upper not in on_the_way and controller in _below(upper, controllers):
-                add(upper, (*on_the_way, controller))
+            if upper not in pending and controller in _below(upper, controllers):
+                add(upper, (*pending, controller))
         if controller not in done:
             done.append(controller)
 
@@ -292,10 +293,10 @@ def _check_chains(
         for running in controllers.values()
         if running.state is ControllerState.ACTIVE and running not in leaving
     ]
-    then = [*stay, *entering]
-    available = {reference.name for member in then for reference in member.reference_interfaces()}
-    exported = {state.name for member in then for state in member.exported_states()}
-    for controller in then:
+    remaining = [*stay, *entering]
+    available = {reference.name for member in remaining for reference in member.reference_interfaces()}
+    exported = {state.name for member in remaining for state in member.exported_states()}
+    for controller in remaining:
         verb = "deactivate" if controller in stay else "activate"
         for name in controller.command_interface_names():
             if registry.component_of(name) is None and name not in available:
@@ -377,7 +378,7 @@ class UpdateLoop:
         self._events = events
         every = 0 if update_rate * cycle >= _EVERY_CYCLE else update_rate
         self._period = max(cycle, 1.0 / update_rate)
-        self._commanding_rate, self._telling_rate = Rate(every), Rate(every)
+        self._commanding_rate, self._broadcast_rate = Rate(every), Rate(every)
         self._order: list[ActiveController] = []
         self._commanding: list[ActiveController] = []
         self._broadcasting: list[ActiveController] = []
@@ -416,10 +417,10 @@ class UpdateLoop:
                 continue
             if sample is None:
                 continue
-            if type(sample) is controller.tells:
+            if type(sample) is sample_type_of(controller):
                 samples[controller.name] = sample
             else:
-                self._fail_once(controller, f"sample returned {type(sample).__name__}, which is not what it `tells`")
+                self._fail_once(controller, f"sample returned {type(sample).__name__}, not the class's `sample_type`")
         return samples
 
     # --------------------------------------------------------------------------------------------------- the cycle
@@ -443,7 +444,7 @@ class UpdateLoop:
 
     def broadcast(self, now: int, period: float) -> None:
         """Update the broadcasters, after the RPDOs of the cycle were sent."""
-        rate = self._telling_rate
+        rate = self._broadcast_rate
         elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
             self._run(self._broadcasting, now, elapsed)

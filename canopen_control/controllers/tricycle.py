@@ -183,7 +183,7 @@ class TricycleController(MobileBase):
         super().__init__(name, type_name, self.kinematics)
         self.params = DrivenWheelParams()
         self._limiter = RateLimiter((0.0, NAN))  # the angle starts from the actual steering angle
-        self._take_limits()
+        self._set_limits()
         self._commanded, self._actual = [0.0, NAN], [0.0, NAN]
         self._published: tuple[float, float] | None = None
         """Commanded speed in rad/s and angle in rad, as of the last publication of the odometry."""
@@ -199,16 +199,16 @@ class TricycleController(MobileBase):
         )
         self.pose = self.kinematics
         self.joints = (settings.traction_joint_name, settings.steering_joint_name)
-        self._take_limits()
+        self._set_limits()
         self.set_up(settings, settings.cmd_vel_timeout / _PER_MS, len(self.joints), open_loop=settings.open_loop)
 
     def on_set(self, params: Params) -> None:
         settings = read_checked(params, DrivenWheelParams, _RENAMES)
         self.take(settings, settings.cmd_vel_timeout / _PER_MS)
         self.params = settings
-        self._take_limits()
+        self._set_limits()
 
-    def _take_limits(self) -> None:
+    def _set_limits(self) -> None:
         self._limiter.laws = [self.params.traction.law(), self.params.steering.law()]
 
     def command_interface_names(self) -> list[str]:

@@ -14,45 +14,45 @@ from canopen_control.errors import ControlError, nearest
 
 GROUP: Final = "canopen_control.controllers"
 
-_HERE: Final = "canopen_control.controllers"
+_ROOT: Final = "canopen_control.controllers"
 TYPES: Final = {
-    "forward_command_controller/ForwardCommandController": f"{_HERE}.forward_command:ForwardCommandController",
+    "forward_command_controller/ForwardCommandController": f"{_ROOT}.forward_command:ForwardCommandController",
     "forward_command_controller/MultiInterfaceForwardCommandController": (
-        f"{_HERE}.forward_command:MultiInterfaceForwardCommandController"
+        f"{_ROOT}.forward_command:MultiInterfaceForwardCommandController"
     ),
-    "velocity_controllers/JointGroupVelocityController": f"{_HERE}.forward_command:JointGroupVelocityController",
-    "position_controllers/JointGroupPositionController": f"{_HERE}.forward_command:JointGroupPositionController",
-    "effort_controllers/JointGroupEffortController": f"{_HERE}.forward_command:JointGroupEffortController",
-    "velocity_controllers/JointVelocityController": f"{_HERE}.forward_command:JointVelocityController",
-    "position_controllers/JointPositionController": f"{_HERE}.forward_command:JointPositionController",
-    "effort_controllers/JointEffortController": f"{_HERE}.forward_command:JointEffortController",
-    "diff_drive_controller/DiffDriveController": f"{_HERE}.diff_drive:DiffDriveController",
-    "bicycle_steering_controller/BicycleSteeringController": f"{_HERE}.steering:BicycleSteeringController",
-    "tricycle_steering_controller/TricycleSteeringController": f"{_HERE}.steering:TricycleSteeringController",
-    "tricycle_controller/TricycleController": f"{_HERE}.tricycle:TricycleController",
-    "ackermann_steering_controller/AckermannSteeringController": f"{_HERE}.steering:AckermannSteeringController",
-    "mecanum_drive_controller/MecanumDriveController": f"{_HERE}.holonomic:MecanumDriveController",
-    "omni_wheel_drive_controller/OmniWheelDriveController": f"{_HERE}.holonomic:OmniWheelDriveController",
-    "joint_trajectory_controller/JointTrajectoryController": f"{_HERE}.trajectory.controller:JointTrajectoryController",
-    "pid_controller/PidController": f"{_HERE}.pid_controller:PidController",
-    "gpio_controllers/GpioCommandController": f"{_HERE}.gpio_command:GpioCommandController",
-    "joint_state_broadcaster/JointStateBroadcaster": f"{_HERE}.joint_state:JointStateBroadcaster",
-    "joint_state_controller/JointStateController": f"{_HERE}.joint_state:JointStateBroadcaster",
-    "canopen_ros2_controllers/CanopenProxyController": f"{_HERE}.canopen_device:CanopenProxyController",
-    "canopen_ros2_controllers/Cia402DeviceController": f"{_HERE}.canopen_device:Cia402DeviceController",
-    "position_controllers/GripperActionController": f"{_HERE}.gripper:PositionGripperActionController",
-    "effort_controllers/GripperActionController": f"{_HERE}.gripper:EffortGripperActionController",
-    "parallel_gripper_action_controller/GripperActionController": f"{_HERE}.gripper:ParallelGripperActionController",
-    "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_HERE}.broadcasters:IMUSensorBroadcaster",
-    "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_HERE}.broadcasters:RangeSensorBroadcaster",
+    "velocity_controllers/JointGroupVelocityController": f"{_ROOT}.forward_command:JointGroupVelocityController",
+    "position_controllers/JointGroupPositionController": f"{_ROOT}.forward_command:JointGroupPositionController",
+    "effort_controllers/JointGroupEffortController": f"{_ROOT}.forward_command:JointGroupEffortController",
+    "velocity_controllers/JointVelocityController": f"{_ROOT}.forward_command:JointVelocityController",
+    "position_controllers/JointPositionController": f"{_ROOT}.forward_command:JointPositionController",
+    "effort_controllers/JointEffortController": f"{_ROOT}.forward_command:JointEffortController",
+    "diff_drive_controller/DiffDriveController": f"{_ROOT}.diff_drive:DiffDriveController",
+    "bicycle_steering_controller/BicycleSteeringController": f"{_ROOT}.steering:BicycleSteeringController",
+    "tricycle_steering_controller/TricycleSteeringController": f"{_ROOT}.steering:TricycleSteeringController",
+    "tricycle_controller/TricycleController": f"{_ROOT}.tricycle:TricycleController",
+    "ackermann_steering_controller/AckermannSteeringController": f"{_ROOT}.steering:AckermannSteeringController",
+    "mecanum_drive_controller/MecanumDriveController": f"{_ROOT}.holonomic:MecanumDriveController",
+    "omni_wheel_drive_controller/OmniWheelDriveController": f"{_ROOT}.holonomic:OmniWheelDriveController",
+    "joint_trajectory_controller/JointTrajectoryController": f"{_ROOT}.trajectory.controller:JointTrajectoryController",
+    "pid_controller/PidController": f"{_ROOT}.pid_controller:PidController",
+    "gpio_controllers/GpioCommandController": f"{_ROOT}.gpio_command:GpioCommandController",
+    "joint_state_broadcaster/JointStateBroadcaster": f"{_ROOT}.joint_state:JointStateBroadcaster",
+    "joint_state_controller/JointStateController": f"{_ROOT}.joint_state:JointStateBroadcaster",
+    "canopen_ros2_controllers/CanopenProxyController": f"{_ROOT}.canopen_device:CanopenProxyController",
+    "canopen_ros2_controllers/Cia402DeviceController": f"{_ROOT}.canopen_device:Cia402DeviceController",
+    "position_controllers/GripperActionController": f"{_ROOT}.gripper:PositionGripperActionController",
+    "effort_controllers/GripperActionController": f"{_ROOT}.gripper:EffortGripperActionController",
+    "parallel_gripper_action_controller/GripperActionController": f"{_ROOT}.gripper:ParallelGripperActionController",
+    "imu_sensor_broadcaster/IMUSensorBroadcaster": f"{_ROOT}.broadcasters:IMUSensorBroadcaster",
+    "range_sensor_broadcaster/RangeSensorBroadcaster": f"{_ROOT}.broadcasters:RangeSensorBroadcaster",
     "force_torque_sensor_broadcaster/ForceTorqueSensorBroadcaster": (
-        f"{_HERE}.broadcasters:ForceTorqueSensorBroadcaster"
+        f"{_ROOT}.broadcasters:ForceTorqueSensorBroadcaster"
     ),
-    "pose_broadcaster/PoseBroadcaster": f"{_HERE}.broadcasters:PoseBroadcaster",
-    "battery_state_broadcaster/BatteryStateBroadcaster": f"{_HERE}.broadcasters:BatteryStateBroadcaster",
-    "canopen_control/TargetController": f"{_HERE}.forward_command:TargetController",
-    "canopen_control/GpioBroadcaster": f"{_HERE}.broadcasters:GpioBroadcaster",
-    "canopen_control/DiagnosticsBroadcaster": f"{_HERE}.broadcasters:DiagnosticsBroadcaster",
+    "pose_broadcaster/PoseBroadcaster": f"{_ROOT}.broadcasters:PoseBroadcaster",
+    "battery_state_broadcaster/BatteryStateBroadcaster": f"{_ROOT}.broadcasters:BatteryStateBroadcaster",
+    "canopen_control/TargetController": f"{_ROOT}.forward_command:TargetController",
+    "canopen_control/GpioBroadcaster": f"{_ROOT}.broadcasters:GpioBroadcaster",
+    "canopen_control/DiagnosticsBroadcaster": f"{_ROOT}.broadcasters:DiagnosticsBroadcaster",
 }
 """Classes of the controller types, as `module:class`; single joint types and joint_state_controller are of ROS 1."""
 

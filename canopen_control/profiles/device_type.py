@@ -83,11 +83,11 @@ def profile_of(od: ObjectDictionary) -> Profile:
             (declared := od.get(index, subindex)) is not None and declared.data_type is kind
             for index, subindex, kind in objects
         ):
-            return Profile.CHARGER if profile is Profile.BATTERY and _is_told_the_charge(od) else profile
+            return Profile.CHARGER if profile is Profile.BATTERY and _receives_charge(od) else profile
     return Profile.NONE
 
 
-def _is_told_the_charge(od: ObjectDictionary) -> bool:
+def _receives_charge(od: ObjectDictionary) -> bool:
     """Whether the state of charge is writable: a charger has the objects of a battery, but receives their values."""
     entry = od.get(0x6081)
     return entry is not None and entry.writable and entry.rpdo_mappable

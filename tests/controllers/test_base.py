@@ -13,7 +13,7 @@ def test_a_copy_is_of_the_moment_it_was_taken_and_keeps_its_layout():
     assert [*copy.by_joint()] == copy.joints == ["b", "a", "empty"]
     turn.value, heat.value = 2.0, 41.5
     assert copy.by_joint() == first
-    copy.take()
+    copy.refresh()
     assert copy.by_joint()["a"] == {"position": 2.0, "temperature": 41.5}
 
 
@@ -23,7 +23,7 @@ def test_the_least_controller_claims_nothing_and_does_nothing():
     assert (idle.command_interface_names(), idle.state_interface_names(), idle.update_rate) == ([], [], 5)
     assert idle.update(0, 0.01) is ReturnType.OK
     assert idle.reference_interfaces() == ()
-    assert (idle.tells, idle.sample(0), idle.wheel_base()) == (None, None, None)
+    assert (idle.sample_type, idle.sample(0), idle.wheel_base()) == (None, None, None)
     idle.stamp = 250_000_000
     assert idle.published(1_000_000_000) == 1.25
     assert ALL_STATES == "*"

@@ -310,7 +310,7 @@ def test_who_tells_nothing_has_no_sample_and_who_cannot_tell_has_failed():
     assert control.active == ("plain", "silent")
     one, other = (each.text for each in control.events())
     assert "broken was deactivated: sample raised ZeroDivisionError: no" in one
-    assert "wrong was deactivated: sample returned OdometrySample, which is not what it `tells`" in other
+    assert "wrong was deactivated: sample returned OdometrySample, not the class's `sample_type`" in other
 
 
 def test_a_command_is_refused_while_its_drive_is_off_and_counts_for_nothing_afterwards():

@@ -33,7 +33,7 @@ def test_it_stays_what_it_was_until_the_next_one():
     assert told.sample(1.0, BaseParams(), limited=False) is None
     told.is_due(1)
     pose.set_pose(1.0, 2.0, 3.0)
-    told.take(pose, (0.1, 0.2, 0.3), [0.4, 0.5])
+    told.store(pose, (0.1, 0.2, 0.3), [0.4, 0.5])
     pose.set_pose(9.0, 9.0, 9.0)
     sample = told.sample(1.0, BaseParams(odom_frame_id="map"), limited=True)
     assert (sample.x, sample.y, sample.heading, sample.frame_id) == (1.0, 2.0, 3.0, "map")
@@ -158,7 +158,7 @@ def test_before_the_first_twist_wheels_stand_and_odometry_is_told(kind):
     assert all(map(math.isnan, angles(hardware)))
     sample = made.sample(0)
     assert (sample.x, sample.linear, sample.lateral, sample.time) == (0.0, 0.0, 0.0, 0.01)
-    assert type(sample) is made.tells
+    assert type(sample) is made.sample_type
 
 
 @each_base

@@ -133,9 +133,9 @@ class Segment:
         self._c2[:] = self._c3[:] = [0.0] * self._joints
         if time:
             for i in range(self._joints):
-                way, v0, v1 = b.positions[i] - a.positions[i], a.velocities[i], b.velocities[i]
-                self._c2[i] = (3.0 * way - (2.0 * v0 + v1) * time) / time**2
-                self._c3[i] = (-2.0 * way + (v0 + v1) * time) / time**3
+                distance, v0, v1 = b.positions[i] - a.positions[i], a.velocities[i], b.velocities[i]
+                self._c2[i] = (3.0 * distance - (2.0 * v0 + v1) * time) / time**2
+                self._c3[i] = (-2.0 * distance + (v0 + v1) * time) / time**3
 
     def _fit_quintic(self, a: Point, b: Point, time: float) -> None:
         self._c1[:] = a.velocities
@@ -244,7 +244,7 @@ class ActiveTrajectory(JointSetpoint):
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
         self.before_time, self._fitted, self._ahead = time, _NONE, None
         before = self.before
-        before.take(point)
+        before.assign(point)
         if not all(map(math.isfinite, before.effort)):  # efforts commanded before the first cycle may be nan
             before.effort[:] = [effort if math.isfinite(effort) else 0.0 for effort in before.effort]
         self.shift, self._shifted = [], False
@@ -363,12 +363,12 @@ class ActiveTrajectory(JointSetpoint):
         """Write the state at `t`, interpolated between point `index` and the next point."""
         sampled, self._ahead = self._ahead, None
         if sampled is not None and not ahead and t == self._seen_at and index == self._fitted:
-            out.take(sampled)
+            out.assign(sampled)
             return
         if index != self._fitted:
             self._fit(index)
         if not self.splines:
-            out.take(self._from if index == _BEFORE else self._to)
+            out.assign(self._from if index == _BEFORE else self._to)
             if self._shifted:
                 self._shift(out)
             return
@@ -398,7 +398,7 @@ class ActiveTrajectory(JointSetpoint):
         if not last.positions:
             return False
         self.first = self.size - 1
-        out.take(last)
+        out.assign(last)
         if self._shifted:
             self._shift(out)
         if not (last.velocities and last.accelerations and last.effort):

@@ -224,13 +224,13 @@ class UpsampledPoints(SurveyedPoints):
         begin = index - index % _BLOCK
         block = self._blocks.get(begin)
         if block is None:
-            block = self._worked_out(begin)
+            block = self._block_velocities(begin)
             if len(self._blocks) > 1:
                 del self._blocks[next(iter(self._blocks))]
             self._blocks[begin] = block
         return Point(self._source[index].positions, block[index - begin], time=self.times[index])
 
-    def _worked_out(self, begin: int) -> Block:
+    def _block_velocities(self, begin: int) -> Block:
         """Compute the velocities of a block, assuming standstill `_REACH` points before and after the block."""
         last = len(self) - 1
         first, end = max(0, begin - _REACH), min(last, begin + _BLOCK - 1 + _REACH)
@@ -287,7 +287,7 @@ class JointTrajectoryController(Controller):
         "Each joint: `constraints.JOINT.KEY`": JointConstraints,
         "Each joint: `joint_limits.JOINT.KEY`": LimitParams,
     }
-    tells: ClassVar[type[Sample] | None] = TrajectorySample
+    sample_type: ClassVar[type[Sample] | None] = TrajectorySample
     settable: ClassVar[tuple[str, ...]] = (
         "gains.*.p", "gains.*.i", "gains.*.d", "gains.*.i_clamp*", "gains.*.u_clamp*",
         "gains.*.tracking_time_constant", "gains.*.error_deadband", "gains.*.ff_velocity_scale",
@@ -349,16 +349,16 @@ class JointTrajectoryController(Controller):
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
         super().on_activate(commands, states, now)
         if self._changed is not None:  # changed while the controller was inactive
-            self._take_changes(self._changed)
+            self._apply_changes(self._changed)
         group = self._group
-        group.take(commands[: len(group.command_names)], states[: len(group.state_names)])
-        self.speed.take(
+        group.set_interfaces(commands[: len(group.command_names)], states[: len(group.state_names)])
+        self.speed.set_interfaces(
             states[-1] if self.params.scaling_state else None, commands[-1] if self.params.scaling_command else None
         )
         params = self.params
         self._default = params.tolerances()
         self._timeout = params.cmd_timeout if params.cmd_timeout > params.goal_time else 0.0
-        self._acceptance.take_limits()
+        self._acceptance.apply_interface_limits()
         group.wrap[:] = self._acceptance.continuous
         self._follower.limiter = self._acceptance.point_limiter()
         self.stamp, self.goal = 0, None
@@ -511,7 +511,7 @@ class JointTrajectoryController(Controller):
     def update(self, now: int, period: float) -> ReturnType:
         self.speed.update()
         if self._changed is not None:
-            self._take_changes(self._changed)
+            self._apply_changes(self._changed)
         group, follower = self._group, self._follower
         waiting = group.waits_for()
         if waiting is not None:
@@ -520,7 +520,7 @@ class JointTrajectoryController(Controller):
         if self._waiting is not None:
             self._waiting = None
             follower.resume_at_rest()
-        follower.take_queued()
+        follower.start_queued()
         group.read()
         if follower.motion is None:
             return OK
@@ -548,9 +548,9 @@ class JointTrajectoryController(Controller):
                     "limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits"
                 )
         if not follower.holding:
-            self._take_verdict(judgement.verdict(self.tolerances))
+            self._apply_result(judgement.verdict(self.tolerances))
 
-    def _take_verdict(self, verdict: ToleranceResult | None) -> None:
+    def _apply_result(self, verdict: ToleranceResult | None) -> None:
         """End the goal or the trajectory by the result of the tolerance check."""
         if verdict is None:
             return
@@ -564,10 +564,10 @@ class JointTrajectoryController(Controller):
 
     # ----------------------------------------------------------------------------------------------------- inside
 
-    def _take_changes(self, params: TrajectoryParams) -> None:
+    def _apply_changes(self, params: TrajectoryParams) -> None:
         self.params, self._changed = params, None
         self._default = params.tolerances()
-        self._acceptance.take_params(params)
+        self._acceptance.set_params(params)
         self._follower.set_gains(params)
 
     def _give_up(self, joint: str) -> None:

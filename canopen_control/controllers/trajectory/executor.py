@@ -68,7 +68,7 @@ class Blend(JointSetpoint):
             self._tracks, self._waiting = old._tracks, old._waiting  # noqa: SLF001 - this blend replaces it
         self._end = 0
 
-    def take(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
+    def queue(self, trajectory: ActiveTrajectory, handoff: int, joints: Sequence[int]) -> None:
         """Queue a trajectory that takes over the joints with these indices at `handoff`, in ns.
 
         Queued trajectories with the same or a later handoff are dropped.
@@ -144,10 +144,10 @@ class Blend(JointSetpoint):
         complete = True
         for track in self._tracks:
             motion, point = track.motion, track.sample
-            said_it = motion.query(t, point) if query else motion.sample(t, point, ahead=ahead)
-            if said_it:
+            is_known = motion.query(t, point) if query else motion.sample(t, point, ahead=ahead)
+            if is_known:
                 _copy(point, out, track.joints)
-            complete = complete and said_it
+            complete = complete and is_known
         out.time = t - self.start
         return complete
 
@@ -259,7 +259,7 @@ class SpeedScaling:
         self._state: StateInterface | None = None
         self._command: CommandInterface | None = None
 
-    def take(self, state: StateInterface | None, command: CommandInterface | None) -> None:
+    def set_interfaces(self, state: StateInterface | None, command: CommandInterface | None) -> None:
         """Store the state and command interface of the factor, None if not configured."""
         self._state, self._command = state, command
 
@@ -327,7 +327,7 @@ class TrajectoryExecutor:
     def resume_at_rest(self) -> None:
         """Hold the joints at their actual positions, with reset loops."""
         self._group.read()
-        self._last.take(self._group.actual)
+        self._last.assign(self._group.actual)
         if self._loops is not None:
             self._loops.reset()
         self.hold()
@@ -369,13 +369,13 @@ class TrajectoryExecutor:
         self._queued, self.holding = StopMotion(decelerations), True
 
     def _hold_at(self, point: Point) -> None:
-        self._stay.take(point)
+        self._stay.assign(point)
         self._stay.time = 0
         self._queued, self.holding = self._hold, True
 
     # ----------------------------------------------------------------------------------------------------- cycle
 
-    def take_queued(self) -> None:
+    def start_queued(self) -> None:
         """Start the queued motion.
 
         Joints that a new trajectory does not name hold their position, or continue if it is blended in.
@@ -399,7 +399,7 @@ class TrajectoryExecutor:
         trajectory.start = begin
         self.motion = blend = Blend(follows, group.wrap)
         named = [index for index, joint in enumerate(group.joints) if joint in message.joint_names]
-        blend.take(trajectory, max(begin, self._commanded_until), named)
+        blend.queue(trajectory, max(begin, self._commanded_until), named)
 
     @property
     def follows(self) -> JointSetpoint | None:
@@ -471,7 +471,7 @@ class TrajectoryExecutor:
                 group.write(ACCELERATION, output.accelerations)
             if group.has_effort:
                 group.write(EFFORT, self.desired.effort)
-        self._last.take(output)
+        self._last.assign(output)
         self._last_time = now
 
     @property
@@ -487,7 +487,7 @@ class TrajectoryExecutor:
         """
         motion = self.motion
         if motion is None or not motion.query(t, out):
-            out.take(self._group.actual)
+            out.assign(self._group.actual)
             return False
         return not motion.is_over
 

@@ -46,14 +46,14 @@ class JointGroup:
         self.wrap = [False] * count
         self.commands: dict[str, list[CommandInterface]] = {}
         self._states: dict[str, list[StateInterface]] = {}
-        self.take([], [])
+        self.set_interfaces([], [])
 
     def blank(self) -> Point:
         """Return a point of zeros, with all quantities that have state interfaces."""
         zeros = [0.0] * len(self.joints)
         return Point(zeros, zeros if self.knows_velocity else (), zeros if self.knows_acceleration else ())
 
-    def take(self, commands: Sequence[CommandInterface], states: Sequence[StateInterface]) -> None:
+    def set_interfaces(self, commands: Sequence[CommandInterface], states: Sequence[StateInterface]) -> None:
         """Store the interfaces, in the order of `command_names` and `state_names`."""
         self.commands = {kind: [one for one in commands if one.interface == kind] for kind in self._kinds}
         self._states = {kind: [one for one in states if one.interface == kind] for kind in self._read}

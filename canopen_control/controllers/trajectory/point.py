@@ -43,7 +43,7 @@ class Point:
         self.positions, self.velocities = list(positions), list(velocities)
         self.accelerations, self.effort, self.time = list(accelerations), list(effort), time
 
-    def take(self, other: Point) -> None:
+    def assign(self, other: Point) -> None:
         """Copy the values of another point into the existing lists."""
         self.positions[:] = other.positions
         self.velocities[:] = other.velocities

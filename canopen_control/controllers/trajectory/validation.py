@@ -600,7 +600,7 @@ class Acceptance:
         """Flags of the continuous joints, in the order of the joints."""
         return [self.limits[joint].continuous for joint in self._params.joints]
 
-    def take_params(self, params: TrajectoryParams) -> None:
+    def set_params(self, params: TrajectoryParams) -> None:
         """Replace the parameters for later checks."""
         self._params = params
 
@@ -630,7 +630,7 @@ class Acceptance:
             [own.hard(described.lower, described.upper, described.velocity) for described, own in pairs]
         )
 
-    def take_limits(self) -> None:
+    def apply_interface_limits(self) -> None:
         """Combine the limits of the description with the limits of the command interfaces.
 
         A joint whose interface has position limits is not continuous, even if its type is.

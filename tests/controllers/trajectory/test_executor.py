@@ -69,7 +69,7 @@ def test_a_joint_whose_speed_nobody_knows_stays_where_it_is():
 
 def test_a_user_sets_it_and_the_command_interface_hears_of_it():
     scaling, command = SpeedScaling(0.5, allowed=True), CommandInterface("arm", "speed")
-    scaling.take(None, command)
+    scaling.set_interfaces(None, command)
     scaling.update()
     assert (scaling.factor, command.value) == (0.5, 0.5)
     scaling.set(0.25)
@@ -80,7 +80,7 @@ def test_a_user_sets_it_and_the_command_interface_hears_of_it():
 @pytest.mark.parametrize(("value", "factor"), [(0.3, 0.3), (2.0, 2.0), (-1.0, 0.0), (math.nan, 0.0), (math.inf, 0.0)])
 def test_a_state_interface_counts_and_what_it_does_not_know_lets_time_stand(value, factor):
     scaling = SpeedScaling(1.0, allowed=True)
-    scaling.take(StateInterface("arm", "speed", value), None)
+    scaling.set_interfaces(StateInterface("arm", "speed", value), None)
     scaling.set(0.9)
     scaling.update()
     assert scaling.factor == factor
@@ -134,7 +134,7 @@ def at(motion, t):
 
 def blended(new, handoff, joints=(0, 1), old=None):
     blend = Blend(running((4.0, 4.0, 8.0)) if old is None else old, WRAP)
-    blend.take(new, round(handoff * S), joints)
+    blend.queue(new, round(handoff * S), joints)
     return blend
 
 
@@ -170,14 +170,14 @@ def test_the_new_one_begins_with_the_velocity_of_the_old_one():
 
 def test_what_was_to_begin_later_is_dropped_by_what_begins_before():
     blend = blended(line_of_blend((1.0, 5.0, 5.0), start=13.0), 13.0)
-    blend.take(line_of_blend((1.0, 0.0, 0.0), start=12.0), 12 * S, (0, 1))
+    blend.queue(line_of_blend((1.0, 0.0, 0.0), start=12.0), 12 * S, (0, 1))
     assert at(blend, 13.5) == [0.0, 0.0]
 
 
 def test_those_that_wait_are_bounded():
     blend = Blend(running((100.0, 1.0, 1.0)), WRAP)
     for index in range(50):
-        blend.take(line_of_blend((1.0, index, index), start=20.0 + index), (20 + index) * S, (0, 1))
+        blend.queue(line_of_blend((1.0, index, index), start=20.0 + index), (20 + index) * S, (0, 1))
     assert len(blend._waiting) == MOST_WAITING
     assert at(blend, 99.0)[0] == 49.0
 
@@ -241,7 +241,7 @@ class Joints:
         self.group = JointGroup(JOINTS, JOINTS, commands, states)
         self.commands = [CommandInterface(*name.split("/")) for name in self.group.command_names]
         self.states = [StateInterface(*name.split("/"), 0.0) for name in self.group.state_names]
-        self.group.take(self.commands, self.states)
+        self.group.set_interfaces(self.commands, self.states)
         self.group.read()
         self.follower = TrajectoryExecutor(self.params, self.group, 10 * MS)
         self.follower.begin()
@@ -250,7 +250,7 @@ class Joints:
 
     def cycle(self, scaling=1.0):
         self.now += 10 * MS
-        self.follower.take_queued()
+        self.follower.start_queued()
         self.group.read()
         if self.follower.sample(self.now, 0.01, scaling):
             self.group.compare(self.follower.desired)

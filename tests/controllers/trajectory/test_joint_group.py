@@ -13,7 +13,7 @@ def group(joints=("a", "b"), commanded=None, commands=("position",), states=("po
     made = JointGroup(joints, commanded or joints, commands, states)
     given = [CommandInterface(*each.rsplit("/", 1)) for each in made.command_names]
     read = [StateInterface(*each.rsplit("/", 1), 0.0) for each in made.state_names]
-    made.take(given, read)
+    made.set_interfaces(given, read)
     return made, given, read
 
 

@@ -35,7 +35,7 @@ def test_it_fills_up_and_sorts_as_upstream_does(case):
 def test_a_point_takes_the_values_of_another_in_its_own_lists():
     one, other = Point([0.0], time=1), Point([1.0, 2.0], [3.0, 4.0], time=5)
     positions = one.positions
-    one.take(other)
+    one.assign(other)
     assert (one.positions, one.velocities, one.accelerations, one.time) == ([1.0, 2.0], [3.0, 4.0], [], 5)
     assert one.positions is positions
     other.positions[0] = 9.0

@@ -27,7 +27,7 @@ def acceptance(lower=-3.0, upper=3.0, kind="revolute"):
     params = TrajectoryParams(joints=JOINTS, command_interfaces=("position",), state_interfaces=("position",))
     group = JointGroup(JOINTS, JOINTS, ("position",), ("position",))
     commands = [CommandInterface(each, "position") for each in JOINTS]
-    group.take(commands, [StateInterface(each, "position", 0.0) for each in JOINTS])
+    group.set_interfaces(commands, [StateInterface(each, "position", 0.0) for each in JOINTS])
     group.read()
     joints = {each: Joint(each, kind, "", "", limits=UrdfLimits(lower, upper, 2.0)) for each in JOINTS}
     return Acceptance(params, group, joints), commands
@@ -63,7 +63,7 @@ def test_what_is_beyond_a_limit_is_found_among_many_and_only_its_piece_is_looked
 def test_limits_of_the_interfaces_count_beside_those_of_the_description():
     judge, commands = acceptance()
     commands[1].maximum = 1.0
-    judge.take_limits()
+    judge.apply_interface_limits()
     assert "beyond its limits of -3 to 1" in judge.mistake(packed(2, lambda index: [0.0, 1.5 * index]), S, HERE).text
 
 
