@@ -124,6 +124,26 @@ def expect_refused(node: CheckedNode, index: int, subindex: int, data: bytes, *c
         raise CheckFailed(f"{data.hex(' ').upper()} was accepted by 0x{index:04X}:{subindex:02X}", expected)
 
 
+def upload_request(index: int, subindex: int = 0) -> bytes:
+    """Return the SDO request that initiates an upload."""
+    return bytes((0x40, *mux(index, subindex), 0, 0, 0, 0))
+
+
+def client_abort(index: int) -> bytes:
+    """Return the SDO request by which a client aborts the transfer of an object with `GENERAL_ERROR`."""
+    return bytes((ABORT, *mux(index), 0, 0, 0, 8))
+
+
+def answer_text(answer: bytes | None) -> str:
+    """Return an answer in hexadecimal, or "no answer"."""
+    return "no answer" if answer is None else answer.hex(" ").upper()
+
+
+def expect_silence(answer: bytes | None, expected: str = "silence") -> None:
+    """Raise CheckFailed if there is an answer."""
+    expect(answer is None, answer_text(answer), expected)
+
+
 def mux(index: int, subindex: int = 0) -> bytes:
     """Return the multiplexer of an SDO request: index and subindex in three bytes."""
     return bytes((index & 0xFF, index >> 8, subindex))

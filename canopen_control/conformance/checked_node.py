@@ -193,6 +193,14 @@ class CheckedNode:
         except SdoAbort as error:
             raise NotApplicable(f"0x{index:04X}:{subindex:02X} cannot be read: 0x{error.code:08X}") from None
 
+    def has(self, index: int, subindex: int = 0) -> bool:
+        """Whether an optional object can be read."""
+        try:
+            self.read(index, subindex)
+        except SdoAbort:
+            return False
+        return True
+
     def number(self, index: int, subindex: int = 0) -> int:
         """Upload an optional unsigned number; raise NotApplicable if the device refuses the upload."""
         return int.from_bytes(self.optional(index, subindex), "little")

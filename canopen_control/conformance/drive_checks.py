@@ -27,17 +27,19 @@ from canopen_control.conformance.drive_steps import (
     SOD,
     control,
     drive_at,
+    expect_bits,
     go,
     is_drive,
     option,
     reaches,
+    reset_fault,
     select_standstill_mode,
     set_mode,
     signed,
     statusword,
     stays,
 )
-from canopen_control.conformance.nmt_checks import boot
+from canopen_control.conformance.nmt_checks import boot, other_node_id
 from canopen_control.conformance.pdo_checks import first_pdo, present_values
 from canopen_control.errors import SdoAbort
 
@@ -74,27 +76,27 @@ def _state(node: CheckedNode) -> None:
     expect(decode_statusword(word) is not None, f"statusword 0x{word:04X}", "a state of CiA 402-2, table 30")
 
 
-@_add("D02", "402-2, 8.4 (object 0x6502)", "0x6502 has a mode of operation")
+@_add("D02", "402-2, 8.4 (object 0x6502)", "0x6502 lists a mode of operation")
 def _modes(node: CheckedNode) -> None:
     is_drive(node)
     modes = int.from_bytes(node.read(o.SUPPORTED_DRIVE_MODES), "little")
     expect(modes != 0, "0x6502 = 0", "a bit for each supported mode")
 
 
-@_add("D03", "402-2, 8.3 (object 0x6040)", "0x6040 can be read, with two bytes")
+@_add("D03", "402-2, 8.3 (object 0x6040)", "0x6040 can be read and has two bytes")
 def _control(node: CheckedNode) -> None:
     is_drive(node)
     expect(len(node.read(o.CONTROLWORD)) == 2, f"{len(node.read(o.CONTROLWORD))} bytes", "2")
 
 
-@_add("D03m", "402-2, 8.3 (object 0x6061)", "0x6061 can be read, with one byte")
+@_add("D03m", "402-2, 8.3 (object 0x6061)", "0x6061 can be read and has one byte")
 def _display(node: CheckedNode) -> None:
     is_drive(node)
     data = node.read(o.MODES_OF_OPERATION_DISPLAY)
     expect(len(data) == 1, f"{len(data)} bytes", "1")
 
 
-@_add("D04", "402-2, 8.6", "the option codes have values that the profile lists", _SHOULD)
+@_add("D04", "402-2, 8.6", "the option codes have values defined in the profile", _SHOULD)
 def _option_codes(node: CheckedNode) -> None:
     is_drive(node)
     for index, legal in _OPTION_CODES.items():
@@ -131,14 +133,16 @@ def _position_limits(node: CheckedNode) -> None:
 def _of_the_eds(node: CheckedNode, index: int) -> None:
     is_drive(node)
     if node.eds is None or node.eds.od.get(index) is None:
-        raise NotApplicable(f"the EDS lists no 0x{index:04X}")
+        raise NotApplicable(f"the EDS does not list 0x{index:04X}")
     node.read(index)
 
 
 for _index, _name in ((0x603F, "the error code"), (0x606C, "the actual velocity"), (0x6064, "the actual position")):
-    _add(f"D09{_index & 0xFF:02x}", f"402-2, object 0x{_index:04X}", f"0x{_index:04X}, {_name}, is as in the EDS")(
-        partial(_of_the_eds, index=_index)
-    )
+    _add(
+        f"D09{_index & 0xFF:02x}",
+        f"402-2, object 0x{_index:04X}",
+        f"0x{_index:04X}, {_name}, exists if the EDS lists it",
+    )(partial(_of_the_eds, index=_index))
 
 
 @_add("D06", "402-2, object 0x606C", "0x606C is 0 while 0x6064 does not change", _SHOULD)
@@ -153,19 +157,18 @@ def _at_rest(node: CheckedNode) -> None:
 
 def _bit(number: int, value: int, why: str, node: CheckedNode) -> None:
     is_drive(node)
-    word = statusword(node)
-    expect(word >> number & 1 == value, f"statusword 0x{word:04X}", f"bit {number} = {value}: {why}")
+    expect_bits(node, 1 << number, value << number, f"bit {number} = {value}: {why}")
 
 
 for _id, _number, _value, _title, _why in (
     ("D08", 9, 1, "bit 9 of 0x6041 (remote) is 1", "the drive obeys 0x6040"),
     ("D08w", 7, 0, "bit 7 of 0x6041 (warning) is 0", "no warning"),
-    ("D08l", 11, 0, "bit 11 of 0x6041 (internal limit) is 0", "no limit acts at rest"),
+    ("D08l", 11, 0, "bit 11 of 0x6041 (internal limit) is 0", "no limit is active at rest"),
 ):
     _add(_id, "402-2, object 0x6041", _title, _SHOULD)(partial(_bit, _number, _value, _why))
 
 
-@_add("D08m", "402-2, object 0x6041", "0x6041 does not change while nothing happens", _SHOULD)
+@_add("D08m", "402-2, object 0x6041", "0x6041 does not change without a command", _SHOULD)
 def _stable(node: CheckedNode) -> None:
     is_drive(node)
     words = set()
@@ -222,23 +225,21 @@ def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
     return accepted
 
 
-@_add("D12", "402-2, objects 0x6060 and 0x6502", "a mode that 0x6502 does not list is not taken", touch=_CONFIGURE)
+@_add("D12", "402-2, objects 0x6060 and 0x6502", "a mode that 0x6502 does not list is not selected", touch=_CONFIGURE)
 def _unknown_mode(node: CheckedNode) -> None:
     is_drive(node)
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
     accepted = [mode for mode in _taken_modes(node, range(1, 17)) if not modes >> (mode - 1) & 1]
-    expect(not accepted, f"0x6061 shows {', '.join(map(str, accepted))}", "abort 0x06090030, or 0x6061 as before")
+    expect(not accepted, f"0x6061 shows {', '.join(map(str, accepted))}", "abort 0x06090030, or an unchanged 0x6061")
 
 
-@_add(
-    "D12n", "402-2, object 0x6060", "a manufacturer's mode is announced in bits 16 to 31 of 0x6502", _SHOULD, _CONFIGURE
-)
+@_add("D12n", "402-2, object 0x6060", "bits 16 to 31 of 0x6502 announce the manufacturer's modes", _SHOULD, _CONFIGURE)
 def _own_modes(node: CheckedNode) -> None:
     is_drive(node)
     if node.number(o.SUPPORTED_DRIVE_MODES) >> 16:
         raise NotApplicable("0x6502 announces modes of the manufacturer")
     accepted = _taken_modes(node, range(-10, 0))
-    expect(not accepted, f"mode {', '.join(map(str, accepted))} is taken", "a bit of 16 to 31 in 0x6502")
+    expect(not accepted, f"mode {', '.join(map(str, accepted))} was accepted", "a bit in 16 to 31 of 0x6502")
 
 
 # -- parameters
@@ -252,7 +253,7 @@ def _read_back(node: CheckedNode, index: int, subindex: int, value: int, size: i
         expect(shown == value, f"{shown}", f"{value}, or an abort")
 
 
-@_add("D15p", "402-2, object 0x60C2", "an interpolation time of 10 ms is taken as it is", touch=_CONFIGURE)
+@_add("D15p", "402-2, object 0x60C2", "an interpolation time of 10 ms is stored unchanged", touch=_CONFIGURE)
 def _period(node: CheckedNode) -> None:
     is_drive(node)
     with node.kept(o.INTERPOLATION_TIME_PERIOD, 2):
@@ -260,20 +261,20 @@ def _period(node: CheckedNode) -> None:
         _read_back(node, o.INTERPOLATION_TIME_PERIOD, 1, 10, 1)
 
 
-@_add("D13", "402-2, object 0x6083", "an acceleration is taken as it is, or refused", touch=_CONFIGURE)
+@_add("D13", "402-2, object 0x6083", "an acceleration is stored unchanged, or refused", touch=_CONFIGURE)
 def _acceleration(node: CheckedNode) -> None:
     is_drive(node)
     value = node.number(o.PROFILE_ACCELERATION)
     _read_back(node, o.PROFILE_ACCELERATION, 0, max(2 * value, 5000), 4)
 
 
-@_add("D13d", "402-2, object 0x6084", "a deceleration is taken as it is, or refused", touch=_CONFIGURE)
+@_add("D13d", "402-2, object 0x6084", "a deceleration is stored unchanged, or refused", touch=_CONFIGURE)
 def _deceleration(node: CheckedNode) -> None:
     is_drive(node)
     _read_back(node, o.PROFILE_DECELERATION, 0, max(2 * node.number(o.PROFILE_DECELERATION), 5000), 4)
 
 
-@_add("D65m", "402-2, object 0x6098", "homing method 0 (none) is taken", _SHOULD, _CONFIGURE)
+@_add("D65m", "402-2, object 0x6098", "homing method 0 (none) is accepted", _SHOULD, _CONFIGURE)
 def _no_homing(node: CheckedNode) -> None:
     _read_back(node, o.HOMING_METHOD, 0, 0, 1)
 
@@ -376,12 +377,12 @@ for _id, _arrow_number, _source, _word, _target in _ARROWS:
         partial(_arrow, source=_source, word=_word, target=_target, seconds=_QUICK_S)
     )
 for _id, _source, _word in _FORBIDDEN:
-    _add(_id, _POWER, f"0x{_word:02X} in {_source.name} changes nothing", touch=_MOTION)(
+    _add(_id, _POWER, f"0x{_word:02X} has no effect in {_source.name}", touch=_MOTION)(
         partial(_no_arrow, source=_source, word=_word)
     )
 
 
-@_add("D44", _POWER, "SWITCHED ON lasts without a command", _SHOULD, _MOTION)
+@_add("D44", _POWER, "the drive stays in SWITCHED ON without a command", _SHOULD, _MOTION)
 def _lasting(node: CheckedNode) -> None:
     with drive_at(node, ON):
         stays(node, ON, 4.0)
@@ -390,11 +391,10 @@ def _lasting(node: CheckedNode) -> None:
 @_add("D23v", "402-2, object 0x6041", "bit 4 of 0x6041 (voltage enabled) is 1 in OPERATION ENABLED", touch=_MOTION)
 def _voltage(node: CheckedNode) -> None:
     with drive_at(node, OE):
-        word = statusword(node)
-        expect(bool(word & 0x10), f"statusword 0x{word:04X}", "bit 4 = 1")
+        expect_bits(node, 0x10, 0x10, "bit 4 = 1")
 
 
-@_add("D46", _POWER, "OPERATION ENABLED is entered with mode 0, too", _SHOULD, _MOTION)
+@_add("D46", _POWER, "OPERATION ENABLED is entered even with mode 0", _SHOULD, _MOTION)
 def _without_mode(node: CheckedNode) -> None:
     with drive_at(node, SOD):
         try:
@@ -406,7 +406,7 @@ def _without_mode(node: CheckedNode) -> None:
         reaches(node, OE, 1.0)
 
 
-@_add("D39", _POWER, "enabling moves nothing, whatever 0x607A holds", touch=_MOTION)
+@_add("D39", _POWER, "enabling causes no motion, whatever the value of 0x607A", touch=_MOTION)
 def _old_target(node: CheckedNode) -> None:
     with drive_at(node, ON, OperationMode.PP):
         position = signed(node, o.POSITION_ACTUAL)
@@ -417,7 +417,7 @@ def _old_target(node: CheckedNode) -> None:
             reaches(node, OE)
             node.listen(0.3)
             moved = signed(node, o.POSITION_ACTUAL) - position
-            expect(abs(moved) <= window, f"moved by {moved}", "at rest until a set-point is given by bit 4")
+            expect(abs(moved) <= window, f"moved by {moved}", "no motion until bit 4 commands a set-point")
 
 
 # -- quick stop
@@ -442,13 +442,7 @@ def _quick_stop_ends(node: CheckedNode) -> None:
         reaches(node, SOD, 5.0)
 
 
-@_add(
-    "D31",
-    "402-2, 6.3 (object 0x605A)",
-    "transition 16: 0x0F leaves QUICK STOP ACTIVE where 0x605A is 6",
-    _SHOULD,
-    _MOTION,
-)
+@_add("D31", "402-2, 6.3 (object 0x605A)", "transition 16: 0x0F ends a quick stop with 0x605A = 6", _SHOULD, _MOTION)
 def _resumed(node: CheckedNode) -> None:
     is_drive(node)
     with option(node, o.QUICK_STOP_OPTION, 6), drive_at(node, OE):
@@ -465,7 +459,7 @@ def _resumed(node: CheckedNode) -> None:
 def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
     """Context in which the drive is in FAULT and the cause is removed; yields the error codes of the EMCY messages."""
     is_drive(node)
-    other = 126 if node.node_id != 126 else 125
+    other = other_node_id(node)
     can_id = node.number(0x1014) & 0x7FF
     with option(node, o.ABORT_CONNECTION_OPTION, 1), drive_at(node, OE):
         control(node, word)
@@ -487,7 +481,7 @@ def _fault(node: CheckedNode) -> None:
         expect(bool(codes), "no EMCY", "an EMCY with the cause")
 
 
-@_add("D35c", "402-2, object 0x603F", "0x603F holds the code of a fault's EMCY", touch=_MOTION)
+@_add("D35c", "402-2, object 0x603F", "0x603F contains the error code of the fault's EMCY", touch=_MOTION)
 def _fault_code(node: CheckedNode) -> None:
     with _faulted(node) as codes:
         code = node.number(o.ERROR_CODE)
@@ -497,26 +491,24 @@ def _fault_code(node: CheckedNode) -> None:
 @_add("D36", _POWER, "transition 15: the edge of bit 7 leads from FAULT to SWITCH ON DISABLED", touch=_MOTION)
 def _fault_reset(node: CheckedNode) -> None:
     with _faulted(node):
-        control(node, 0x00)
-        control(node, 0x80)
+        reset_fault(node)
         reaches(node, SOD)
 
 
 @_add("D36t", _POWER, f"FAULT is left within {_QUICK_S:g} s of the edge of bit 7", _SHOULD, _MOTION)
 def _quick_reset(node: CheckedNode) -> None:
     with _faulted(node):
-        control(node, 0x00)
-        control(node, 0x80)
+        reset_fault(node)
         reaches(node, SOD, _QUICK_S)
 
 
-@_add("D36l", _POWER, "bit 7 that is held at 1 resets no fault", touch=_MOTION)
+@_add("D36l", _POWER, "a constant bit 7 = 1 does not reset a fault", touch=_MOTION)
 def _held_reset(node: CheckedNode) -> None:
     with _faulted(node, 0x8F):
         stays(node, FAULT, 1.5)
 
 
-@_add("D33f", _POWER, "0x06, 0x07 and 0x0F in FAULT change nothing", touch=_MOTION)
+@_add("D33f", _POWER, "0x06, 0x07 and 0x0F have no effect in FAULT", touch=_MOTION)
 def _commands_in_fault(node: CheckedNode) -> None:
     with _faulted(node):
         for word in (0x06, 0x07, 0x0F):
@@ -538,8 +530,7 @@ def _reset_and_enable(node: CheckedNode) -> None:
 @_add("D38e", _POWER, "the drive is enabled within 1 s after a fault reset", _SHOULD, _MOTION)
 def _enabled_after_reset(node: CheckedNode) -> None:
     with _faulted(node):
-        control(node, 0x00)
-        control(node, 0x80)
+        reset_fault(node)
         reaches(node, SOD)
         begin = node.reactor.now()
         go(node, OE)
@@ -600,15 +591,13 @@ def _set_point_here(node: CheckedNode) -> Iterator[None]:
         yield
 
 
-@_add("D54", "402-2, 10 (profile position)", "PP: a set-point given by bit 4 is acknowledged by bit 12", touch=_MOTION)
+@_add("D54", "402-2, 10 (profile position)", "PP: bit 12 acknowledges a set-point commanded by bit 4", touch=_MOTION)
 def _acknowledged(node: CheckedNode) -> None:
     with _set_point_here(node):
-        word = statusword(node)
-        expect(bool(word & 0x1000), f"statusword 0x{word:04X}", "bit 12 = 1")
+        expect_bits(node, 0x1000, 0x1000, "bit 12 = 1")
         control(node, 0x0F)
         node.listen(0.1)
-        word = statusword(node)
-        expect(not word & 0x1000, f"statusword 0x{word:04X}", "bit 12 = 0 after bit 4 = 0")
+        expect_bits(node, 0x1000, 0, "bit 12 = 0 after bit 4 = 0")
 
 
 @_add("D56", "402-2, 10 (profile position)", "PP: bit 10 is 1 at the target", touch=_MOTION)
@@ -616,11 +605,10 @@ def _reached(node: CheckedNode) -> None:
     with _set_point_here(node):
         control(node, 0x0F)
         node.listen(1.0)
-        word = statusword(node)
-        expect(bool(word & 0x0400), f"statusword 0x{word:04X}", "bit 10 = 1")
+        expect_bits(node, 0x0400, 0x0400, "bit 10 = 1")
 
 
-@_add("D59", "402-2, 12 (cyclic position)", "CSP: missing set-points end in no fault at standstill", _SHOULD, _MOTION)
+@_add("D59", "402-2, 12 (cyclic position)", "CSP: missing set-points cause no fault at standstill", _SHOULD, _MOTION)
 def _missing_set_points(node: CheckedNode) -> None:
     sync = node.number(0x1005) & 0x7FF
     with drive_at(node, ON):

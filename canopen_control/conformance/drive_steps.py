@@ -43,9 +43,21 @@ def statusword(node: CheckedNode) -> int:
     return int.from_bytes(node.read(o.STATUSWORD), "little")
 
 
+def expect_bits(node: CheckedNode, mask: int, value: int, expected: str) -> None:
+    """Read the statusword and check the bits of `mask`; `expected` describes them."""
+    word = statusword(node)
+    expect(word & mask == value, f"statusword 0x{word:04X}", expected)
+
+
 def control(node: CheckedNode, word: int) -> None:
     """Write 0x6040."""
     node.put(o.CONTROLWORD, 0, word, 2)
+
+
+def reset_fault(node: CheckedNode) -> None:
+    """Command a fault reset, for which bit 7 has to rise (CiA 402-2, transition 15)."""
+    control(node, 0x00)
+    control(node, 0x80)
 
 
 def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
@@ -80,8 +92,7 @@ def go(node: CheckedNode, goal: State) -> None:
             return
         if state in (FAULT, State.FAULT_REACTION_ACTIVE):
             reaches(node, FAULT)
-            control(node, 0)
-            control(node, 0x80)
+            reset_fault(node)
             reaches(node, SOD)
             continue
         control(node, _word_to(state, goal))

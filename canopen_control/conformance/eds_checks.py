@@ -25,9 +25,9 @@ _SHOWN = 5  # issues in a result
 _DRIVES = 402
 _SHAPE = ("section-form", "section-repeated", "stray-line", "key-number", "key-repeated", "entry-repeated")
 _ROWS = (
-    ("E01", "file format", "the file can be read as it is written", _MUST, _SHAPE),  # T 1.0
+    ("E01", "file format", "the file has no syntax error", _MUST, _SHAPE),  # T 1.0
     ("E01i", "[DeviceInfo]", "[DeviceInfo] is complete", _MUST, ("device-info",)),
-    ("E02", "lists of objects", "0x1000, 0x1001 and 0x1018 are there", _MUST, ("object-mandatory",)),
+    ("E02", "lists of objects", "0x1000, 0x1001 and 0x1018 exist", _MUST, ("object-mandatory",)),
     (
         "E03",
         "lists of objects",
@@ -39,7 +39,7 @@ _ROWS = (
     (
         "E04",
         "sections of objects",
-        "SubNumber and subindex 0 fit",
+        "SubNumber and subindex 0 match the subindices",
         _MUST,
         ("sub-number", "sub0-missing", "sub0-count", "sub0-type"),
     ),
@@ -60,7 +60,7 @@ _ROWS = (
     (
         "E06f",
         "sections of objects",
-        "limits are numbers, where limits may be",
+        "limits are numbers, and occur only where allowed",
         _SHOULD,
         ("limit-form", "limit-forbidden"),
     ),
@@ -74,14 +74,14 @@ _ROWS = (
     (
         "E08c",
         "sections of objects",
-        "each PDO has records and as many entries as it counts",
+        "each PDO has both records, and the entries that it counts",
         _MUST,
         ("pdo-count", "pdo-record"),
     ),
     ("E08m", "sections of objects", "mapped objects have PDOMapping=1", _MUST, ("pdo-mappable",)),
     ("E09", "sections of objects", "COB-IDs are allowed identifiers, or off", _MUST, ("cob-id",)),
     ("E10", "[DeviceInfo]", "NrOfRXPDO and NrOfTXPDO are the numbers of records", _SHOULD, ("pdo-number",)),
-    ("E12c", "sections of objects", "arrays and records are those of the standard", _SHOULD, ("object-code",)),
+    ("E12c", "sections of objects", "ObjectType is that of the standard (array or record)", _SHOULD, ("object-code",)),
     ("E13t", "sections of objects", "objects of CiA 402 have its types", _SHOULD, ("profile-type",)),
 )
 

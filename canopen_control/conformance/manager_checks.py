@@ -35,7 +35,7 @@ def _startup(node: CheckedNode) -> None:
     expect(not value >> 7, f"0x1F80 = 0x{value:08X}", "bits 7 to 31 = 0")
 
 
-@_add("G01w", "302-2, object 0x1F80", "0x1F80 takes its own value", touch=_CONFIGURE)
+@_add("G01w", "302-2, object 0x1F80", "0x1F80 accepts its current value", touch=_CONFIGURE)
 def _startup_written(node: CheckedNode) -> None:
     with node.kept(_STARTUP) as value:
         node.put(_STARTUP, 0, value, 4)
@@ -54,7 +54,7 @@ def _requests(node: CheckedNode) -> None:
     expect(count == _NODES + 1, f"0x1F82:00 = {count}", f"{_NODES + 1}")
 
 
-@_add("G04", "302-3, object 0x1F22", "each entry of 0x1F22 is empty, or a whole concise DCF")
+@_add("G04", "302-3, object 0x1F22", "each entry of 0x1F22 is empty, or a complete concise DCF")
 def _concise_files(node: CheckedNode) -> None:
     count = node.number(_CONCISE)
     for subindex in range(1, min(count, _NODES) + 1):
@@ -68,7 +68,7 @@ def _concise_files(node: CheckedNode) -> None:
             expect(good=False, actual=f"0x1F22:{subindex:02X}: {error}", expected="a concise DCF")
 
 
-@_add("G05", "302-3, objects 0x1F50 and 0x1F51", "0x1F50 and 0x1F51 have as many programs")
+@_add("G05", "302-3, objects 0x1F50 and 0x1F51", "0x1F50 and 0x1F51 have the same number of programs")
 def _programs(node: CheckedNode) -> None:
     data, control = node.number(_PROGRAM), node.number(_CONTROL)
     expect(data == control, f"{data} and {control}", "the same number")
@@ -95,7 +95,7 @@ def _program_states(node: CheckedNode) -> None:
         expect(good, f"0x1F51:{subindex:02X} = {data.hex().upper()}", "one byte: 0 to 3, or 0x80 and above")
 
 
-@_add("G07", "302-3, object 0x1F57", "0x1F57 shows no error, and no work, at rest", _SHOULD)
+@_add("G07", "302-3, object 0x1F57", "0x1F57 shows neither an error nor an operation at rest", _SHOULD)
 def _flash_states(node: CheckedNode) -> None:
     for subindex, data in _each_program(node, _FLASH):
         value = int.from_bytes(data, "little")

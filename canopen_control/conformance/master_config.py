@@ -124,14 +124,14 @@ class ConfigurationObserver(MasterObserver):
         elif index == _CONSUMER and subindex:
             node_id, milliseconds = parse_consumer_entry(value)
             own = node_id == self.node.node_id and milliseconds > 0
-            self.findings.expect(not own, "MC15", f"{name_of(mux)} names node {node_id}, the device itself")
+            self.findings.expect(not own, "MC15", f"{name_of(mux)} contains node {node_id}, the device itself")
 
     def written(self, mux: Mux, code: int | None) -> None:
         if code is None:
             if self._open.pop(mux, None) is not None:
                 self.findings.expect(True, "MC14", "")
         elif mux[0] in _OF_COMMUNICATION:
-            self._open[mux] = f"was not taken (0x{code:08X})"
+            self._open[mux] = f"failed (0x{code:08X})"
 
     def _cob_id(self, mux: Mux, value: int) -> None:
         if value & (_EXTENDED | _INVALID):
@@ -185,7 +185,9 @@ class ConfigurationObserver(MasterObserver):
         if self.started is not None and not self._judged_start and now - self.started > _SETTLE_NS:
             self._judged_start = True
             heartbeat = self.node.store.number(_PRODUCER)
-            self.findings.expect(heartbeat > 0 or self.guarded, "MC05", "0x1017 is 0, and no remote frame came")
+            self.findings.expect(
+                heartbeat > 0 or self.guarded, "MC05", "0x1017 is 0, and no node guarding request was received"
+            )
 
     def finish(self) -> None:
         if self.started is not None:

@@ -344,7 +344,7 @@ class ReactionObserver(MasterObserver):
     def _flood(self, stage: Stage) -> None:
         if self._cyclic is not None and stage.operational:
             longest = max(self._longest, stage.healed - self._cyclic)
-            self.findings.expect(longest <= _SILENCE_NS, "MF06", f"nothing cyclic for {longest / MS:.0f} ms")
+            self.findings.expect(longest <= _SILENCE_NS, "MF06", f"no cyclic frame for {longest / MS:.0f} ms")
 
     def _reset(self, stage: Stage) -> None:
         if stage.configured and not (stage.also or stage.holds):
@@ -363,7 +363,7 @@ class ReactionObserver(MasterObserver):
 
     def _in_time(self, stage: Stage, reaction: int | None, check_id: str, limit: int) -> None:
         delay = None if reaction is None else reaction - stage.begun
-        text = "nothing" if delay is None else f"the first reaction after {delay / S:.1f} s"
+        text = "nothing" if delay is None else f"first reaction after {delay / S:.1f} s"
         self.findings.expect(delay is not None and delay <= limit, check_id, text)
         if delay is not None:
-            self.findings.note(check_id, f"{stage.title}: the first reaction after {delay / MS:.0f} ms")
+            self.findings.note(check_id, f"{stage.title}: first reaction after {delay / MS:.0f} ms")

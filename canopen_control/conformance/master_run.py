@@ -336,4 +336,6 @@ class MasterRun:
     def _leave_out(self) -> None:
         for stage in self._stages:
             for check_id in _OF_STAGE[stage.kind]:
-                self.judge.findings.skipped[check_id] = "the run was too short for it; give more time with --for"
+                self.judge.findings.skipped[check_id] = (
+                    "the run was too short for this check; allow more time with --for"
+                )

@@ -165,12 +165,10 @@ class SdoObserver(MasterObserver):
         if not transfer.answered and transfer.stale:
             good = mux == transfer.mux or gap > 2 * S
             self.findings.expect(
-                good, "MT10", f"{name_of(mux)} was requested after an answer that was not of the {which}"
+                good, "MT10", f"{name_of(mux)} was requested after an answer to another request than the {which}"
             )
         elif not transfer.answered and gap >= OVERLAP_NS:
-            self.findings.expect(
-                False, "MT05", f"another request {gap / MS:.0f} ms after the {which}, without an abort"
-            )
+            self.findings.expect(False, "MT05", f"another request {gap / MS:.0f} ms after the {which} without an abort")
             self.findings.expect(True, "MT08", "")
         else:
             self.findings.expect(False, "MT01", f"{name_of(mux)} was requested {gap / MS:.1f} ms after the {which}")
@@ -251,7 +249,7 @@ class SdoObserver(MasterObserver):
     def _zeros(self, first: bytes, mask: int, rest: bytes = b"") -> None:
         good = not first[0] & mask and not any(rest)
         self.findings.expect(
-            good, "MT06", f"{first.hex().upper()}, and {rest.hex(' ').upper() or 'no byte'} in reserved bytes"
+            good, "MT06", f"{first.hex().upper()}, with {rest.hex(' ').upper() or 'no byte'} in reserved bytes"
         )
 
     # -- answers
@@ -330,6 +328,6 @@ class SdoObserver(MasterObserver):
     def tick(self, now: int) -> None:
         transfer = self._transfer
         if transfer is not None and not transfer.answered and now - transfer.requested_at > _HANG_NS:
-            text = f"nothing for 10 s after the {transfer.kind} of {name_of(transfer.mux)} that got no answer"
+            text = f"nothing for 10 s after the {transfer.kind} of {name_of(transfer.mux)} without an answer"
             self.findings.expect(False, "MT08", text)
             self._end(transfer, AbortCode.TIMED_OUT)

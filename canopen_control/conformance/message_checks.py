@@ -59,7 +59,7 @@ def _sync_producer(node: CheckedNode) -> None:
         try:
             node.put(0x1005, 0, value | 1 << 30, 4)
         except SdoAbort as error:
-            raise NotApplicable(f"the device produces no SYNC: 0x{error.code:08X}") from None
+            raise NotApplicable(f"the device cannot produce SYNC: 0x{error.code:08X}") from None
         count = sum(frame.can_id == value & 0x7FF for _, frame in node.listen(1.0))
         node.put(0x1005, 0, value, 4)
         expect(9 <= count <= 11, f"{count} SYNC in 1 s", "9 to 11")
@@ -93,7 +93,7 @@ def _overflow_high(node: CheckedNode) -> None:
     _overflow_refused(node, 241, 255)
 
 
-@_add("Y05", "7.5.2.22 (object 0x1019)", "0x1019 takes 0, 2 and 240", touch=_CONFIGURE)  # T 6.6
+@_add("Y05", "7.5.2.22 (object 0x1019)", "0x1019 accepts 0, 2 and 240", touch=_CONFIGURE)  # T 6.6
 def _overflow_legal(node: CheckedNode) -> None:
     with node.kept(0x1019), node.kept(0x1006):
         node.put(0x1006, 0, 0, 4)
@@ -103,10 +103,10 @@ def _overflow_legal(node: CheckedNode) -> None:
             expect(shown == value, f"{shown}", f"{value}")
 
 
-@_add("Y05e", "7.5.2.22 (object 0x1019)", "0x1019 is there where the EDS lists it")
+@_add("Y05e", "7.5.2.22 (object 0x1019)", "0x1019 exists if the EDS lists it")
 def _overflow_present(node: CheckedNode) -> None:
     if node.eds is None or node.eds.od.get(0x1019) is None:
-        raise NotApplicable("the EDS lists no 0x1019")
+        raise NotApplicable("the EDS does not list 0x1019")
     node.read(0x1019)
 
 
@@ -153,7 +153,7 @@ def _error_register(node: CheckedNode) -> None:
     expect(len(data) == 1, f"{len(data)} bytes", "1")
 
 
-@_add("M03", "7.5.2.4 (object 0x1003)", "0x1003:01 of an empty history is refused")  # T 5.3
+@_add("M03", "7.5.2.4 (object 0x1003)", "an upload of 0x1003:01 from an empty history is refused")  # T 5.3
 def _empty_history(node: CheckedNode) -> None:
     if node.number(0x1003):
         raise NotApplicable("the error history is not empty")
@@ -193,15 +193,15 @@ def _emergency(node: CheckedNode) -> None:
     expect(bool(register[0] & 1), f"0x1001 = 0x{register[0]:02X}", "bit 0 (generic) while there is an error")
 
 
-@_add("M04b", "7.5.2.2 (object 0x1001)", "an error of communication sets bit 4 of 0x1001", _SHOULD, _CONFIGURE)
+@_add("M04b", "7.5.2.2 (object 0x1001)", "a communication error sets bit 4 of 0x1001", _SHOULD, _CONFIGURE)
 def _error_class(node: CheckedNode) -> None:
     message, register, *_ = _provoked(node)
     if message[1] != 0x82 and message[1] != 0x81:
-        raise NotApplicable("the error is none of communication")
+        raise NotApplicable("the error is not a communication error")
     expect(bool(register[0] & 0x10), f"0x1001 = 0x{register[0]:02X}", "bit 4")
 
 
-@_add("M04h", "7.5.2.4 (object 0x1003)", "0x1003:01 holds the code of the last EMCY", touch=_CONFIGURE)
+@_add("M04h", "7.5.2.4 (object 0x1003)", "0x1003:01 contains the code of the last EMCY", touch=_CONFIGURE)
 def _history(node: CheckedNode) -> None:
     message, _, history, *_ = _provoked(node)
     if not history:
@@ -209,14 +209,14 @@ def _history(node: CheckedNode) -> None:
     expect(history[:2] == message[:2], history.hex(" ").upper(), message[:2].hex(" ").upper())
 
 
-@_add("M07", "7.2.7", "a cause that is gone is reported with EMCY 0x0000", _SHOULD, _CONFIGURE)
+@_add("M07", "7.2.7", "the end of an error is reported by EMCY 0x0000", _SHOULD, _CONFIGURE)
 def _error_reset(node: CheckedNode) -> None:
     _, _, _, *after = _provoked(node)
     observed = "; ".join(data.hex(" ").upper() for data in after) or "no EMCY"
     expect(any(data[:2] == b"\0\0" for data in after), observed, "EMCY 0x0000")
 
 
-@_add("M09", "7.2.7", "bytes 3 to 7 of an EMCY are 0 where the manufacturer documents none", _SHOULD, _CONFIGURE)
+@_add("M09", "7.2.7", "bytes 3 to 7 of an EMCY are 0 unless documented", _SHOULD, _CONFIGURE)
 def _manufacturer_bytes(node: CheckedNode) -> None:
     message, *_ = _provoked(node)
     expect(not any(message[3:]), message.hex(" ").upper(), "zeros, or the bytes that the manual describes")
@@ -232,7 +232,7 @@ def _emergency_at_boot(node: CheckedNode) -> None:
     expect(message is None, "" if message is None else message.data.hex(" ").upper(), "none: 0x1001 = 0")
 
 
-@_add("M05", "7.5.2.4 (object 0x1003)", "0x1003:00 takes 0, which clears the history", touch=_CONFIGURE)  # T 2.8
+@_add("M05", "7.5.2.4 (object 0x1003)", "writing 0 to 0x1003:00 clears the history", touch=_CONFIGURE)  # T 2.8
 def _clear_history(node: CheckedNode) -> None:
     node.optional(0x1003)
     node.put(0x1003, 0, 0, 1)
@@ -268,13 +268,13 @@ def _wrong_load(node: CheckedNode) -> None:
     _signature_refused(node, 0x1011)
 
 
-@_add("R01b", "7.5.2.13 (object 0x1010)", "0x1010:01 shows how the device stores", _SHOULD)
+@_add("R01b", "7.5.2.13 (object 0x1010)", "0x1010:01 indicates how the device stores", _SHOULD)
 def _storing(node: CheckedNode) -> None:
     value = node.number(0x1010, 1)
-    expect(value & ~3 == 0, f"0x{value:08X}", "bits 0 and 1 alone")
+    expect(value & ~3 == 0, f"0x{value:08X}", "only bits 0 and 1")
 
 
-@_add("R02", "7.5.2.13 (object 0x1010)", "a value that was saved outlasts a reset", touch=_STORE)  # T 8.2
+@_add("R02", "7.5.2.13 (object 0x1010)", "a saved value persists after a reset", touch=_STORE)  # T 8.2
 def _saved(node: CheckedNode) -> None:
     node.optional(0x1010, 1)
     with node.kept(0x1017) as value:
@@ -289,7 +289,7 @@ def _saved(node: CheckedNode) -> None:
             node.write(0x1010, 1, _SAVE)
 
 
-@_add("R02c", "7.5.2.13 (object 0x1010)", "the COB-ID of an RPDO that was saved outlasts a reset", touch=_STORE)
+@_add("R02c", "7.5.2.13 (object 0x1010)", "a saved COB-ID of an RPDO persists after a reset", touch=_STORE)
 def _saved_cob_id(node: CheckedNode) -> None:
     node.optional(0x1010, 1)
     record = first_pdo(node)
@@ -313,7 +313,7 @@ def _answers_after_saving(node: CheckedNode) -> None:
     node.read(0x1000)
 
 
-@_add("R03", "7.5.2.14 (object 0x1011)", "restored defaults count after a reset", touch=_STORE)  # T 8.4
+@_add("R03", "7.5.2.14 (object 0x1011)", "restored defaults take effect after a reset", touch=_STORE)  # T 8.4
 def _restored(node: CheckedNode) -> None:
     node.optional(0x1011, 1)
     entry = None if node.eds is None else node.eds.od.get(0x1017)
@@ -331,7 +331,7 @@ def _restored(node: CheckedNode) -> None:
             node.put(0x1017, 0, value, 2)
 
 
-@_add("R04", "7.5.2.23 (object 0x1020)", "0x1020 is zeroed by a change of a parameter", _SHOULD, _CONFIGURE)  # T 8.9
+@_add("R04", "7.5.2.23 (object 0x1020)", "a change of a parameter sets 0x1020 to 0", _SHOULD, _CONFIGURE)  # T 8.9
 def _verification(node: CheckedNode) -> None:
     with node.kept(0x1020, 1), node.kept(0x1020, 2), node.kept(0x1017) as period:
         node.put(0x1020, 1, 1, 4)
@@ -341,7 +341,7 @@ def _verification(node: CheckedNode) -> None:
         expect(value == 0, f"0x1020:01 = {value}", "0")
 
 
-@_add("R06", "7.3.2.2.1", "a parameter that was not saved is gone after a reset", touch=_CONFIGURE)
+@_add("R06", "7.3.2.2.1", "a parameter that was not saved is lost at a reset", touch=_CONFIGURE)
 def _not_saved(node: CheckedNode) -> None:
     with node.kept(0x1017):
         boot(node)

@@ -22,9 +22,11 @@ from canopen_control.conformance.drive_steps import (
     SOD,
     control,
     drive_at,
+    expect_bits,
     is_drive,
     option,
     reaches,
+    reset_fault,
     set_mode,
     signed,
     statusword,
@@ -38,7 +40,6 @@ from canopen_control.conformance.motion_steps import (
     RAMP_S,
     RELATIVE,
     fast,
-    has,
     moving,
     sample,
     set_point,
@@ -50,7 +51,7 @@ from canopen_control.conformance.motion_steps import (
     watch,
     window,
 )
-from canopen_control.conformance.nmt_checks import boot
+from canopen_control.conformance.nmt_checks import boot, other_node_id
 from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ _CSP, _CSV, _CST = (
     "402-2, 13 (cyclic synchronous velocity)",
     "402-2, 14 (cyclic synchronous torque)",
 )
+_UNIT = "402-2, objects 0x606C and 0x60A9"
 _BIT_12, _BIT_13 = 1 << 12, 1 << 13
 _TIME_S = 1.5  # longest time of a motion over the distance
 _PV, _PP_MODE, _HM = OperationMode.PV, OperationMode.PP, OperationMode.HM
@@ -91,7 +93,7 @@ def _about(seconds: float, expected: float) -> None:
 # -- the power stage and its first motion
 
 
-@_add("D43m", "402-2, objects 0x6040 and 0x60FF", "PV: the shaft turns by 0x60FF in OPERATION ENABLED", touch=_MOTION)
+@_add("D43m", "402-2, objects 0x6040 and 0x60FF", "PV: the shaft reaches 0x60FF in OPERATION ENABLED", touch=_MOTION)
 def _turns(node: CheckedNode) -> None:
     with moving(node, _PV) as motion:
         turn(node, motion, motion.velocity)
@@ -116,7 +118,7 @@ def _first_enable(node: CheckedNode) -> None:
         stays(node, OE, 0.2)
 
 
-@_add("D44v", _POWER, "SWITCHED ON lasts without main power (bit 4 of 0x6041)", _SHOULD, _MOTION)
+@_add("D44v", _POWER, "the drive stays in SWITCHED ON without main power", _SHOULD, _MOTION)
 def _without_mains(node: CheckedNode) -> None:
     is_drive(node)
     if statusword(node) & 0x10:
@@ -125,13 +127,12 @@ def _without_mains(node: CheckedNode) -> None:
         stays(node, ON, 4.0)
 
 
-@_add("D37", _POWER, "a fault whose cause lasts is not left by a reset", touch=_MOTION)
+@_add("D37", _POWER, "a reset does not clear a fault whose cause is present", touch=_MOTION)
 def _lasting_fault(node: CheckedNode) -> None:
     is_drive(node)
     if decode_statusword(statusword(node)) is not FAULT:
         raise NotApplicable("the drive is not in FAULT")
-    control(node, 0x00)
-    control(node, 0x80)
+    reset_fault(node)
     states = set()
     for _ in range(100):
         states.add(decode_statusword(statusword(node)))
@@ -151,18 +152,18 @@ def _reserved_inputs(node: CheckedNode) -> None:
 # -- profile velocity
 
 
-@_add("D50", "402-2, object 0x6083", "PV: the shaft speeds up along 0x6083", _SHOULD, _MOTION)
+@_add("D50", "402-2, object 0x6083", "PV: the shaft accelerates by 0x6083", _SHOULD, _MOTION)
 def _acceleration(node: CheckedNode) -> None:
     with moving(node, _PV) as motion:
         _about(_seconds(turn(node, motion, motion.velocity)), 0.9 * RAMP_S)
 
 
-@_add("D50d", "402-2, object 0x6084", "PV: the shaft slows down along 0x6084", _SHOULD, _MOTION)
+@_add("D50d", "402-2, object 0x6084", "PV: the shaft decelerates by 0x6084", _SHOULD, _MOTION)
 def _deceleration(node: CheckedNode) -> None:
     with moving(node, _PV, deceleration_share=0.4) as motion:
         turn(node, motion, motion.velocity)
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
-        stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill along 0x6084")
+        stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill by the ramp 0x6084")
         _about(_seconds(stop), 0.9 * RAMP_S / 0.4)
 
 
@@ -181,7 +182,7 @@ def _sense(node: CheckedNode) -> None:
         _same_sense(node, motion, -motion.velocity)
 
 
-@_add("D51p", "402-2, object 0x607E", "PV: 0x607E turns targets and feedback round, so that they fit", touch=_MOTION)
+@_add("D51p", "402-2, object 0x607E", "PV: 0x607E inverts targets and feedback alike", touch=_MOTION)
 def _polarity(node: CheckedNode) -> None:
     is_drive(node)
     with node.kept(o.POLARITY) as polarity:
@@ -195,18 +196,12 @@ def _polarity(node: CheckedNode) -> None:
                 ) from None
 
 
-@_add(
-    "D15v",
-    "402-2, objects 0x606C and 0x60A9",
-    "0x606C is the way of 0x6064 per second, if no object names a unit",
-    _SHOULD,
-    _MOTION,
-)
+@_add("D15v", _UNIT, "without a defined unit, 0x606C is the change of 0x6064 per second", _SHOULD, _MOTION)
 def _velocity_unit(node: CheckedNode) -> None:
     is_drive(node)
     for index, subindex in ((o.SI_UNIT_VELOCITY, 0), (o.VELOCITY_FACTOR, 1)):
-        if has(node, index, subindex):
-            raise NotApplicable(f"0x{index:04X} names the unit")
+        if node.has(index, subindex):
+            raise NotApplicable(f"0x{index:04X} defines the unit")
     with moving(node, _PV) as motion:
         turn(node, motion, motion.velocity)
         node.listen(0.05)
@@ -226,18 +221,15 @@ def _velocity_reached(node: CheckedNode) -> None:
         until(node, motion, lambda one: bool(one.word & TARGET_REACHED), 0.5, "bit 10 = 1")
 
 
-@_add(
-    "D52z", "402-2, object 0x6041", "PV: bit 12 (speed 0) is 1 at standstill and 0 while the shaft turns", touch=_MOTION
-)
+@_add("D52z", "402-2, object 0x6041", "PV: bit 12 (speed 0) is 1 only at standstill", touch=_MOTION)
 def _speed_zero(node: CheckedNode) -> None:
     with moving(node, _PV) as motion:
         until(node, motion, lambda one: bool(one.word & _BIT_12), 0.5, "bit 12 = 1 at standstill")
         turn(node, motion, motion.velocity)
-        word = statusword(node)
-        expect(not word & _BIT_12, f"statusword 0x{word:04X}", "bit 12 = 0")
+        expect_bits(node, _BIT_12, 0, "bit 12 = 0")
 
 
-@_add("D53", "402-2, object 0x605D", "PV: halt stops the shaft, and its end goes on", touch=_MOTION)
+@_add("D53", "402-2, object 0x605D", "PV: halt stops the shaft, and its end resumes the motion", touch=_MOTION)
 def _halt(node: CheckedNode) -> None:
     is_drive(node)
     with option(node, o.HALT_OPTION, 1), moving(node, _PV) as motion:
@@ -275,7 +267,7 @@ for _code, _text in (
     @_add(
         f"D62q{_code}",
         "402-2, 6.3 (object 0x605A)",
-        f"a quick stop with 0x605A = {_code} stops along {_text}",
+        f"a quick stop with 0x605A = {_code} uses the ramp {_text}",
         touch=_MOTION,
     )
     def _quick_stop(node: CheckedNode, code: int = _code) -> None:
@@ -312,7 +304,7 @@ def _stops(node: CheckedNode, motion: Motion, why: str) -> None:
     expect(state is not OE, OE.name, f"no power: {why}")
 
 
-@_add("D41m", _POWER, "NMT stop while the shaft turns stops it", touch=_MOTION)
+@_add("D41m", _POWER, "NMT stop stops a turning shaft", touch=_MOTION)
 def _nmt_stop(node: CheckedNode) -> None:
     with moving(node, _PV) as motion:
         turn(node, motion, motion.velocity)
@@ -323,10 +315,10 @@ def _nmt_stop(node: CheckedNode) -> None:
         _stops(node, motion, "0x6007 after NMT stop")
 
 
-@_add("D67", "402-2, object 0x6007", "a lost heartbeat of the master stops a shaft that turns", touch=_MOTION)
+@_add("D67", "402-2, object 0x6007", "the loss of the master's heartbeat stops a turning shaft", touch=_MOTION)
 def _master_lost(node: CheckedNode) -> None:
     is_drive(node)
-    other = 126 if node.node_id != 126 else 125
+    other = other_node_id(node)
     with option(node, o.ABORT_CONNECTION_OPTION, 1), node.kept(0x1016, 1), moving(node, _PV) as motion:
         node.put(0x1016, 1, other << 16 | 200, 4)
         node.send(ERROR_CONTROL_COB_ID + other, b"\5")
@@ -341,7 +333,7 @@ def _master_lost(node: CheckedNode) -> None:
 # -- profile position
 
 
-@_add("D56m", _PP, "PP: a set-point is gone to, and bit 10 is 1 there and not before", touch=_MOTION)
+@_add("D56m", _PP, "PP: the shaft reaches a set-point, and bit 10 is 1 only there", touch=_MOTION)
 def _one_move(node: CheckedNode) -> None:
     with moving(node, _PP_MODE) as motion:
         target, near = motion.start + motion.distance, window(node, motion)
@@ -368,7 +360,7 @@ def _arrives(node: CheckedNode, motion: Motion, target: int, distances: int = 1)
     return until(node, motion, is_there, distances * _TIME_S + 1.0, f"position {target}, and bit 10 = 1")
 
 
-@_add("D55s", _PP, "PP: a second set-point is acknowledged while the first one is under way", touch=_MOTION)
+@_add("D55s", _PP, "PP: a second set-point is acknowledged while the first one is in progress", touch=_MOTION)
 def _set_of_set_points(node: CheckedNode) -> None:
     with moving(node, _PP_MODE) as motion:
         set_point(node, motion.start + motion.distance)
@@ -390,7 +382,7 @@ def _buffered(node: CheckedNode) -> None:
         _arrives(node, motion, motion.start)
 
 
-@_add("D55i", _PP, "PP: a second set-point with bit 5 counts at once", touch=_MOTION)
+@_add("D55i", _PP, "PP: a second set-point with bit 5 takes effect at once", touch=_MOTION)
 def _immediately(node: CheckedNode) -> None:
     with moving(node, _PP_MODE) as motion:
         set_point(node, motion.start + motion.distance)
@@ -408,7 +400,7 @@ def _relative(node: CheckedNode) -> None:
         _arrives(node, motion, motion.start + motion.distance // 2)
 
 
-@_add("D53p", _PP, "PP: halt stops the motion, and its end goes on to the set-point", touch=_MOTION)
+@_add("D53p", _PP, "PP: halt stops the motion, and its end resumes the motion", touch=_MOTION)
 def _halted_move(node: CheckedNode) -> None:
     with option(node, o.HALT_OPTION, 1), moving(node, _PP_MODE) as motion:
         set_point(node, motion.start + motion.distance)
@@ -437,11 +429,11 @@ def _position_limit(node: CheckedNode) -> None:
         with suppress(SdoAbort):  # a drive may refuse the value
             set_point(node, motion.start + motion.distance)
         furthest = _furthest(motion, watch(node, motion, _time(motion)))
-        expected = f"at most {abs(motion.distance) // 2}, where 0x607D ends"
+        expected = f"at most {abs(motion.distance) // 2}, the limit in 0x607D"
         expect(furthest <= abs(motion.distance) // 2 + 4 * window(node, motion), f"moved by {furthest}", expected)
 
 
-@_add("D57b", "402-2, object 0x6041", "bit 11 of 0x6041 shows that 0x607D acts", _SHOULD, _MOTION)
+@_add("D57b", "402-2, object 0x6041", "bit 11 of 0x6041 is 1 at a limit of 0x607D", _SHOULD, _MOTION)
 def _limit_shown(node: CheckedNode) -> None:
     with _limited(node) as motion:
         try:
@@ -487,16 +479,15 @@ def _homed(node: CheckedNode) -> None:
         until(node, motion, lambda one: one.word & (done | _BIT_13) == done, 1.0, "bits 12 and 10 = 1, bit 13 = 0")
 
 
-@_add("D65k", _HOMING, "bits 12 and 10 last after homing", touch=_MOTION)
+@_add("D65k", _HOMING, "bit 12 stays 1 after homing", touch=_MOTION)
 def _stays_homed(node: CheckedNode) -> None:
     with _homing(node, 37):
         _home_in_place(node)
         node.listen(0.5)
-        word = statusword(node)
-        expect(bool(word & _BIT_12), f"statusword 0x{word:04X}", "bit 12 = 1 until the next homing")
+        expect_bits(node, _BIT_12, _BIT_12, "bit 12 = 1 until the next homing")
 
 
-@_add("D65z", _HOMING, "after method 37 0x6064 is 0x607C", touch=_MOTION)
+@_add("D65z", _HOMING, "after homing method 37, 0x6064 equals 0x607C", touch=_MOTION)
 def _home_position(node: CheckedNode) -> None:
     with _homing(node, 37) as motion:
         offset = motion.start + motion.distance // 10
@@ -516,8 +507,7 @@ def _homed_without_power(node: CheckedNode) -> None:
         control(node, 0x07)
         control(node, 0x07 | NEW_SET_POINT)
         node.listen(0.1)
-        word = statusword(node)
-        expect(not word & _BIT_12, f"statusword 0x{word:04X} in SWITCHED ON", "bit 12 = 0")
+        expect_bits(node, _BIT_12, 0, "bit 12 = 0 in SWITCHED ON")
 
 
 _SEARCH = 17  # to the negative limit switch, or 18 to the positive one: the check ends long before it
@@ -559,8 +549,7 @@ def _interrupted(node: CheckedNode) -> None:
     with _searching(node) as motion:
         control(node, ENABLE)
         until(node, motion, lambda one: still(one, motion.speed // 2), 1.0, "standstill")
-        word = statusword(node)
-        expect(not word & _BIT_12, f"statusword 0x{word:04X}", "bit 12 = 0")
+        expect_bits(node, _BIT_12, 0, "bit 12 = 0")
 
 
 @_add("D66h", _HOMING, "halt stops homing", touch=_MOTION)
@@ -589,7 +578,7 @@ def _interpolated(node: CheckedNode) -> None:
         expect(abs(moved - way) <= max(window(node, motion), abs(way) // 4), f"moved by {moved}", f"{way}")
 
 
-@_add("D58", _CSP, "CSP: the shaft follows set-points that come by RPDO and SYNC", touch=_MOTION)
+@_add("D58", _CSP, "CSP: the shaft follows set-points sent by RPDO and SYNC", touch=_MOTION)
 def _cyclic_position(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
         step = step_of(motion)
@@ -601,7 +590,7 @@ def _cyclic_position(node: CheckedNode) -> None:
         expect(abs(at - stream.value) <= 2 * abs(step), f"position {at}", f"{stream.value}")
 
 
-@_add("D58r", _CSP, "CSP: a set-point that comes 2 ms before SYNC counts from that SYNC on", _SHOULD, _MOTION)
+@_add("D58r", _CSP, "CSP: a set-point sent 2 ms before SYNC takes effect at that SYNC", _SHOULD, _MOTION)
 def _in_time(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
         step = step_of(motion) // 4 or 1
@@ -615,7 +604,7 @@ def _in_time(node: CheckedNode) -> None:
             expect(shown == value, f"0x607A = {shown} after SYNC", f"{value}")
 
 
-@_add("D58j", _CSP, "CSP: the shaft turns evenly where a SYNC is late by a tenth of its period", _SHOULD, _MOTION)
+@_add("D58j", _CSP, "CSP: the shaft turns evenly if a SYNC is late by a tenth of its period", _SHOULD, _MOTION)
 def _even(node: CheckedNode) -> None:
     late = PERIOD_MS / 10
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
@@ -635,17 +624,17 @@ def _even(node: CheckedNode) -> None:
         expect(least > 0.3, f"{least:.0%} of the velocity until a late SYNC", "about 100 %")
 
 
-@_add("D59e", _CSP, "CSP: without new set-points the shaft stands at the last one", _SHOULD, _MOTION)
+@_add("D59e", _CSP, "CSP: without new set-points the shaft stops at the last one", _SHOULD, _MOTION)
 def _ends(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
         step = step_of(motion)
         stream.cycles(15, step)
         node.listen(0.3)
         beyond = (sample(node, motion).position - stream.value) / step
-        expect(abs(beyond) <= 0.3, f"{beyond:.1f} steps beyond the last set-point", "at it")
+        expect(abs(beyond) <= 0.3, f"{beyond:.1f} steps beyond the last set-point", "at most 0.3 steps")
 
 
-@_add("D59m", _CSP, "CSP: two missing set-points while the shaft turns end in no fault", _SHOULD, _MOTION)
+@_add("D59m", _CSP, "CSP: two missing set-points cause no fault while the shaft turns", _SHOULD, _MOTION)
 def _missing(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
         stream.cycles(10, step_of(motion) // 2 or 1)
@@ -655,7 +644,7 @@ def _missing(node: CheckedNode) -> None:
         reaches(node, OE, 0.0)
 
 
-@_add("D60s", "402-2, 12 (CSP and object 0x1006)", "CSP: the drive is enabled whatever 0x1006 holds", _SHOULD, _MOTION)
+@_add("D60s", "402-2, 12 (object 0x1006)", "CSP: the drive is enabled for any value of 0x1006", _SHOULD, _MOTION)
 def _period_of_others(node: CheckedNode) -> None:
     with drive_at(node, ON):
         set_mode(node, OperationMode.CSP)
@@ -665,7 +654,7 @@ def _period_of_others(node: CheckedNode) -> None:
         stays(node, OE, 0.2)
 
 
-@_add("D61", _CSV, "CSV: the shaft turns as fast as the set-points say", touch=_MOTION)
+@_add("D61", _CSV, "CSV: the shaft follows the set-points", touch=_MOTION)
 def _cyclic_velocity(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSV, o.TARGET_VELOCITY) as (motion, stream):
         stream.cycles(10, motion.velocity // 20)
@@ -688,7 +677,7 @@ def _torque_limit(node: CheckedNode) -> None:
             shown = signed(node, o.TORQUE_DEMAND)
             node.put(o.TARGET_TORQUE, 0, 0, 2)
             sample(node, motion)
-            expect(abs(shown) <= 10, f"0x6074 = {shown}", "at most 10, which is 0x6072")
+            expect(abs(shown) <= 10, f"0x6074 = {shown}", "at most 0x6072 = 10")
 
 
 @_add("D68t", "402-2, object 0x6060", "the mode changes from CST to CSP in OPERATION ENABLED", _SHOULD, _MOTION)

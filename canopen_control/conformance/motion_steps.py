@@ -58,15 +58,6 @@ def _present(node: CheckedNode, index: int, subindex: int = 0) -> int:
         return 0
 
 
-def has(node: CheckedNode, index: int, subindex: int = 0) -> bool:
-    """Whether an optional object can be read."""
-    try:
-        node.optional(index, subindex)
-    except NotApplicable:
-        return False
-    return True
-
-
 def _half_turn(node: CheckedNode) -> int:
     feed, turns = _present(node, o.FEED_CONSTANT, 1), _present(node, o.FEED_CONSTANT, 2) or 1
     if not feed:
@@ -126,7 +117,7 @@ def moving(node: CheckedNode, mode: int, state: State = OE, *, deceleration_shar
 
 def _return(node: CheckedNode, motion: Motion) -> None:
     """Stop the shaft, and return to the start position if the drive supports PP."""
-    if has(node, o.TARGET_VELOCITY):
+    if node.has(o.TARGET_VELOCITY):
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
     control(node, ENABLE)
     node.listen(2 * RAMP_S)
@@ -148,7 +139,7 @@ def _return(node: CheckedNode, motion: Motion) -> None:
 
 
 class DriveSample(NamedTuple):
-    """State of the drive `seconds` after the start of the check's motion."""
+    """State of the drive at the time `seconds` of the reactor."""
 
     seconds: float
     position: int

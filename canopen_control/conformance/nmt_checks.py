@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.lss import FAST_SCAN_START, MASTER_COB_ID, SLAVE_COB_ID, LssCommand, LssMode, lss_frame
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NMT_COB_ID, NmtCommand, NmtState
-from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect, expect_refused, mux
+from canopen_control.conformance.check import (
+    CheckLevel,
+    CheckList,
+    CheckTouch,
+    answer_text,
+    expect,
+    expect_refused,
+    expect_silence,
+    upload_request,
+)
 from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
 
 if TYPE_CHECKING:
@@ -61,7 +70,7 @@ def emergency_id(node: CheckedNode) -> int:
     """Return the COB-ID of the node's EMCY messages; raise NotApplicable if EMCY is disabled."""
     value = node.number(0x1014)
     if value >> 31:
-        raise NotApplicable("0x1014 switches EMCY off")
+        raise NotApplicable("bit 31 of 0x1014 disables EMCY")
     return value & 0x1FFFFFFF
 
 
@@ -89,7 +98,7 @@ def _reset_node(node: CheckedNode) -> None:
     expect(not more, f"{1 + len(more)} boot-up messages", "one")
 
 
-@_add("N02", "7.3.2.2.1", "reset communication: one boot-up, and 0x1017 as at power-on", touch=_CONFIGURE)  # T 10.1
+@_add("N02", "7.3.2.2.1", "reset communication restores the power-on value of 0x1017", touch=_CONFIGURE)  # T 10.1
 def _reset_communication(node: CheckedNode) -> None:
     with node.kept(0x1017):
         boot(node)
@@ -110,7 +119,7 @@ def _boot_time(node: CheckedNode) -> None:
 @_add("N09", "7.3.2.2.2", "SDO requests are answered from the boot-up message on", touch=_CONFIGURE)
 def _sdo_after_boot(node: CheckedNode) -> None:
     boot(node)
-    answer = node.ask(bytes((0x40, *mux(0x1000), 0, 0, 0, 0)))
+    answer = node.ask(upload_request(0x1000))
     expect(answer is not None, f"no answer within {node.timeout_s:g} s", "an answer in PRE-OPERATIONAL")
 
 
@@ -127,25 +136,25 @@ def _state_after_boot(node: CheckedNode) -> None:
         _expect_state(node, NmtState.PRE_OPERATIONAL)
 
 
-@_add("N11", "7.3.2", "NMT start is obeyed right after the boot-up message", touch=_CONFIGURE)
+@_add("N11", "7.3.2", "NMT start is accepted right after the boot-up message", touch=_CONFIGURE)
 def _start_after_boot(node: CheckedNode) -> None:
     boot(node)
     with node.operational(), beating(node):
         _expect_state(node, NmtState.OPERATIONAL)
 
 
-@_add("N12", "7.3.2", "a request that was sent during the boot is not answered after it", _SHOULD, _CONFIGURE)
+@_add("N12", "7.3.2", "a request sent during the boot is not answered after the boot", _SHOULD, _CONFIGURE)
 def _old_request(node: CheckedNode) -> None:
     node.read(0x1000)
     node.nmt(NmtCommand.RESET_NODE)
-    node.send(REQUEST + node.node_id, bytes((0x40, *mux(0x1018, 1), 0, 0, 0, 0)))
+    node.send(REQUEST + node.node_id, upload_request(0x1018, 1))
     if node.wait_for(ERROR_CONTROL_COB_ID + node.node_id, 10.0) is None:
         raise CheckFailed("no boot-up message within 10 s", "boot-up")
     late = [frame for _, frame in node.listen(0.3) if frame.can_id == ANSWER + node.node_id]
     expect(not late, late[0].data.hex(" ").upper() if late else "", "silence: the transfer ended with the reset")
 
 
-@_add("N03", "7.3.2.2.2", "PRE-OPERATIONAL: heartbeat 7F, SDO answered", touch=_CONFIGURE)  # T 9.2
+@_add("N03", "7.3.2.2.2", "in PRE-OPERATIONAL the heartbeat is 7F, and SDO is answered", touch=_CONFIGURE)  # T 9.2
 def _pre_operational(node: CheckedNode) -> None:
     with beating(node):
         node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
@@ -153,21 +162,21 @@ def _pre_operational(node: CheckedNode) -> None:
         node.read(0x1000)
 
 
-@_add("N04", "7.3.2.2.3", "OPERATIONAL: heartbeat 05, SDO answered", touch=_CONFIGURE)  # T 9.3
+@_add("N04", "7.3.2.2.3", "in OPERATIONAL the heartbeat is 05, and SDO is answered", touch=_CONFIGURE)  # T 9.3
 def _operational(node: CheckedNode) -> None:
     with beating(node), node.operational():
         _expect_state(node, NmtState.OPERATIONAL)
         node.read(0x1000)
 
 
-@_add("N05", "7.3.2.2.4", "STOPPED: heartbeat 04, SDO not answered", touch=_CONFIGURE)  # T 9.4
+@_add("N05", "7.3.2.2.4", "in STOPPED the heartbeat is 04, and SDO is not answered", touch=_CONFIGURE)  # T 9.4
 def _stopped(node: CheckedNode) -> None:
     with beating(node):
         node.nmt(NmtCommand.STOP)
         try:
             _expect_state(node, NmtState.STOPPED)
-            answer = node.ask(bytes((0x40, *mux(0x1000), 0, 0, 0, 0)))
-            expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+            answer = node.ask(upload_request(0x1000))
+            expect_silence(answer)
         finally:
             node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
 
@@ -198,17 +207,17 @@ def _unchanged(node: CheckedNode, data: bytes) -> None:
             node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
 
 
-@_add("N06", "7.2.8.2", "an unknown NMT command changes nothing", touch=_CONFIGURE)
+@_add("N06", "7.2.8.2", "an unknown NMT command has no effect", touch=_CONFIGURE)
 def _unknown_command(node: CheckedNode) -> None:
     _unchanged(node, bytes((0x03, node.node_id)))
 
 
-@_add("N06s", "7.2.8.2", "an NMT frame of one byte changes nothing", touch=_CONFIGURE)
+@_add("N06s", "7.2.8.2", "an NMT frame of one byte has no effect", touch=_CONFIGURE)
 def _short_command(node: CheckedNode) -> None:
     _unchanged(node, bytes((NmtCommand.START,)))
 
 
-@_add("N06l", "7.2.8.2", "an NMT frame of three bytes changes nothing", _SHOULD, _CONFIGURE)
+@_add("N06l", "7.2.8.2", "an NMT frame of three bytes has no effect", _SHOULD, _CONFIGURE)
 def _long_command(node: CheckedNode) -> None:
     _unchanged(node, bytes((NmtCommand.START, node.node_id, 0)))
 
@@ -216,7 +225,7 @@ def _long_command(node: CheckedNode) -> None:
 # -- heartbeat
 
 
-@_add("H00", "7.2.8.2", "the device has a heartbeat (0x1017)", _SHOULD)
+@_add("H00", "7.2.8.2", "the device supports heartbeats (0x1017)", _SHOULD)
 def _has_heartbeat(node: CheckedNode) -> None:
     try:
         node.number(0x1017)
@@ -224,7 +233,7 @@ def _has_heartbeat(node: CheckedNode) -> None:
         raise CheckFailed(str(reason), "0x1017, which CiA recommends instead of guarding") from None
 
 
-@_add("H01", "7.5.2.20 (object 0x1017)", "0x1017 = 100 makes ten heartbeats in a second", touch=_CONFIGURE)  # T 7.101
+@_add("H01", "7.5.2.20 (object 0x1017)", "0x1017 = 100 causes ten heartbeats per second", touch=_CONFIGURE)  # T 7.101
 def _period(node: CheckedNode) -> None:
     with beating(node, 100):
         frames = _heartbeats(node, 1.0)
@@ -233,7 +242,7 @@ def _period(node: CheckedNode) -> None:
     expect(not wrong, wrong[0].data.hex(" ") if wrong else "", "7F: PRE-OPERATIONAL with toggle bit 0")
 
 
-@_add("H02", "7.5.2.20 (object 0x1017)", "0x1017 = 0 makes no heartbeat", touch=_CONFIGURE)  # T 7.103
+@_add("H02", "7.5.2.20 (object 0x1017)", "0x1017 = 0 disables the heartbeat", touch=_CONFIGURE)  # T 7.103
 def _no_heartbeat(node: CheckedNode) -> None:
     with node.kept(0x1017):
         node.put(0x1017, 0, 0, 2)
@@ -251,7 +260,7 @@ def _default_period(node: CheckedNode) -> None:
     expect(value == entry.default, f"{value}", f"{entry.default}, unless another value is stored")
 
 
-@_add("H02b", "7.2.8.2", "heartbeats after the boot-up message keep the period of 0x1017", _SHOULD, _CONFIGURE)
+@_add("H02b", "7.2.8.2", "heartbeats after the boot-up message have the period of 0x1017", _SHOULD, _CONFIGURE)
 def _heartbeats_after_boot(node: CheckedNode) -> None:
     node.optional(0x1017)
     boot(node)
@@ -261,7 +270,7 @@ def _heartbeats_after_boot(node: CheckedNode) -> None:
     expect(count <= expected, f"{count} heartbeats within 0.2 s", f"at most {expected}: 0x1017 = {period}")
 
 
-def _foreign(node: CheckedNode) -> int:
+def other_node_id(node: CheckedNode) -> int:
     """Return a node id other than the device's, for the heartbeats that a check sends."""
     return 126 if node.node_id != 126 else 125
 
@@ -269,7 +278,7 @@ def _foreign(node: CheckedNode) -> int:
 @contextmanager
 def _watching(node: CheckedNode, timeout_ms: int = 100) -> Iterator[int]:
     """Context in which the device monitors the heartbeat of another node; yields the id of that node."""
-    other = _foreign(node)
+    other = other_node_id(node)
     with node.kept(0x1016, 1):
         node.put(0x1016, 1, other << 16 | timeout_ms, 4)
         yield other
@@ -308,7 +317,7 @@ def _heartbeat_in_time(node: CheckedNode) -> None:
     expect(not codes, ", ".join(f"EMCY 0x{code:04X}" for code in codes), "none")
 
 
-@_add("H05", "7.2.8.2", "a heartbeat that stops raises EMCY 0x8130", touch=_CONFIGURE)  # T 7.106
+@_add("H05", "7.2.8.2", "the loss of a monitored heartbeat raises EMCY 0x8130", touch=_CONFIGURE)  # T 7.106
 def _heartbeat_lost(node: CheckedNode) -> None:
     can_id = emergency_id(node)
     with _watching(node) as other:
@@ -318,7 +327,7 @@ def _heartbeat_lost(node: CheckedNode) -> None:
     expect(HEARTBEAT_LOST in codes, observed, f"EMCY 0x{HEARTBEAT_LOST:04X}")
 
 
-@_add("H06", "7.2.8.2", "no heartbeat is missed before the first one came", touch=_CONFIGURE)
+@_add("H06", "7.2.8.2", "the monitoring of a node starts with its first heartbeat", touch=_CONFIGURE)
 def _before_first_heartbeat(node: CheckedNode) -> None:
     can_id = emergency_id(node)
     with _watching(node):
@@ -326,7 +335,7 @@ def _before_first_heartbeat(node: CheckedNode) -> None:
     expect(HEARTBEAT_LOST not in codes, f"EMCY 0x{HEARTBEAT_LOST:04X}", "none: the supervision starts with a heartbeat")
 
 
-@_add("N13", "7.3.2", "NMT start is obeyed while 0x1001 reports an error", _SHOULD, _CONFIGURE)
+@_add("N13", "7.3.2", "NMT start is accepted while 0x1001 reports an error", _SHOULD, _CONFIGURE)
 def _start_with_error(node: CheckedNode) -> None:
     with beating(node), _watching(node) as other:
         _beat(node, other, 2)
@@ -353,7 +362,9 @@ def _toggles(node: CheckedNode) -> None:
     with node.kept(0x1017):
         node.put(0x1017, 0, 0, 2)
         first, second, third = (_guard(node) for _ in range(3))
-    expect(first ^ second == 0x80 and first == third, f"{first:02X}, {second:02X}, {third:02X}", "7F and FF in turn")
+    expect(
+        first ^ second == 0x80 and first == third, f"{first:02X}, {second:02X}, {third:02X}", "7F and FF alternating"
+    )
     expect(first & 0x7F == NmtState.PRE_OPERATIONAL, f"{first & 0x7F:02X}", "7F: PRE-OPERATIONAL")
 
 
@@ -366,7 +377,7 @@ def _first_guard(node: CheckedNode) -> None:
     expect(value < 0x80, f"{value:02X}", "7F")
 
 
-@_add("H07l", "7.5.2.12 (object 0x100D)", "life guarding that ends raises EMCY 0x8130", touch=_CONFIGURE)  # T 7.4
+@_add("H07l", "7.5.2.12 (object 0x100D)", "the end of life guarding raises EMCY 0x8130", touch=_CONFIGURE)  # T 7.4
 def _life_guarding(node: CheckedNode) -> None:
     can_id = emergency_id(node)
     with node.kept(0x1017), node.kept(0x100C), node.kept(0x100D):
@@ -381,7 +392,7 @@ def _life_guarding(node: CheckedNode) -> None:
     expect(HEARTBEAT_LOST in codes, observed, f"EMCY 0x{HEARTBEAT_LOST:04X}")
 
 
-@_add("H08", "7.2.8.2", "the heartbeat goes on while a master guards", touch=_CONFIGURE)  # T 7.201
+@_add("H08", "7.2.8.2", "the heartbeat continues during node guarding", touch=_CONFIGURE)  # T 7.201
 def _both(node: CheckedNode) -> None:
     with beating(node):
         node.ask_remote(ERROR_CONTROL_COB_ID + node.node_id, 0.02)
@@ -416,11 +427,11 @@ def _wait_again(node: CheckedNode) -> None:
     node.listen(0.01)
 
 
-@_add_lss("L01", "305, 3.8", "an inquiry in the state waiting is not answered")
+@_add_lss("L01", "305, 3.8", "an inquiry in the waiting state is not answered")
 def _inquiry_while_waiting(node: CheckedNode) -> None:
     _lss(node)
     answer = _ask_lss(node, LssCommand.INQUIRE)
-    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+    expect_silence(answer)
 
 
 @_add_lss("L02", "305, 3.5", "switch state selective with the identity of 0x1018 is confirmed", touch=_CONFIGURE)
@@ -428,7 +439,7 @@ def _selective(node: CheckedNode) -> None:
     _lss(node)
     answer = _select(node, _identity(node))
     try:
-        observed = "no answer" if answer is None else answer.hex(" ").upper()
+        observed = answer_text(answer)
         expect(answer is not None and answer[0] == LssCommand.SWITCHED, observed, f"{LssCommand.SWITCHED:02X}")
     finally:
         _wait_again(node)
@@ -440,10 +451,10 @@ def _other_serial(node: CheckedNode) -> None:
     *parts, serial = _identity(node)
     answer = _select(node, [*parts, serial ^ 1])
     _wait_again(node)
-    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+    expect_silence(answer)
 
 
-@_add_lss("L04", "305, 3.8", "an inquiry in the state configuration gives identity and node id", touch=_CONFIGURE)
+@_add_lss("L04", "305, 3.8", "an inquiry in the configuration state returns identity and node id", touch=_CONFIGURE)
 def _inquiry(node: CheckedNode) -> None:
     _lss(node)
     identity = _identity(node)
@@ -451,7 +462,7 @@ def _inquiry(node: CheckedNode) -> None:
     try:
         for part, value in enumerate([*identity, node.node_id]):
             answer = _ask_lss(node, LssCommand.INQUIRE + part)
-            observed = "no answer" if answer is None else answer.hex(" ").upper()
+            observed = answer_text(answer)
             width = 4 if part < 4 else 1
             matches = answer is not None and int.from_bytes(answer[1 : 1 + width], "little") == value
             expect(matches, observed, f"0x{value:X}")
@@ -459,9 +470,9 @@ def _inquiry(node: CheckedNode) -> None:
         _wait_again(node)
 
 
-@_add_lss("L03", "305, 3.10", "fast scan is not answered by a node with an id", touch=_CONFIGURE)
+@_add_lss("L03", "305, 3.10", "a node with a node id does not answer fast scan", touch=_CONFIGURE)
 def _fast_scan(node: CheckedNode) -> None:
     _lss(node)
     answer = _ask_lss(node, LssCommand.FAST_SCAN, 0, tail=bytes((FAST_SCAN_START, 0, 0)))
     _wait_again(node)
-    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence: the node has an id")
+    expect_silence(answer, "silence: the node has an id")

@@ -162,7 +162,7 @@ def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, C
 
 def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
     """Send `count` SYNCs; return the numbers (from 1) of the SYNCs followed by frames, with the count of frames."""
-    sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if _has(node, 0x1019) else 0
+    sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if node.has(0x1019) else 0
     node.listen(SYNC_PERIOD_S)
     turns = []
     for number in range(1, count + 1):
@@ -173,18 +173,10 @@ def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
     return turns
 
 
-def _has(node: CheckedNode, index: int) -> bool:
-    try:
-        node.read(index)
-    except SdoAbort:
-        return False
-    return True
-
-
 # -- records
 
 
-@_add("P01", "7.5.2.35 and 7.5.2.37", "the COB-IDs of the PDOs are legal, and each has one user")  # T 3.1
+@_add("P01", "7.5.2.35 and 7.5.2.37", "the COB-IDs of the PDOs are legal and unique")  # T 3.1
 def _cob_ids(node: CheckedNode) -> None:
     records = [record for base in (RPDO, TPDO) for record in pdo_records(node, base)]
     if not records:
@@ -195,10 +187,10 @@ def _cob_ids(node: CheckedNode) -> None:
         expect(legal, f"0x{record.cob_id:08X} in 0x{record.index:04X}:01", "an identifier that is not restricted")
     users = [record.can_id for record in valid]
     twice = sorted({can_id for can_id in users if users.count(can_id) > 1})
-    expect(not twice, ", ".join(f"0x{can_id:X}" for can_id in twice), "one user for each identifier")
+    expect(not twice, ", ".join(f"0x{can_id:X}" for can_id in twice), "one PDO per identifier")
 
 
-@_add("P01d", "7.5.2.35 and 7.5.2.37", "the COB-IDs of PDOs 1 to 4 are those of the node id", _SHOULD)  # T 3.2
+@_add("P01d", "7.5.2.35 and 7.5.2.37", "the COB-IDs of PDOs 1 to 4 are the defaults of the node id", _SHOULD)  # T 3.2
 def _default_ids(node: CheckedNode) -> None:
     wrong = []
     for base, first in ((RPDO, 0x200), (TPDO, 0x180)):
@@ -248,7 +240,7 @@ def _event_driven(node: CheckedNode, record: PdoRecord) -> dict[int, int]:
     return values
 
 
-@_add("P03", "7.2.2.2", "an event-driven TPDO is sent at NMT start, as long as it is mapped", _SHOULD, _CONFIGURE)
+@_add("P03", "7.2.2.2", "an event-driven TPDO is sent at NMT start, with the mapped length", _SHOULD, _CONFIGURE)
 def _event_at_start(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     with reconfigured(node, record, _event_driven(node, record)), node.operational():
@@ -299,7 +291,7 @@ def _every_third(node: CheckedNode) -> None:
 def _every_240th(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     sync = node.number(0x1005) & 0x7FF
-    if _has(node, 0x1019) and node.number(0x1019):
+    if node.has(0x1019) and node.number(0x1019):
         raise NotApplicable("SYNC has a counter")
     with reconfigured(node, record, {2: 240}), node.operational():
         node.listen(SYNC_PERIOD_S)
@@ -310,7 +302,7 @@ def _every_240th(node: CheckedNode) -> None:
     expect(count == 2, f"{count} frames after 480 SYNC", "2")
 
 
-@_add("P07", "7.5.2.37", "transmission type 0: no frame but after a SYNC", touch=_CONFIGURE)  # T 3.7
+@_add("P07", "7.5.2.37", "transmission type 0: frames are sent only after a SYNC", touch=_CONFIGURE)  # T 3.7
 def _acyclic(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     with reconfigured(node, record, {2: 0}), node.operational():
@@ -335,7 +327,7 @@ def _sync_start(node: CheckedNode) -> None:
 @_add(
     "P09",
     "7.2.2.2",
-    "a remote frame of a TPDO is answered in OPERATIONAL alone",
+    "a remote frame of a TPDO is answered only in OPERATIONAL",
     _SHOULD,
     _CONFIGURE,
 )  # T 3.9
@@ -364,7 +356,7 @@ def _silent_preop(node: CheckedNode) -> None:
 def _silent_stopped(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     sync = node.number(0x1005) & 0x7FF
-    counting = _has(node, 0x1019) and node.number(0x1019) > 0
+    counting = node.has(0x1019) and node.number(0x1019) > 0
     with reconfigured(node, record, {2: 1}):
         node.nmt(NmtCommand.START)
         node.nmt(NmtCommand.STOP)
@@ -378,7 +370,7 @@ def _silent_stopped(node: CheckedNode) -> None:
     expect(not count, f"{count} frames", "none")
 
 
-@_add("P20", "7.5.2.37", "an inhibit time of 100 ms is kept between two frames", touch=_CONFIGURE)
+@_add("P20", "7.5.2.37", "an inhibit time of 100 ms separates two frames", touch=_CONFIGURE)
 def _inhibit(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     for subindex in (3, 5):
@@ -390,7 +382,7 @@ def _inhibit(node: CheckedNode) -> None:
     expect(shortest >= 98_000_000, f"{shortest / 1e6:.1f} ms between two frames", "at least 100 ms")
 
 
-@_add("P20n", "7.5.2.37", "without an inhibit time an event timer of 10 ms is kept", _SHOULD, _CONFIGURE)
+@_add("P20n", "7.5.2.37", "without an inhibit time an event timer of 10 ms is met", _SHOULD, _CONFIGURE)
 def _no_inhibit(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     for subindex in (3, 5):
@@ -412,7 +404,7 @@ def _reserved_types(node: CheckedNode) -> None:
                 expect_refused(node, record.index, 2, bytes((kind,)), *codes)
 
 
-@_add("P21t", "7.5.2.35 and 7.5.2.37", "a TPDO takes the transmission types 1, 240 and 254 or 255", _SHOULD, _CONFIGURE)
+@_add("P21t", "7.5.2.35 and 7.5.2.37", "a TPDO accepts the transmission types 1, 240 and 255", _SHOULD, _CONFIGURE)
 def _legal_types(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     for kind in (1, 240, 255):
@@ -445,7 +437,7 @@ def _switched_off(node: CheckedNode) -> None:
 # -- mapping
 
 
-@_add("P11", "7.5.2.36 and 7.5.2.38", "a TPDO is mapped again by the steps of CiA 301", touch=_CONFIGURE)  # T 3.22
+@_add("P11", "7.5.2.36 and 7.5.2.38", "a TPDO can be remapped by the procedure of CiA 301", touch=_CONFIGURE)  # T 3.22
 def _remapped(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     _mappable(node, record)
@@ -458,13 +450,13 @@ def _remapped(node: CheckedNode) -> None:
         with reconfigured(node, shorter, {2: 1}), node.operational():
             sync = node.number(0x1005) & 0x7FF
             node.listen(SYNC_PERIOD_S)
-            node.send(sync, b"\1" if _has(node, 0x1019) and node.number(0x1019) else b"")
+            node.send(sync, b"\1" if node.has(0x1019) and node.number(0x1019) else b"")
             frames = _frames(node, record.can_id, SYNC_PERIOD_S)
     expect(bool(frames), "no frame after SYNC", "a frame")
     _expect_length(shorter, frames)
 
 
-@_add("P11m", "7.5.2.36 and 7.5.2.38", "a PDO takes as many objects as its record has entries", _SHOULD, _CONFIGURE)
+@_add("P11m", "7.5.2.36 and 7.5.2.38", "a PDO accepts as many objects as its record has entries", _SHOULD, _CONFIGURE)
 def _many_objects(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     _mappable(node, record)
@@ -482,7 +474,7 @@ def _many_objects(node: CheckedNode) -> None:
         node.put(record.mapping, 0, room, 1)
 
 
-@_add("P12", "7.5.2.36 and 7.5.2.38", "a mapping entry is refused while entries are counted", touch=_CONFIGURE)
+@_add("P12", "7.5.2.36 and 7.5.2.38", "a mapping entry is refused while subindex 0 is not 0", touch=_CONFIGURE)
 def _entry_while_counted(node: CheckedNode) -> None:  # T 3.23
     record = first_pdo(node, TPDO)
     _mappable(node, record)
@@ -490,7 +482,7 @@ def _entry_while_counted(node: CheckedNode) -> None:  # T 3.23
         expect_refused(node, record.mapping, 1, record.entries[0].to_bytes(4, "little"), *_REFUSALS)
 
 
-@_add("P12s", "7.5.2.36 and 7.5.2.38", "the number of entries takes 0 while the PDO is invalid", touch=_CONFIGURE)
+@_add("P12s", "7.5.2.36 and 7.5.2.38", "the number of entries can be set to 0 in an invalid PDO", touch=_CONFIGURE)
 def _count_zero(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     _mappable(node, record)
@@ -553,7 +545,7 @@ def _absent_object(node: CheckedNode) -> None:
     _refused_entry(node, TPDO, 0x1004 << 16 | 0x20)
 
 
-@_add("P15u", "7.5.2.36 and 7.5.2.38", "an object that the EDS calls unmappable cannot be mapped", touch=_CONFIGURE)
+@_add("P15u", "7.5.2.36 and 7.5.2.38", "an object that must not be mapped (0x1018) is refused", touch=_CONFIGURE)
 def _unmappable_object(node: CheckedNode) -> None:  # T 3.29
     _refused_entry(node, TPDO, 0x1018 << 16 | 1 << 8 | 32)
 
@@ -569,7 +561,7 @@ def _read_only_object(node: CheckedNode) -> None:
     raise NotApplicable("no object of the first TPDO is read-only in the EDS")
 
 
-@_add("P16", "7.5.2.36", "a gap is mapped by a dummy object of the EDS (0x0005)", _SHOULD, _CONFIGURE)  # T 3.33
+@_add("P16", "7.5.2.36", "a dummy object of the EDS (0x0005) can be mapped", _SHOULD, _CONFIGURE)  # T 3.33
 def _dummy_object(node: CheckedNode) -> None:
     if node.eds is None or 5 not in node.eds.od.dummy_usage:
         raise NotApplicable("the EDS has no Dummy0005=1")
@@ -581,7 +573,7 @@ def _dummy_object(node: CheckedNode) -> None:
         node.put(record.mapping, 0, 1, 1)
 
 
-@_add("P16f", "7.5.2.36 and 7.5.2.38", "a PDO is mapped while its COB-ID is another node's", _SHOULD, _CONFIGURE)
+@_add("P16f", "7.5.2.36 and 7.5.2.38", "a PDO can be mapped while its COB-ID is another node's", _SHOULD, _CONFIGURE)
 def _foreign_id(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     _mappable(node, record)
@@ -593,7 +585,7 @@ def _foreign_id(node: CheckedNode) -> None:
         node.put(record.mapping, 0, 1, 1)
 
 
-@_add("P16o", "7.5.2.36 and 7.5.2.38", "a mapping is taken in OPERATIONAL", _SHOULD, _CONFIGURE)
+@_add("P16o", "7.5.2.36 and 7.5.2.38", "a mapping is accepted in OPERATIONAL", _SHOULD, _CONFIGURE)
 def _mapped_operational(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     _mappable(node, record)
@@ -633,7 +625,7 @@ def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, 
     )
 
 
-@_add("P17", "7.2.2.5", "an RPDO that is one byte short changes nothing", touch=_CONFIGURE)  # T 5.4
+@_add("P17", "7.2.2.5", "an RPDO that is one byte short has no effect", touch=_CONFIGURE)  # T 5.4
 def _short_rpdo(node: CheckedNode) -> None:
     record = first_pdo(node)
     frame, *address = _other_values(node, record)
@@ -654,7 +646,7 @@ def _short_emergency(node: CheckedNode) -> None:
     expect(0x8210 in codes, ", ".join(f"0x{code:04X}" for code in codes) or "no EMCY", "EMCY 0x8210")
 
 
-@_add("P18", "7.2.2.5", "an RPDO that is one byte longer than mapped is taken", _SHOULD, _CONFIGURE)
+@_add("P18", "7.2.2.5", "an RPDO that is one byte longer than mapped is applied", _SHOULD, _CONFIGURE)
 def _long_rpdo(node: CheckedNode) -> None:
     record = first_pdo(node)
     if record.length == 8:
@@ -664,7 +656,7 @@ def _long_rpdo(node: CheckedNode) -> None:
         _expect_value(node, frame + b"\0", (address[0], address[1]), applied=True)
 
 
-@_add("P18n", "7.2.2", "an RPDO of the length that is mapped is taken in OPERATIONAL", touch=_CONFIGURE)
+@_add("P18n", "7.2.2", "an RPDO of the mapped length is applied in OPERATIONAL", touch=_CONFIGURE)
 def _rpdo(node: CheckedNode) -> None:
     record = first_pdo(node)
     frame, *address = _other_values(node, record)
@@ -680,7 +672,7 @@ def _rpdo_preop(node: CheckedNode) -> None:
         _expect_value(node, frame, (address[0], address[1]), applied=False)
 
 
-@_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 counts at the next SYNC", touch=_CONFIGURE)
+@_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 takes effect at the next SYNC", touch=_CONFIGURE)
 def _rpdo_at_sync(node: CheckedNode) -> None:
     record = first_pdo(node)
     frame, *address = _other_values(node, record)
@@ -693,5 +685,5 @@ def _rpdo_at_sync(node: CheckedNode) -> None:
         after = node.read(address[0], address[1])
         if after != before:
             node.write(address[0], address[1], before)
-    expect(early == before, "the value counted before the SYNC", "no change")
-    expect(after != before, "the value did not count at the SYNC", "the new value")
+    expect(early == before, "the value took effect before the SYNC", "no change")
+    expect(after != before, "the value did not take effect at the SYNC", "the new value")

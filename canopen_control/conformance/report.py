@@ -83,8 +83,8 @@ def changed_verdicts(report: ConformanceReport, old: Mapping[str, str]) -> list[
     lines = []
     now = {result.id: result for result in report.results}
     for check_id, result in now.items():
-        before = old.get(check_id, "not made")
+        before = old.get(check_id, "not run")
         if before != result.verdict:
             lines.append(f"{check_id} ({result.title}): {before} -> {result.verdict}")
-    lines += [f"{check_id}: {verdict} -> not made" for check_id, verdict in old.items() if check_id not in now]
+    lines += [f"{check_id}: {verdict} -> not run" for check_id, verdict in old.items() if check_id not in now]
     return lines

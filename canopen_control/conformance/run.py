@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from canopen_control.conformance.check import Check, CheckLevel, CheckTouch
+from canopen_control.conformance.check import Check, CheckLevel, CheckTouch, upload_request
 from canopen_control.conformance.checked_node import ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.conformance.drive_checks import DRIVE_CHECKS
 from canopen_control.conformance.eds_checks import EDS_CHECKS
@@ -122,7 +122,7 @@ def run_checks(
         progress(number, len(checks))
         if silences >= _SILENCES:
             reason = reason or _reason_of_silence(node, identity)
-            results.append(_result(check, ERROR, actual=f"not made: {reason}"))
+            results.append(_result(check, ERROR, actual=f"not run: {reason}"))
             continue
         result, silent = _run(node, check)
         results.append(result)
@@ -184,12 +184,12 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
     """Return why the device does not answer: late start, another node id, absence, or a flooded bus."""
     node.listen(1.0)  # answers to earlier requests
     begin = node.reactor.now()
-    if node.exchange(REQUEST + node.node_id, _upload(0x1000, 0), ANSWER + node.node_id, _LATE_S) is not None:
+    if node.exchange(REQUEST + node.node_id, upload_request(0x1000), ANSWER + node.node_id, _LATE_S) is not None:
         seconds = (node.reactor.now() - begin) / 1e9
         if seconds > node.timeout_s:
             more = f"give --timeout {2 * seconds:.1f}"
             return f"the device answers after {seconds:.1f} s, later than {node.timeout_s:g} s; {more}"
-        return "the device stopped answering for a time; run it again"
+        return "the device did not answer for some time; run the checks again"
     flood = _floods(node)
     for other in sorted(set(node.last_seen_ns) - {node.node_id}):
         if _identity_of(node, other) == identity:
@@ -197,15 +197,11 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
     return f"the device stopped answering; {flood}" if flood else "the device stopped answering"
 
 
-def _upload(index: int, subindex: int) -> bytes:
-    return bytes((0x40, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0))
-
-
 def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
     """Return the fields of another node's identity that this node reports as well."""
     identity = {}
     for name, index, subindex in _IDENTITY:
-        data = node.exchange(REQUEST + other, _upload(index, subindex), ANSWER + other)
+        data = node.exchange(REQUEST + other, upload_request(index, subindex), ANSWER + other)
         if data is not None and data[0] & 0xE2 == 0x42:
             identity[name] = data[4:8][::-1].hex().upper()
     return identity
@@ -215,11 +211,13 @@ def _floods(node: CheckedNode) -> str:
     """Return a text about identifiers received too often, or "" if there are none."""
     answers = ANSWER + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
-    return ", ".join(f"0x{can_id & 0x1FFFFFFF:03X} came {rate} times in a second" for can_id, rate in often.items())
+    return ", ".join(
+        f"0x{can_id & 0x1FFFFFFF:03X} was received {rate} times in a second" for can_id, rate in often.items()
+    )
 
 
 def _flood(node: CheckedNode) -> CheckResult:
-    check = Check("Z02", "301", "7.2.2", "no identifier fills the bus", CheckLevel.SHOULD, CheckTouch.READ, _nothing)
+    check = Check("Z02", "301", "7.2.2", "no identifier floods the bus", CheckLevel.SHOULD, CheckTouch.READ, _nothing)
     text = _floods(node)
     if text:
         return _result(check, FAILED, text, f"fewer than {_FLOOD} per second")
@@ -239,7 +237,7 @@ def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
             break
         result, silent = _run_once(node, check)
     if first.verdict == FAILED and result.verdict == PASSED:
-        result.notes.append(f"failed at first, and passed when it was repeated; at first: {first.observed}")
+        result.notes.append(f"failed at first and passed when repeated; first result: {first.observed}")
     return result, silent
 
 
@@ -297,7 +295,7 @@ def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: boo
     """Compare the parameters with their values before the run; with `restore` write the differing values back."""
     node.begin()
     check = Check(
-        "Z01", "301", "7.4", "the parameters of the device are as before", CheckLevel.MUST, CheckTouch.READ, _nothing
+        "Z01", "301", "7.4", "the parameters of the device are unchanged", CheckLevel.MUST, CheckTouch.READ, _nothing
     )
     if node.eds is None:
         return _result(check, SKIPPED, "no EDS that lists the parameters; give one with --eds")

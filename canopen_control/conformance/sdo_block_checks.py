@@ -25,10 +25,19 @@ from canopen_control.cia301.sdo_codec import (
     SEGMENT_DATA,
     SIZED_FLAG,
     SUB_COMMAND_MASK,
-    UPLOAD,
     crc16,
 )
-from canopen_control.conformance.check import CheckLevel, CheckList, CheckTouch, expect, expect_abort, mux
+from canopen_control.conformance.check import (
+    CheckLevel,
+    CheckList,
+    CheckTouch,
+    answer_text,
+    client_abort,
+    expect,
+    expect_abort,
+    mux,
+    upload_request,
+)
 from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.errors import SdoAbort
 
@@ -43,12 +52,8 @@ _HEARTBEAT = 0x1017
 _LIMIT_S = 0.05  # longest time to an answer that a master with short time-outs accepts
 
 
-def _shown(answer: bytes | None) -> str:
-    return "no answer" if answer is None else answer.hex(" ").upper()
-
-
 def _abort(node: CheckedNode, index: int) -> None:
-    node.send(REQUEST + node.node_id, bytes((ABORT, *mux(index), 0, 0, 0, 8)))
+    node.send(REQUEST + node.node_id, client_abort(index))
     node.listen(0.005)
 
 
@@ -58,7 +63,7 @@ def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, 
     if answer is None or answer[0] & COMMAND_MASK != BLOCK_UPLOAD_ANSWER:
         if answer is not None and answer[0] != ABORT:
             _abort(node, index)
-        raise NotApplicable(f"the server makes no block upload of 0x{index:04X}: {_shown(answer)}")
+        raise NotApplicable(f"the server does not support block upload of 0x{index:04X}: {answer_text(answer)}")
     return int.from_bytes(answer[4:], "little"), bool(answer[0] & CRC_FLAG)
 
 
@@ -97,13 +102,13 @@ def _uploaded(node: CheckedNode, block_size: int) -> None:
         if last:
             break
     end = answers[0] if len(answers) == 1 else None
-    expect(end is not None and end[0] & SUB_COMMAND_MASK == BLOCK_END, _shown(end), "the end of the block upload")
+    expect(end is not None and end[0] & SUB_COMMAND_MASK == BLOCK_END, answer_text(end), "the end of the block upload")
     assert end is not None
     unused = end[0] >> 2 & 7
     data = data[: len(data) - unused]
     node.send(REQUEST + node.node_id, bytes((BLOCK_END_ANSWER, *bytes(7))))
     node.listen(0.005)
-    expect(data == value, bytes(data).hex(" ").upper(), "the value of the other upload")
+    expect(data == value, bytes(data).hex(" ").upper(), "the value of the upload without blocks")
     if with_crc:
         crc = int.from_bytes(end[1:3], "little")
         expect(crc == crc16(data), f"CRC 0x{crc:04X}", f"0x{crc16(data):04X}")
@@ -156,13 +161,13 @@ def _download_read_only(node: CheckedNode) -> None:
     expect_abort(node, request, *codes)
 
 
-@_add("S17y", "7.2.4.3.9", "the server has block transfers", _SHOULD)
+@_add("S17y", "7.2.4.3.9", "the server supports block transfers", _SHOULD)
 def _has_blocks(node: CheckedNode) -> None:
     answer = node.ask(bytes((BLOCK_UPLOAD | CRC_FLAG, *mux(0x1000), MAX_BLOCK_SIZE, 0, 0, 0)))
     if answer is not None and answer[0] != ABORT:
         _abort(node, 0x1000)
     good = answer is not None and answer[0] != ABORT
-    expect(good, _shown(answer), "block transfers, which firmware and long objects need; they are optional")
+    expect(good, answer_text(answer), "block transfers, which firmware and long objects need; they are optional")
 
 
 def _start_download(node: CheckedNode, size: int, *, crc: bool) -> bool:
@@ -175,7 +180,7 @@ def _start_download(node: CheckedNode, size: int, *, crc: bool) -> bool:
             raise NotApplicable("the server has no block download")
         raise CheckFailed(f"abort 0x{code:08X}", f"{BLOCK_DOWNLOAD_ANSWER:02X}")
     good = answer is not None and answer[0] & COMMAND_MASK == BLOCK_DOWNLOAD_ANSWER and 1 <= answer[4] <= MAX_BLOCK_SIZE
-    expect(good, _shown(answer), f"{BLOCK_DOWNLOAD_ANSWER:02X} with a block size of 1 to 127")
+    expect(good, answer_text(answer), f"{BLOCK_DOWNLOAD_ANSWER:02X} with a block size of 1 to 127")
     return answer is not None and bool(answer[0] & CRC_FLAG)
 
 
@@ -193,11 +198,11 @@ def _downloaded(node: CheckedNode, *, crc: bool) -> None:
     accepted = _start_download(node, len(value), crc=crc)
     if crc and not accepted:
         _abort(node, _HEARTBEAT)
-        raise NotApplicable("the server makes no CRC")
+        raise NotApplicable("the server computes no CRC")
     ack = _segment(node, 1, value)
-    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), _shown(ack), "A2 01")
+    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), answer_text(ack), "A2 01")
     end = _end_download(node, value, crc16(value) if crc else 0)
-    expect(end is not None and end[0] == BLOCK_END_ANSWER, _shown(end), "A1")
+    expect(end is not None and end[0] == BLOCK_END_ANSWER, answer_text(end), "A1")
     expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
 
 
@@ -216,7 +221,7 @@ def _wrong_crc(node: CheckedNode) -> None:
     before = node.optional(_HEARTBEAT)
     if not _start_download(node, len(before), crc=True):
         _abort(node, _HEARTBEAT)
-        raise NotApplicable("the server makes no CRC")
+        raise NotApplicable("the server computes no CRC")
     _segment(node, 1, before)
     unused = SEGMENT_DATA - len(before)
     wrong = (crc16(before) ^ 0xFFFF).to_bytes(2, "little")
@@ -224,18 +229,18 @@ def _wrong_crc(node: CheckedNode) -> None:
     expect(node.read(_HEARTBEAT) == before, node.read(_HEARTBEAT).hex(" "), before.hex(" "))
 
 
-@_add("S22", "7.2.4.3.11", "a missing segment is asked for, and taken when it is sent again", touch=_CONFIGURE)
+@_add("S22", "7.2.4.3.11", "the server requests a missing segment again, and accepts it", touch=_CONFIGURE)
 def _missing_segment(node: CheckedNode) -> None:
     value = node.optional(_HEARTBEAT)
     _start_download(node, len(value), crc=False)
     ack = _segment(node, 2, value)
     if ack is not None and ack[0] == ABORT:
         return  # a server may also end the transfer
-    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 0)), _shown(ack), "A2 00, or an abort")
+    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 0)), answer_text(ack), "A2 00, or an abort")
     ack = _segment(node, 1, value)
-    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), _shown(ack), "A2 01")
+    expect(ack is not None and ack[:2] == bytes((BLOCK_ACK, 1)), answer_text(ack), "A2 01")
     end = _end_download(node, value, 0)
-    expect(end is not None and end[0] == BLOCK_END_ANSWER, _shown(end), "A1")
+    expect(end is not None and end[0] == BLOCK_END_ANSWER, answer_text(end), "A1")
 
 
 @_add("S17l", "7.2.4.3.9", "a block download that announces eight bytes for UNSIGNED16 is refused", touch=_CONFIGURE)
@@ -248,29 +253,29 @@ def _block_too_long(node: CheckedNode) -> None:
         answer = _segment(node, 2, b"\0")
         if answer is not None and answer[0] == BLOCK_ACK:
             answer = _end_download(node, b"\0", 0)
-    expect(answer is not None and answer[0] == ABORT, _shown(answer), "an abort")
+    expect(answer is not None and answer[0] == ABORT, answer_text(answer), "an abort")
     expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
 
 
 # -- unused bytes, lengths and times of answers
 
 
-@_add("S01l", "7.2.4.3", "an answer has eight bytes, also where fewer are used")
+@_add("S01l", "7.2.4.3", "an answer has eight bytes, even if fewer are used")
 def _answer_length(node: CheckedNode) -> None:
-    answer = node.ask(bytes((UPLOAD, *mux(0x1001), 0, 0, 0, 0)))
-    expect(answer is not None and len(answer) == 8, _shown(answer), "eight bytes")
+    answer = node.ask(upload_request(0x1001))
+    expect(answer is not None and len(answer) == 8, answer_text(answer), "eight bytes")
 
 
 @_add("S01u", "7.2.4.3.6", "the unused bytes of an expedited upload are 0", _SHOULD)
 def _unused_bytes(node: CheckedNode) -> None:
-    answer = node.ask(bytes((UPLOAD, *mux(0x1001), 0, 0, 0, 0)))
-    expect(answer is not None and not any(answer[5:]), _shown(answer), "zeros behind the value")
+    answer = node.ask(upload_request(0x1001))
+    expect(answer is not None and not any(answer[5:]), answer_text(answer), "zeros after the value")
 
 
-@_add("S01s", "7.2.4.3.6", "an expedited upload of 0x1001 shows its size of one byte")
+@_add("S01s", "7.2.4.3.6", "an expedited upload of 0x1001 indicates a size of one byte")
 def _shown_size(node: CheckedNode) -> None:
-    answer = node.ask(bytes((UPLOAD, *mux(0x1001), 0, 0, 0, 0)))
-    expect(answer is not None and answer[0] == 0x4F, _shown(answer), "4F: one byte")
+    answer = node.ask(upload_request(0x1001))
+    expect(answer is not None and answer[0] == 0x4F, answer_text(answer), "4F: one byte")
 
 
 @_add("S02u", "7.2.4.3.3", "the unused bytes of the answer to a download are 0", _SHOULD, _CONFIGURE)
@@ -278,16 +283,16 @@ def _unused_in_confirmation(node: CheckedNode) -> None:
     value = node.optional(_HEARTBEAT)
     with node.kept(_HEARTBEAT):
         answer = node.ask(bytes((0x2B, *mux(_HEARTBEAT), 0x10, 0x27, 0, 0)))
-        expect(answer is not None and answer[0] == 0x60, _shown(answer), "60")
-        expect(answer is not None and not any(answer[4:]), _shown(answer), "zeros behind the multiplexer")
+        expect(answer is not None and answer[0] == 0x60, answer_text(answer), "60")
+        expect(answer is not None and not any(answer[4:]), answer_text(answer), "zeros after the multiplexer")
     expect(node.read(_HEARTBEAT) == value, node.read(_HEARTBEAT).hex(" "), value.hex(" "))
 
 
-@_add("S06c", "7.2.4.3.17", "the abort code of a missing object says so", _SHOULD)
+@_add("S06c", "7.2.4.3.17", "the abort code of a missing object is 0x06020000", _SHOULD)
 def _specific_code(node: CheckedNode) -> None:
-    answer = node.ask(bytes((UPLOAD, *mux(0x1004), 0, 0, 0, 0)))
+    answer = node.ask(upload_request(0x1004))
     code = 0 if answer is None else int.from_bytes(answer[4:], "little")
-    expect(code == AbortCode.NO_OBJECT, _shown(answer), "abort 0x06020000, not the general 0x08000000")
+    expect(code == AbortCode.NO_OBJECT, answer_text(answer), "abort 0x06020000, not the general 0x08000000")
 
 
 @_add("S27t", "7.2.4.3", f"an upload of 0x1000 is answered within {_LIMIT_S * 1000:.0f} ms", _SHOULD)
@@ -301,13 +306,13 @@ def _answer_time(node: CheckedNode) -> None:
 # -- interrupted transfers
 
 
-@_add("S29", "7.2.4.3.17", "a download that the client leaves does not block the next request", touch=_CONFIGURE)
+@_add("S29", "7.2.4.3.17", "an abandoned download does not block the next request", touch=_CONFIGURE)
 def _abandoned_download(node: CheckedNode) -> None:
     node.optional(_HEARTBEAT)
     node.ask(bytes((0x21, *mux(_HEARTBEAT), 2, 0, 0, 0)))
     node.listen(0.2)
-    answer = node.ask(bytes((UPLOAD, *mux(0x1000), 0, 0, 0, 0)))
-    expect(answer is not None and answer[0] == 0x43, _shown(answer), "the answer to the new request")
+    answer = node.ask(upload_request(0x1000))
+    expect(answer is not None and answer[0] == 0x43, answer_text(answer), "the answer to the new request")
 
 
 @_add("S29t", "7.2.4.3.4", "a first segment of a download with toggle bit 1 is refused", touch=_CONFIGURE)
@@ -317,10 +322,10 @@ def _download_toggle(node: CheckedNode) -> None:
     expect_abort(node, bytes((0x1B, *value, *bytes(5))), AbortCode.TOGGLE_NOT_ALTERNATED)
 
 
-@_add("S29b", "7.2.4.3.15", "a block upload that the client aborts does not block the next request")
+@_add("S29b", "7.2.4.3.15", "an aborted block upload does not block the next request")
 def _abandoned_block(node: CheckedNode) -> None:
     index, _ = _object(node)
     _start_upload(node, index, MAX_BLOCK_SIZE)
     _abort(node, index)
-    answer = node.ask(bytes((UPLOAD, *mux(0x1000), 0, 0, 0, 0)))
-    expect(answer is not None and answer[0] == 0x43, _shown(answer), "the answer to the new request")
+    answer = node.ask(upload_request(0x1000))
+    expect(answer is not None and answer[0] == 0x43, answer_text(answer), "the answer to the new request")

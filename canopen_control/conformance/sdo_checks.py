@@ -13,10 +13,14 @@ from canopen_control.conformance.check import (
     CheckLevel,
     CheckList,
     CheckTouch,
+    answer_text,
+    client_abort,
     expect,
     expect_abort,
     expect_refused,
+    expect_silence,
     mux,
+    upload_request,
 )
 from canopen_control.conformance.checked_node import ABORT, ANSWER, REQUEST, CheckFailed, NotApplicable
 from canopen_control.conformance.nmt_checks import boot
@@ -32,7 +36,7 @@ if TYPE_CHECKING:
 SDO_CHECKS = CheckList("301")
 _add = SDO_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
-_UPLOAD, _BLOCK_UPLOAD = 0x40, 0xA0
+_UPLOAD_ANSWER, _BLOCK_UPLOAD = 0x40, 0xA0
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _UNREAD = 2  # ObjFlags bit 1: not read in a scan (CiA 306)
 _SERVER = 0x1200
@@ -45,28 +49,20 @@ def _od(node: CheckedNode) -> ObjectDictionary:
     return node.eds.od
 
 
-def _upload(index: int, subindex: int = 0) -> bytes:
-    return bytes((_UPLOAD, *mux(index, subindex), 0, 0, 0, 0))
-
-
 def _segmented(node: CheckedNode) -> tuple[int, int]:
     """Return index and announced length of an object with segmented upload; raise NotApplicable if there is none."""
     for index in _STRINGS:
-        answer = node.ask(_upload(index))
+        answer = node.ask(upload_request(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
-            node.send(REQUEST + node.node_id, _client_abort(index))
+            node.send(REQUEST + node.node_id, client_abort(index))
             return index, int.from_bytes(answer[4:], "little")
     raise NotApplicable("no object of 0x1008 to 0x100A is longer than four bytes")
 
 
-def _client_abort(index: int) -> bytes:
-    return bytes((ABORT, *mux(index), 0, 0, 0, 8))
-
-
 @_add("S01", "7.2.4.3.5", "0x1000 is uploaded expedited with four bytes")  # T 2.1
 def _device_type(node: CheckedNode) -> None:
-    answer = node.ask(_upload(0x1000))
-    actual = "no answer" if answer is None else answer.hex(" ").upper()
+    answer = node.ask(upload_request(0x1000))
+    actual = answer_text(answer)
     expect(answer is not None and answer[:4] == b"\x43\x00\x10\x00", actual, "43 00 10 00 and the device type")
 
 
@@ -79,12 +75,12 @@ def _read_only(node: CheckedNode) -> None:
 
 @_add("S05", "7.2.4.3.17", "an upload of 0x1000:01, which does not exist, is refused")  # T 2.5
 def _no_subindex(node: CheckedNode) -> None:
-    expect_abort(node, _upload(0x1000, 1), AbortCode.NO_SUBINDEX)
+    expect_abort(node, upload_request(0x1000, 1), AbortCode.NO_SUBINDEX)
 
 
 @_add("S06", "7.2.4.3.17", "an upload of 0x1004, which is reserved, is refused")  # T 2.6
 def _no_object(node: CheckedNode) -> None:
-    expect_abort(node, _upload(0x1004), AbortCode.NO_OBJECT)
+    expect_abort(node, upload_request(0x1004), AbortCode.NO_OBJECT)
 
 
 @_add("S06w", "7.2.4.3.17", "a download to 0x1004, which is reserved, is refused at its initiation")
@@ -111,7 +107,7 @@ def _server_parameters(node: CheckedNode) -> None:
         expect(value == base + node.node_id, f"0x{value:08X} in :{subindex:02X}", f"0x{base + node.node_id:X}")
 
 
-@_add("S14", "7.2.4.3.6", "segments alternate their toggle bit and hold the announced length")  # T 2.16
+@_add("S14", "7.2.4.3.6", "segments alternate their toggle bit and contain the announced length")  # T 2.16
 def _segments(node: CheckedNode) -> None:
     _segmented(node)
     addresses = [(index, 0) for index in _STRINGS]
@@ -119,7 +115,7 @@ def _segments(node: CheckedNode) -> None:
         more = [entry.address for entry in node.eds.od if entry.readable and entry.data_type.bits is None]
         addresses += [address for address in more if address not in addresses][:10]
     for address in addresses:
-        answer = node.ask(_upload(*address))
+        answer = node.ask(upload_request(*address))
         if answer is not None and answer[0] & 0xE2 == 0x40:
             _all_segments(node, int.from_bytes(answer[4:], "little"))
 
@@ -130,7 +126,7 @@ def _all_segments(node: CheckedNode, size: int) -> None:
     while True:
         answer = node.ask(bytes((0x60 | toggle, *bytes(7))))
         if answer is None or answer[0] & 0xE0 or answer[0] & 0x10 != toggle:
-            actual = "no answer" if answer is None else answer.hex(" ").upper()
+            actual = answer_text(answer)
             raise CheckFailed(actual, f"a segment with toggle bit {toggle >> 4}")
         count += 7 - (answer[0] >> 1 & 7)
         if answer[0] & 1:
@@ -139,19 +135,19 @@ def _all_segments(node: CheckedNode, size: int) -> None:
     expect(count == size, f"{count} bytes", f"the {size} bytes announced")
 
 
-@_add("S15", "7.2.4.3.17", "a first segment that is asked for with toggle bit 1 is refused")  # T 2.17
+@_add("S15", "7.2.4.3.17", "a request for the first segment with toggle bit 1 is refused")  # T 2.17
 def _first_toggle(node: CheckedNode) -> None:
     index, _ = _segmented(node)
-    node.ask(_upload(index))
+    node.ask(upload_request(index))
     expect_abort(node, bytes((0x70, *bytes(7))), AbortCode.TOGGLE_NOT_ALTERNATED)
 
 
-@_add("S15r", "7.2.4.3.17", "a segment that is asked for twice with the same toggle bit is refused", _SHOULD)
+@_add("S15r", "7.2.4.3.17", "a second segment request with the same toggle bit is refused", _SHOULD)
 def _repeated_toggle(node: CheckedNode) -> None:
     index, size = _segmented(node)
     if size <= 14:
         raise NotApplicable("no upload of 0x1008 to 0x100A takes three segments")
-    node.ask(_upload(index))
+    node.ask(upload_request(index))
     node.ask(bytes((0x60, *bytes(7))))
     expect_abort(node, bytes((0x60, *bytes(7))), AbortCode.TOGGLE_NOT_ALTERNATED)
 
@@ -167,17 +163,17 @@ def _block(node: CheckedNode, index: int) -> None:
     """Raise NotApplicable if the server does not support block upload."""
     answer = node.ask(bytes((_BLOCK_UPLOAD | 4, *mux(index), 127, 0, 0, 0)))
     if answer is not None and answer[0] & 0xE0 == 0xC0:
-        node.send(REQUEST + node.node_id, _client_abort(index))
+        node.send(REQUEST + node.node_id, client_abort(index))
         return
     if answer is not None and answer[0] == ABORT:
         code = int.from_bytes(answer[4:], "little")
         expect(code in (AbortCode.UNKNOWN_COMMAND, 0x08000000), f"abort 0x{code:08X}", "abort 0x05040001")
         raise NotApplicable("the server has no block transfer")
     # CiA 301, 7.2.4.3.13: the server may switch to another protocol
-    if answer is not None and answer[0] & 0xE0 == _UPLOAD:
-        node.send(REQUEST + node.node_id, _client_abort(index))
-        raise NotApplicable("the server answers a block upload with the other protocol")
-    raise CheckFailed("no answer" if answer is None else answer.hex(" ").upper(), "an initiation of a block upload")
+    if answer is not None and answer[0] & 0xE0 == _UPLOAD_ANSWER:
+        node.send(REQUEST + node.node_id, client_abort(index))
+        raise NotApplicable("the server answers a block upload with a normal upload")
+    raise CheckFailed(answer_text(answer), "an initiation of a block upload")
 
 
 @_add("S18", "7.2.4.3.13", "a block size of 128 is refused")  # T 2.26
@@ -209,18 +205,18 @@ def _further_servers(node: CheckedNode) -> None:
 @_add("S23", "7.2.4.3.17", "an abort of the client ends a transfer without an answer")
 def _abort_of_the_client(node: CheckedNode) -> None:
     index, _ = _segmented(node)
-    node.ask(_upload(index))
-    answer = node.ask(_client_abort(index))
-    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+    node.ask(upload_request(index))
+    answer = node.ask(client_abort(index))
+    expect_silence(answer)
     node.read(0x1000)
 
 
-@_add("S24", "7.2.4.3.5", "an initiation within a transfer ends that transfer", _SHOULD)
+@_add("S24", "7.2.4.3.5", "an initiate request during a transfer ends the transfer", _SHOULD)
 def _initiation_within(node: CheckedNode) -> None:
     index, _ = _segmented(node)
-    node.ask(_upload(index))
-    answer = node.ask(_upload(0x1000))
-    actual = "no answer" if answer is None else answer.hex(" ").upper()
+    node.ask(upload_request(index))
+    answer = node.ask(upload_request(0x1000))
+    actual = answer_text(answer)
     expect(answer is not None and answer[0] == 0x43, actual, "the answer to the new request")
 
 
@@ -229,10 +225,10 @@ def _segment_alone(node: CheckedNode) -> None:
     expect_abort(node, bytes((0x60, *bytes(7))), AbortCode.UNKNOWN_COMMAND, AbortCode.TOGGLE_NOT_ALTERNATED)
 
 
-@_add("S26", "7.2.4.3.2", "a request of seven bytes is ignored, and the server lives", _SHOULD)
+@_add("S26", "7.2.4.3.2", "a request of seven bytes is ignored, and the next one is answered", _SHOULD)
 def _short_request(node: CheckedNode) -> None:
-    answer = node.ask(_upload(0x1000)[:7])
-    expect(answer is None, "" if answer is None else answer.hex(" ").upper(), "silence")
+    answer = node.ask(upload_request(0x1000)[:7])
+    expect_silence(answer)
     node.read(0x1000)
 
 
@@ -280,7 +276,7 @@ def _segment_of_two(node: CheckedNode) -> None:
 def _no_size(node: CheckedNode) -> None:
     value = node.optional(0x1017)
     answer = node.ask(bytes((0x22, *mux(0x1017), *value, 0, 0)))
-    actual = "no answer" if answer is None else answer.hex(" ").upper()
+    actual = answer_text(answer)
     expect(answer is not None and answer[0] in (0x60, ABORT), actual, "60 or an abort")
 
 
@@ -288,11 +284,11 @@ def _no_size(node: CheckedNode) -> None:
 def _first_request(node: CheckedNode) -> None:
     boot(node)
     node.listen(0.1)
-    answer = node.ask(bytes((0x40, *mux(0x1000), 0, 0, 0, 0)))
+    answer = node.ask(upload_request(0x1000))
     expect(answer is not None, f"no answer within {node.timeout_s:g} s", "an answer")
 
 
-@_add("S30", "7.2.4.3", "an object of an RPDO takes its own value by SDO in OPERATIONAL", _SHOULD, _CONFIGURE)
+@_add("S30", "7.2.4.3", "an object mapped in an RPDO can be written by SDO in OPERATIONAL", _SHOULD, _CONFIGURE)
 def _mapped_object(node: CheckedNode) -> None:
     index, subindex, _ = parse_mapping_entry(first_pdo(node).entries[0])
     if index in DUMMY_TYPES:
@@ -304,7 +300,7 @@ def _mapped_object(node: CheckedNode) -> None:
 # -- objects
 
 
-@_add("O00", "7.5.1", "the mandatory objects 0x1000, 0x1001 and 0x1018 are there")
+@_add("O00", "7.5.1", "the mandatory objects 0x1000, 0x1001 and 0x1018 exist")
 def _mandatory(node: CheckedNode) -> None:
     for index in _MANDATORY:
         node.read(index)
@@ -342,7 +338,7 @@ def _constants(node: CheckedNode) -> None:
     expect(not wrong, "; ".join(wrong[:10]), "the EDS")
 
 
-@_add("O04", "7.4.7.1", "subindex 0xFF shows the structure, or does not exist", _SHOULD)  # T 4.5
+@_add("O04", "7.4.7.1", "subindex 0xFF contains the structure, or does not exist", _SHOULD)  # T 4.5
 def _structure(node: CheckedNode) -> None:
     try:
         data = node.read(0x1018, 0xFF)
@@ -352,7 +348,7 @@ def _structure(node: CheckedNode) -> None:
         expect(len(data) == 4, f"{len(data)} bytes", "4 bytes")
 
 
-@_add("O07", "7.5.2.21", "the identity of 0x1018 is that of the EDS")
+@_add("O07", "7.5.2.21", "the identity in 0x1018 matches the EDS")
 def _identity(node: CheckedNode) -> None:
     od = _od(node)
     for subindex in (1, 2):
@@ -362,7 +358,7 @@ def _identity(node: CheckedNode) -> None:
             expect(value == entry.default, f"0x{value:X} in :{subindex:02X}", f"0x{entry.default:X} of the EDS")
 
 
-@_add("O07v", "7.5.2.21", "the vendor id of 0x1018 is not 0, which is not a valid one", _SHOULD)
+@_add("O07v", "7.5.2.21", "the vendor id in 0x1018 is not 0", _SHOULD)
 def _vendor(node: CheckedNode) -> None:
     vendor = int.from_bytes(node.read(0x1018, 1), "little")
     expect(vendor != 0, "vendor id 0", "the vendor id that CiA assigned")

@@ -34,8 +34,8 @@ def test_a_master_is_checked_and_the_reports_name_it(private_folders, capsys, tm
     document = json.loads(capsys.readouterr().out)
     assert (document["node_id"], document["subject"]) == (5, "master")
     observed = {result["id"]: result["observed"] for result in document["results"]}
-    assert observed["MC05"].startswith("0x1017 is 0, and no remote frame came")
-    assert observed["MF08"] == "not tested: the run was too short for it; give more time with --for"
+    assert observed["MC05"].startswith("0x1017 is 0, and no node guarding request was received")
+    assert observed["MF08"] == "not tested: the run was too short for this check; allow more time with --for"
     assert "Conformance of the master of node 5" in page.read_text()
     assert Xml.parse(path).getroot().find("testsuite").attrib["name"] == "canopen.node5.master"
 

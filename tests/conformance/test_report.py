@@ -46,6 +46,6 @@ def test_a_comparison_names_what_changed_came_and_went():
     old = {"A": "failed", "B": "failed", "C": "failed", "D": "skipped", "Z": "passed"}
     assert changed_verdicts(REPORT, old) == [
         "A (title): failed -> passed",
-        "E (title): not made -> error",
-        "Z: passed -> not made",
+        "E (title): not run -> error",
+        "Z: passed -> not run",
     ]

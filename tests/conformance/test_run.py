@@ -42,7 +42,7 @@ def test_a_device_that_dies_ends_in_a_report_that_says_so(bench):
 
     report = run_checks(session, checks, die)
     assert report.failed
-    assert [result.observed for result in report.results].count("not made: the device stopped answering") > 10
+    assert [result.observed for result in report.results].count("not run: the device stopped answering") > 10
     assert report.results[-1].observed.startswith("a parameter could not be restored")
 
 
@@ -77,7 +77,7 @@ def test_a_check_of_times_is_repeated_before_it_counts_as_failed(bench, clause, 
     check = Check("X", "301", clause, "", CheckLevel.MUST, CheckTouch.READ, late_once)
     result = run_checks(bench(), [check]).results[0]
     assert (len(begun), result.verdict) == (runs, verdict)
-    repeated = ["failed at first, and passed when it was repeated; at first: 90 ms"]
+    repeated = ["failed at first and passed when repeated; first result: 90 ms"]
     assert result.notes == (repeated if verdict == "passed" else [])
 
 

@@ -24,14 +24,14 @@ def run_with(node, act, at=3):
 
 
 def reasons(report):
-    return {result.observed for result in report.results if result.observed.startswith("not made: ")}
+    return {result.observed for result in report.results if result.observed.startswith("not run: ")}
 
 
 def test_a_device_that_answers_late_is_named_with_its_time(bench):
     node = bench()
     report = run_with(node, lambda: switches_of(node.device).set("sdo_late=0.8", True, node.reactor.now()))
     assert reasons(report) == {
-        "not made: the device answers after 0.8 s, later than 0.5 s; give --timeout 1.6",
+        "not run: the device answers after 0.8 s, later than 0.5 s; give --timeout 1.6",
     }
     assert report.failed
 
@@ -46,7 +46,7 @@ def test_a_device_that_changes_its_node_id_is_found_there(bench):
         node.host = NodeHost(node.reactor, node.bus.open("other"), [device])
 
     report = run_with(node, other_id)
-    assert reasons(report) == {"not made: the device changed its node id: node 9 has its identity now"}
+    assert reasons(report) == {"not run: the device changed its node id: node 9 has its identity now"}
     node.host.close()
 
 
@@ -60,7 +60,7 @@ def test_a_device_that_floods_the_bus_ends_in_a_report_that_says_so(bench):
         node.reactor.call_later(1_000_000, send)
 
     report = run_checks(node, READING[:12], lambda done, _total: send() if done == 3 else node.listen(0.3))
-    assert "0x085 came 5" in report.results[-2].observed
+    assert "0x085 was received 5" in report.results[-2].observed
     assert report.results[-2].verdict == "failed"
     assert len(report.results) == 14
 
@@ -74,7 +74,7 @@ def test_a_device_that_dies_while_it_floods_is_both(bench):
         port.send(pack_records([CanFrame(0x85, bytes(8))] * 3000))
 
     assert reasons(run_with(node, die)) == {
-        "not made: the device stopped answering; 0x085 came 3000 times in a second",
+        "not run: the device stopped answering; 0x085 came 3000 times in a second",
     }
 
 
