@@ -1,4 +1,4 @@
-"""Parser of object addresses as users write them: INDEX[:SUB] in hexadecimal, or a name in the EDS.
+"""Parser of object addresses in user input: INDEX[:SUB] in hexadecimal, or a name in the EDS.
 
 Numbers are hexadecimal with or without 0x, as in all messages of this package. A name is the name of an entry, a pair
 ``Object.Entry``, or the name of an object followed by ``:SUB``. A name that several objects share is refused, with a
@@ -35,7 +35,7 @@ class ObjectAddress:
 
     @property
     def label(self) -> str:
-        """Address and name, as shown to users."""
+        """Address and name for messages."""
         name = self.entry.name if self.entry is not None else ""
         if self.object_name and self.object_name != name:
             name = f"{self.object_name}.{name}" if name else self.object_name
@@ -43,7 +43,7 @@ class ObjectAddress:
 
 
 def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
-    """Return the object that `text` addresses; raise ConfigError with advice if there is none.
+    """Return the object that `text` addresses; raise ConfigError with a hint if there is no such object.
 
     `od` may be None; then only numbers are valid.
     """
@@ -65,7 +65,7 @@ def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
 
 
 def parts_of(address: ObjectAddress, od: ObjectDictionary | None) -> list[ObjectAddress]:
-    """Return the addresses to read: all readable subindices if `address` is a whole object, else `address` alone."""
+    """Return the addresses to read: all readable subindices of a whole object, else `address` alone."""
     if not address.whole or od is None:
         return [address]
     readable = [sub for sub in od.subindices(address.index) if od[address.index, sub].readable]
@@ -83,7 +83,7 @@ def _why_not(text: str, name: str, od: ObjectDictionary) -> str:
     folded = name.casefold()
     same = [entry for entry in od if entry.name.casefold() == folded]
     if same:
-        return f"object {text!r} has that name {len(same)} times: {_listed(same)}; choose one by its number"
+        return f"object {text!r}: {len(same)} entries have that name: {_listed(same)}; use the index instead"
     near = [entry for entry in od if folded in entry.name.casefold() or folded in _parent(entry, od)]
     near = near or _similar(folded, od)
     hint = f"; did you mean {_listed(near)}?" if near else "; numbers are hexadecimal, as in 0x6041:00"
@@ -91,7 +91,6 @@ def _why_not(text: str, name: str, od: ObjectDictionary) -> str:
 
 
 def _similar(folded: str, od: ObjectDictionary) -> list[Entry]:
-    """Return the entries whose name is similar to `folded`."""
     by_name = {entry.name.casefold(): entry for entry in od}
     return [by_name[name] for name in difflib.get_close_matches(folded, by_name, _SHOWN, 0.8)]
 

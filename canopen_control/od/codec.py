@@ -2,8 +2,8 @@
 
 All numbers are little-endian. A value that does not fit its type is refused, never truncated. VISIBLE_STRING is decoded
 as ISO 8859-1, since drives use umlauts and degree signs although the standard allows only ISO 646, and encoded as UTF-8
-if it contains other characters. Trailing zero bytes, with which some devices pad, are removed. The two time types are
-48-bit numbers: milliseconds in the low 32 bits, days above.
+if other characters occur. Trailing zero bytes, with which some devices pad, are removed. The two time types are 48-bit
+numbers: milliseconds in the low 32 bits, days above.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class _Required(NamedTuple):
 
 
 _OFF = 1 << 31
-_COB_ID = _Required(_OFF, _OFF, "bit 31 switches the object off")
-_SIGNATURE = _Required(0x64616F6C, 0x65766173, "the signature is written there")
+_COB_ID = _Required(_OFF, _OFF, "bit 31 disables the service")
+_SIGNATURE = _Required(0x64616F6C, 0x65766173, "the signature must be accepted")
 _OBJECTS = {
     0x1005: _Required(0x80, 0x80, "0x80 is the predefined identifier"),  # 7.5.2.5
     0x1010: _SIGNATURE,  # 7.5.2.13
@@ -56,29 +56,29 @@ def _required(entry: Entry) -> _Required | None:
 
 
 def forbidden_limit(entry: Entry) -> str:
-    """Return a text about a limit of a communication object that CiA 301 forbids; empty if there is no such limit."""
+    """Return a message about a limit of a communication object that contradicts CiA 301, else ""."""
     required = _required(entry)
     if required is None:
         return ""
     if entry.high is not None and entry.high < required.high:
-        return f"HighLimit {entry.high} forbids what CiA 301 demands there ({required.why}); ignored"
+        return f"HighLimit {entry.high} excludes values that CiA 301 requires ({required.why}); limit ignored"
     if entry.low is not None and entry.low > required.low:
-        return f"LowLimit {entry.low} forbids what CiA 301 demands there ({required.why}); ignored"
+        return f"LowLimit {entry.low} excludes values that CiA 301 requires ({required.why}); limit ignored"
     return ""
 
 
 def above_limit(entry: Entry, value: float) -> bool:
-    """Whether a value is above the HighLimit of the entry; a limit that CiA 301 forbids is not applied."""
+    """Whether a value is above the HighLimit of the entry; a limit that contradicts CiA 301 is ignored."""
     return entry.high is not None and value > entry.high and not forbidden_limit(entry)
 
 
 def below_limit(entry: Entry, value: float) -> bool:
-    """Whether a value is below the LowLimit of the entry; a limit that CiA 301 forbids is not applied."""
+    """Whether a value is below the LowLimit of the entry; a limit that contradicts CiA 301 is ignored."""
     return entry.low is not None and value < entry.low and not forbidden_limit(entry)
 
 
 def outside_limits(entry: Entry, value: float) -> bool:
-    """Whether a value is outside the limits of the entry; a limit that CiA 301 forbids is not applied."""
+    """Whether a value is outside the limits of the entry; a limit that contradicts CiA 301 is ignored."""
     return above_limit(entry, value) or below_limit(entry, value)
 
 
@@ -87,7 +87,7 @@ _TEXT = {DataType.VISIBLE_STRING: "latin-1", DataType.UNICODE_STRING: "utf-16-le
 
 
 def encode(value: Value, data_type: DataType) -> bytes:
-    """Return the bytes of `value`; raise ValueError if the value does not fit the type."""
+    """Return the bytes of `value`; raise ValueError if `value` does not fit the type."""
     if data_type in _TEXT:
         return _encode_text(value, data_type)
     if data_type in REALS:
@@ -100,7 +100,7 @@ def encode(value: Value, data_type: DataType) -> bytes:
 
 
 def decode(data: bytes, data_type: DataType) -> Value:
-    """Return the value of `data`; raise ValueError for a wrong length or invalid UTF-16."""
+    """Return the value encoded in `data`; raise ValueError for a wrong length or invalid UTF-16."""
     if data_type in _TEXT:
         return _decode_text(data, data_type)
     bits = data_type.bits
@@ -118,7 +118,7 @@ def decode(data: bytes, data_type: DataType) -> Value:
 
 
 def fitted(data: bytes, data_type: DataType, *, length_known: bool = True) -> bytes | None:
-    """Return the data of an upload, cut to the length of the type; None if they are not a value of this type.
+    """Return the data of an upload, cut to the length of the type; None if the data are invalid for the type.
 
     Missing bytes are never added. Excess bytes are cut if they carry no information: zeros after a number (0xFF after a
     negative one), as from devices that always answer with four bytes, or any bytes if the server did not announce the
@@ -160,7 +160,7 @@ def _encode_text(value: Value, data_type: DataType) -> bytes:
     try:
         return value.encode("utf-8")  # as devices with such strings do; CiA 301 allows only ISO 646
     except UnicodeEncodeError:
-        raise ValueError(f"{value!r} has characters that {data_type.name} cannot hold") from None
+        raise ValueError(f"{value!r} has characters that are invalid in {data_type.name}") from None
 
 
 def _decode_text(data: bytes, data_type: DataType) -> str:
@@ -184,5 +184,5 @@ def _encode_integer(value: Value, data_type: DataType) -> bytes:
         raise ValueError(f"{value!r} is not a valid {data_type.name}: expected a whole number")
     low, high = data_type.minimum, data_type.maximum
     if not low <= value <= high:
-        raise ValueError(f"{value} is not a valid {data_type.name}: it holds {low} to {high}")
+        raise ValueError(f"{value} is not a valid {data_type.name}: the range is {low} to {high}")
     return value.to_bytes(((data_type.bits or 0) + 7) // 8, "little", signed=data_type.signed)

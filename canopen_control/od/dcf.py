@@ -53,7 +53,7 @@ _REFUSES_DOWNLOAD = 1  # bit of ObjFlags (CiA 306-1)
 
 
 class ConciseEntry(NamedTuple):
-    """One download in a concise DCF: an address and the data for it."""
+    """One download in a concise DCF: address and data."""
 
     index: int  # type: ignore[assignment] # hides tuple.index, which addresses do not need
     subindex: int
@@ -73,7 +73,7 @@ def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
 def decode_concise(data: bytes) -> list[ConciseEntry]:
     """Return the downloads of a concise DCF; raise ValueError if the data are truncated or too long."""
     if len(data) < _COUNT.size:
-        raise ValueError(f"a concise DCF begins with a 32-bit count, and there are {len(data)} bytes")
+        raise ValueError(f"a concise DCF begins with a count of 4 bytes, but has only {len(data)} bytes")
     (count,) = _COUNT.unpack_from(data)
     entries: list[ConciseEntry] = []
     offset = _COUNT.size
@@ -84,7 +84,7 @@ def decode_concise(data: bytes) -> list[ConciseEntry]:
         index, subindex, size = _HEAD.unpack_from(data, offset)
         offset = start + size
         if offset > len(data):
-            raise ValueError(f"0x{index:04X}:{subindex:02X} has {len(data) - start} of its {size} bytes")
+            raise ValueError(f"0x{index:04X}:{subindex:02X} has only {len(data) - start} of {size} bytes")
         entries.append(ConciseEntry(index, subindex, data[start:offset]))
     if offset != len(data):
         raise ValueError(f"the concise DCF has {len(data) - offset} bytes after its {count} entries")
@@ -169,14 +169,14 @@ def write_dcf(
     *,
     node_name: str = "",
 ) -> None:
-    """Write the DCF text of `dcf_text` to a file, in UTF-8."""
+    """Write the text of `dcf_text` to a file in UTF-8."""
     Path(path).write_text(dcf_text(od, node_id, bitrate, values, node_name=node_name), encoding="utf-8", newline="")
 
 
 def configured(
     od: ObjectDictionary, values: Mapping[Address, Value], relative: Container[Address] = ()
 ) -> ObjectDictionary:
-    """Return a copy with `values` as ParameterValues; raise ValueError for a value without an entry or of a wrong type.
+    """Return a copy with `values` as ParameterValues; raise ValueError for an unknown address or a wrong type.
 
     `relative` contains the addresses of values that depend on the node id.
     """
@@ -221,7 +221,7 @@ def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[s
 
 
 def _respelled(lines: _Lines) -> _Lines:
-    """Return the lines with their keys spelled as in CiA 306-1, because some readers are case-sensitive."""
+    """Return the lines with the keys spelled as in CiA 306-1, because some readers are case-sensitive."""
     return {_SPELLING.get(key.lower(), key): value for key, value in lines.items()}
 
 
@@ -243,7 +243,7 @@ def _section(title: str, texts: Mapping[str, str]) -> Section:
 
 
 def _device_sections(od: ObjectDictionary) -> dict[str, tuple[str, _Lines]]:
-    """Return the device sections that must be written from the dictionary, because the file has other or no values."""
+    """Return the device sections whose content in the file differs from the dictionary."""
     sections = {title.lower(): _section(title, texts) for title, texts in od.sections.items()}
     parsed = read_device(sections, None, Report(""))
     new_sections: dict[str, tuple[str, _Lines]] = {}
@@ -337,7 +337,7 @@ def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def _is_one(info: ObjectInfo, entry: Entry) -> bool:
-    """Whether the object has only one value, so that one section describes both; a VAR may have its own subindex 0."""
+    """Whether one section describes both the object and its value; a VAR can have a separate subindex 0."""
     if info.code not in SCALAR_CODES or info.name != entry.name:
         return False
     return not (info.texts and entry.texts) or info.texts == entry.texts
@@ -354,7 +354,7 @@ def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
 
 
 def _code_text(info: ObjectInfo) -> str:
-    """Return the text of ObjectType from the file, unless it is a valid code other than that of the object."""
+    """Return the ObjectType in the file, or the code of the object if the file has another valid code."""
     text = _get(info.texts, "objecttype")
     try:
         number = parse_number(text)[0]
@@ -365,7 +365,7 @@ def _code_text(info: ObjectInfo) -> str:
 
 
 def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
-    """Return the lines of an entry: for each key the text of the file if the value is the same, else a new text."""
+    """Return the lines of an entry; the text of the file is used for each key whose value is unchanged."""
     section = _section("", entry.texts)
     reader = EntryReader(od.node_id, Report(""))
     name = section.get("parametername") or entry.name
@@ -381,7 +381,7 @@ def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
 
 
 def _entry_keys(entry: Entry, parsed: Entry | None, code: ObjectCode, node_id: int) -> dict[str, tuple[str, bool]]:
-    """Return for each key the text of the field, and whether the text in the file has the same value."""
+    """Return for each key the text of the field, and whether the file has the same value."""
 
     def value_text(value: Value | None, relative: bool) -> str:
         if value is None:

@@ -1,4 +1,4 @@
-"""Reader of EDS and DCF files (CiA 306-1), and of their XML forms (CiA 311), that tolerates the errors of real files.
+"""Reader of EDS and DCF files (CiA 306-1) and their XML forms (CiA 311), tolerant of the errors in real files.
 
 `EdsError` is raised only if the file is not a CANopen EDS. Any other error becomes an `Issue` with its line, and no
 value is lost or replaced silently. The text of each key is kept with its entry, so that a writer can reproduce it. The
@@ -120,7 +120,7 @@ _STRUCTURE_SUB = 0xFF  # describes the type of the object and is not counted (Ci
 
 
 def check_dictionary(od: ObjectDictionary, report: Report) -> None:
-    """Report all inconsistencies of `od`; `report` is the report of the file."""
+    """Add an issue to `report` for every inconsistency of a dictionary."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
@@ -132,7 +132,7 @@ def check_dictionary(od: ObjectDictionary, report: Report) -> None:
         _check_structure(od, info, subindices[index], report)
     for index, meaning in _MANDATORY.items():
         if index not in od.objects:
-            report.warning(0, "object-mandatory", f"0x{index:04X} ({meaning}) is mandatory and not there")
+            report.warning(0, "object-mandatory", f"0x{index:04X} ({meaning}) is mandatory, but missing")
     _check_pdos(od, report)
     _check_profile(od, report)
 
@@ -157,20 +157,20 @@ def _check_limits(entry: Entry, report: Report) -> None:
 
 
 def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:
-    """Report a COB-ID that a PDO, SYNC or EMCY must not have, and a PDO without COB-ID; `node_id` replaces $NODEID."""
+    """Report a restricted COB-ID of a PDO, SYNC or EMCY, and a PDO without COB-ID; `node_id` replaces $NODEID."""
     value = entry.value
     if not isinstance(value, int):
         if is_cob_id(*entry.address) and "defaultvalue" not in {key.lower() for key in entry.texts}:
-            text = f"{_where(entry)} ({clip(entry.name)}) has no DefaultValue: its COB-ID is not known, the PDO is off"
-            report.warning(entry.line, "cob-id", f"{text} until one is written")
+            text = f"{_where(entry)} ({clip(entry.name)}) has no DefaultValue; the PDO is disabled"
+            report.warning(entry.line, "cob-id", f"{text} until a COB-ID is written")
         return
     relative = entry.relative if entry.parameter_value is None else entry.parameter_relative
     identifier = value + (0 if not relative or value & 0x7F else node_id)
     # CiA 301, 7.3.5: restricted identifiers
     off = EXTENDED_BIT if entry.index == _SYNC else EXTENDED_BIT | INVALID
     if not identifier & off and is_restricted(identifier & 0x7FF):
-        text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, which is not a COB-ID that it may have"
-        report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 40); it can never become active")
+        text = f"{_where(entry)} ({clip(entry.name)}) is 0x{value:X}, a restricted CAN-ID"
+        report.warning(entry.line, "cob-id", f"{text} (CiA 301, table 40); the object can never be active")
 
 
 def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
@@ -178,11 +178,11 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
         return
     place = f"0x{info.index:04X} ({clip(info.name)})"
     if not subindices:
-        report.warning(info.line, "sub-missing", f"{place} is {info.code.name} and has no subindices")
+        report.warning(info.line, "sub-missing", f"{place} is {info.code.name}, but has no subindices")
         return
     # CiA 301, 7.4.4: subindex 0 of arrays and records is the highest subindex
     if 0 not in subindices:
-        report.warning(info.line, "sub0-missing", f"{place} has no subindex 0, which holds the highest one")
+        report.warning(info.line, "sub0-missing", f"{place} has no subindex 0 (highest subindex)")
     else:
         _check_sub0(od[info.index, 0], max((sub for sub in subindices if sub != _STRUCTURE_SUB), default=0), report)
     _check_sub_number(info, len(subindices), place, report)
@@ -199,19 +199,21 @@ def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], r
     expected = next((code for code, indices in _CODES_OF.items() if any(base in index for index in indices)), None)
     if info.code is ObjectCode.ARRAY and len(types) > 1:
         named = ", ".join(sorted(type_.name for type_ in types))
-        report.warning(info.line, "object-code", f"{place} is an ARRAY with entries of {named}; it is a RECORD")
+        report.warning(
+            info.line, "object-code", f"{place} is an ARRAY with different data types ({named}); it should be a RECORD"
+        )
     elif expected is not None and info.code in (ObjectCode.ARRAY, ObjectCode.RECORD) and info.code is not expected:
-        report.note(info.line, "object-code", f"{place} is {info.code.name}; the standard has {expected.name} there")
+        report.note(info.line, "object-code", f"{place} is {info.code.name}; the standard specifies {expected.name}")
 
 
 def _check_sub0(entry: Entry, highest: int, report: Report) -> None:
     if entry.data_type is not DataType.UNSIGNED8:
-        text = f"{_where(entry)} is {entry.data_type.name}; the number of entries is UNSIGNED8"
+        text = f"{_where(entry)} is {entry.data_type.name}; subindex 0 should be UNSIGNED8"
         report.warning(entry.line, "sub0-type", text)
     if entry.writable or entry.index in range(0x1600, 0x1800) or entry.index in range(0x1A00, 0x1C00):
         return  # in these records subindex 0 is the number of entries in use
     if isinstance(entry.value, int) and entry.value != highest:
-        text = f"{_where(entry)} says {entry.value}, the highest subindex described is {highest}"
+        text = f"{_where(entry)} is {entry.value}, but the highest subindex in the file is {highest}"
         report.warning(entry.line, "sub0-count", text)
 
 
@@ -227,7 +229,9 @@ def _check_sub_number(info: ObjectInfo, count: int, place: str, report: Report) 
         return
     # CiA 306-1, 4.6.3.3
     if declared != count:
-        report.warning(info.line, "sub-number", f"{place}: SubNumber says {declared}, {count} subindices are described")
+        report.warning(
+            info.line, "sub-number", f"{place}: SubNumber is {declared}, but the file has {count} subindices"
+        )
 
 
 def _check_pdos(od: ObjectDictionary, report: Report) -> None:
@@ -236,10 +240,10 @@ def _check_pdos(od: ObjectDictionary, report: Report) -> None:
         _check_pdo(od, pdo, report)
         for mapped in pdo.mapped:
             _check_mapped(od, pdo, mapped, report)
-    for name, declared, is_rpdo in (("Rx", od.device.rpdo_count, True), ("Tx", od.device.tpdo_count, False)):
+    for name, declared, is_rpdo in (("RX", od.device.rpdo_count, True), ("TX", od.device.tpdo_count, False)):
         present = sum(pdo.is_rpdo is is_rpdo for pdo in pdos)
         if present and present != declared and od.device != DeviceInfo() and not od.device.compact_pdo:
-            report.note(0, "pdo-number", f"NrOf{name}PDO says {declared}, {present} are described")
+            report.note(0, "pdo-number", f"NrOf{name}PDO is {declared}, but the file has {present}")
 
 
 def _check_pdo(od: ObjectDictionary, pdo: Pdo, report: Report) -> None:
@@ -249,15 +253,17 @@ def _check_pdo(od: ObjectDictionary, pdo: Pdo, report: Report) -> None:
             report.warning(line, "pdo-record", f"{pdo.name} has no {record_name} record 0x{index:04X}")
     # CiA 301, 7.2.2: a PDO has at most 8 bytes
     if pdo.bits > MAX_BITS:
-        report.error(line, "pdo-bits", f"{pdo.name} maps {pdo.bits} bits; a frame holds {MAX_BITS}")
+        report.error(line, "pdo-bits", f"{pdo.name} maps {pdo.bits} bits; a PDO has at most {MAX_BITS}")
     if pdo.count is None or pdo.count > MAX_BITS:
         return
     if pdo.count > pdo.slots:
         report.error(
-            line, "pdo-count", f"{pdo.name} says {pdo.count} mapped objects and has {pdo.slots} mapping entries"
+            line,
+            "pdo-count",
+            f"{pdo.name} has {pdo.count} mapped objects in subindex 0, but only {pdo.slots} mapping entries",
         )
     elif pdo.count != len(pdo.mapped):
-        text = f"{pdo.name} says {pdo.count} mapped objects, {len(pdo.mapped)} of its entries have a default"
+        text = f"{pdo.name} has {pdo.count} mapped objects in subindex 0, but only {len(pdo.mapped)} have a default"
         report.warning(line, "pdo-count", text)
 
 
@@ -275,7 +281,7 @@ def _check_mapped(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report
     if not entry.pdo_mappable:
         report.warning(line, "pdo-mappable", f"{target} ({clip(entry.name)}), whose PDOMapping is 0")
     elif not (entry.rpdo_mappable if pdo.is_rpdo else entry.tpdo_mappable):
-        report.error(line, "pdo-direction", f"{target} ({clip(entry.name)}), whose access is {entry.access}")
+        report.error(line, "pdo-direction", f"{target} ({clip(entry.name)}), whose AccessType is {entry.access}")
     bits = entry.data_type.bits
     if bits is not None and mapped.bits not in (bits, 8 if entry.data_type is DataType.BOOLEAN else bits):
         text = f"{target} ({clip(entry.name)}) with {mapped.bits} bits, but {entry.data_type.name} has {bits}"
@@ -283,10 +289,10 @@ def _check_mapped(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report
 
 
 def _check_dummy(od: ObjectDictionary, pdo: Pdo, mapped: Mapped, report: Report) -> None:
-    subject = f"{pdo.name} maps the dummy 0x{mapped.index:04X}"
+    subject = f"{pdo.name} maps the dummy object 0x{mapped.index:04X}"
     # CiA 301, 7.4.1.2: dummy entries
     if not pdo.is_rpdo:
-        report.error(mapped.source.line, "pdo-direction", f"{subject}; only an RPDO may have gaps")
+        report.error(mapped.source.line, "pdo-direction", f"{subject}; only RPDOs can have gaps")
     elif mapped.index not in od.dummy_usage:
         report.error(mapped.source.line, "pdo-target", f"{subject}, which [DummyUsage] does not allow")
     if mapped.bits != DataType(mapped.index).bits:
@@ -305,7 +311,9 @@ def _check_profile(od: ObjectDictionary, report: Report) -> None:
         expected = TYPES.get(address)
         if expected is not None and entry.data_type not in expected:
             names = " or ".join(data_type.name for data_type in expected)
-            text = f"{_where(entry)} ({clip(entry.name)}) is {entry.data_type.name}, {names} in CiA 402; kept"
+            text = (
+                f"{_where(entry)} ({clip(entry.name)}) is {entry.data_type.name}, but {names} in CiA 402; not changed"
+            )
             report.warning(entry.line, "profile-type", text)
 
 
@@ -339,7 +347,7 @@ _TPDO = _Direction("TPDO", 0x1800, 0x1A00, 0x180)
 
 
 def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
-    """Add to `od` the PDO records that CompactPDO implies and that have no section of their own."""
+    """Add the PDO records that CompactPDO implies, unless the file has sections for these records."""
     mask = od.device.compact_pdo & 0x3F
     if not mask:
         return
@@ -347,14 +355,14 @@ def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
     for direction, count in ((_RPDO, od.device.rpdo_count), (_TPDO, od.device.tpdo_count)):
         if not 0 <= count <= _HIGHEST:
             report.warning(
-                0, "compact-count", f"there cannot be {count} {direction.name}s; {_HIGHEST} at most are made"
+                0, "compact-count", f"{count} {direction.name}s are not possible; at most {_HIGHEST} are created"
             )
         for offset in range(min(max(count, 0), _HIGHEST)):
             _add_communication(od, direction, offset, mask)
             _add_mapping(od, direction, offset)
     added = len(od.objects) - before
     if added:
-        report.note(0, "compact-pdo", f"CompactPDO stands for {added} PDO records that have no section; they were made")
+        report.note(0, "compact-pdo", f"CompactPDO: {added} PDO records without a section were created")
 
 
 def _add_communication(od: ObjectDictionary, direction: _Direction, offset: int, mask: int) -> None:
@@ -422,7 +430,7 @@ _cache: dict[str, tuple[_State, EdsFile]] | None = None
 
 
 def keep_files() -> None:
-    """Cache each parsed file from now on, while the file is unchanged, for this process and its forks."""
+    """Cache every parsed file until the file changes, in this process and in its forks."""
     global _cache
     _cache = {} if _cache is None else _cache
 
@@ -467,10 +475,10 @@ def _read_file(path: str | Path, node_id: int | None) -> EdsFile:
 
 
 def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
-    """Parse the content of a file; `name` is the file name in issues and errors. EdsError as in `read_eds`."""
+    """Parse the content of a file; `name` is the file name for messages. EdsError as in `read_eds`."""
     report = Report(name)
     if _is_concise(data):
-        text = "is a concise DCF: what is written to a device, and no EDS; give it as configuration_file in bus.yml"
+        text = "is a concise DCF (values to write), not an EDS; set it as configuration_file in bus.yml"
         raise EdsError(name, 0, text)
     text, encoding = decode_text(data)
     sections = xdd_sections(text, report) if is_xml(text) else split_sections(text, report)
@@ -487,7 +495,7 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
 
 
 def _is_concise(data: bytes) -> bool:
-    """Whether the bytes are a concise DCF: all sizes in it are consistent, which no text of an EDS achieves."""
+    """Whether the bytes are a concise DCF, with consistent sizes, which no EDS text has."""
     try:
         return bool(decode_concise(data))
     except ValueError:
@@ -496,17 +504,19 @@ def _is_concise(data: bytes) -> bool:
 
 def _why_not(sections: Sections) -> str:
     if "topology" in sections:
-        return "is a CANopen project (.cpj, CiA 306-3) and no EDS; give the DCF files that it names"
+        return "is a CANopen project (.cpj, CiA 306-3), not an EDS; use the DCF files that are listed in it"
     if "device" in sections and "deviceinfo" not in sections:
-        return "is an EtherNet/IP EDS (ODVA) and no CANopen one"
+        return "is an EtherNet/IP EDS (ODVA), not a CANopen EDS"
     first = next(iter(sections.values()))
-    return f"has no object sections such as [1000], so it is not a CANopen EDS; it begins with [{clip(first.title)}]"
+    return (
+        f"has no object sections such as [1000], so it is not a CANopen EDS; the first section is [{clip(first.title)}]"
+    )
 
 
 def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
     """Yield the manufacturer-specific data types, such as section [A0], with their indices.
 
-    Some editors define them as a basic type (sub 1) with a minimum (sub 2) and a maximum (sub 3).
+    Some editors define such a type by a basic type (sub 1), a minimum (sub 2) and a maximum (sub 3).
     """
     for name in sections:
         match = _RANGE_SUB.fullmatch(name)
@@ -525,7 +535,7 @@ def _range_types(sections: Sections) -> Iterator[tuple[int, RangeType]]:
 class _Reader:
     """Converter of the object sections of a file to objects and entries.
 
-    Objects are read before their subindices, whatever the order in the file.
+    Objects are read before their subindices, regardless of the order in the file.
     """
 
     od: ObjectDictionary
@@ -562,11 +572,17 @@ class _Reader:
         if (match := _COMPACT.fullmatch(name)) is not None:
             parent = self.sections.get(match[1])
             if parent is None or not parent.get("compactsubobj"):
-                self.report.warning(section.line, "compact-unused", f"[{section.title}] has no CompactSubObj to fill")
+                self.report.warning(
+                    section.line,
+                    "compact-unused",
+                    f"[{section.title}] is ignored, because [{match[1].upper()}] has no CompactSubObj",
+                )
         elif _LOOKS_LIKE_OBJECT.match(name):
-            self.report.warning(section.line, "section-unknown", f"[{clip(section.title)}] is not an object; not used")
+            self.report.warning(
+                section.line, "section-unknown", f"[{clip(section.title)}] is not an object section; ignored"
+            )
         elif _MODULE.fullmatch(name):
-            text = f"[{section.title}]: a module's objects are kept as text and are not part of the dictionary"
+            text = f"[{section.title}]: objects of modules are kept as text and are not part of the dictionary"
             self.report.warning(section.line, "module", text)
         if name not in _REGENERATED:
             self.od.sections[section.title] = section.texts()
@@ -586,20 +602,20 @@ class _Reader:
         is_list = index in self.has_subs or self._compact_count(section, quiet=True) > 0
         if number is None:
             if is_list:
-                text = f"[{section.title}] has no ObjectType; taken as RECORD"
+                text = f"[{section.title}] has no ObjectType; treated as RECORD"
                 self.report.warning(section.line, "object-type", text)
             return ObjectCode.RECORD if is_list else ObjectCode.VAR
         code = _CODES.get(number)
         if code is None:
             code = ObjectCode.RECORD if is_list else ObjectCode.VAR
-            text = f"ObjectType {number:#x} is unknown; taken as {code.name}"
+            text = f"ObjectType {number:#x} is unknown; treated as {code.name}"
             self.report.warning(section.line_of("objecttype"), "object-type", text)
         elif is_list and code is ObjectCode.VAR and index not in self.has_subs:
-            text = f"[{section.title}] is a VAR with CompactSubObj; taken as ARRAY, which it is"
+            text = f"[{section.title}] is a VAR with CompactSubObj; treated as ARRAY"
             self.report.warning(section.line_of("objecttype"), "object-type", text)
             code = ObjectCode.ARRAY
         elif is_list and code is ObjectCode.VAR:
-            text = f"[{section.title}] is a VAR with subindices; both are kept"
+            text = f"[{section.title}] is a VAR with subindices; value and subindices are kept"
             self.report.warning(section.line, "object-type", text)
         return code
 
@@ -609,24 +625,24 @@ class _Reader:
         report = Report(self.report.path) if quiet else self.report
         count = read_number(section, "compactsubobj", 0, report)
         if not 0 <= count <= _HIGHEST_SUB:
-            text = f"CompactSubObj={clip(section.get('compactsubobj'))} is not 0 to 254; cut to that"
+            text = f"CompactSubObj={clip(section.get('compactsubobj'))} is not 0 to 254; limited to this range"
             report.error(section.line_of("compactsubobj"), "compact-count", text)
         return min(max(count, 0), _HIGHEST_SUB)
 
     def _name(self, section: Section, fallback: str) -> str:
         name = section.get("parametername")
         if not name:
-            text = f"[{section.title}] has no ParameterName; now {fallback!r}"
+            text = f"[{section.title}] has no ParameterName; named {fallback!r}"
             self.report.warning(section.line, "name-missing", text)
         return name or fallback
 
     def _sub(self, section: Section, index: int, subindex: int) -> None:
         if index not in self.od.objects:
-            text = f"[{section.title}] has no object section [{index:04X}]; taken as a RECORD"
+            text = f"[{section.title}] has no object section [{index:04X}]; treated as part of a RECORD"
             self.report.warning(section.line, "object-missing", text)
             self.od.objects[index] = ObjectInfo(index, f"Object {index:04X}", ObjectCode.RECORD, section.line)
         if (index, subindex) in self.od.entries:
-            text = f"[{section.title}] describes again what [{index:04X}] does; the subindex's own section counts"
+            text = f"[{section.title}] repeats the entry of [{index:04X}]; the section of the subindex is used"
             self.report.warning(section.line, "entry-repeated", text)
         name = self._name(section, f"Subindex {subindex}")
         code = read_number(section, "objecttype", ObjectCode.VAR, self.report)
@@ -662,6 +678,6 @@ class _Reader:
             if 0 < subindex <= count and subindex not in pairs:
                 pairs[subindex] = pair
             else:
-                text = f"[{section.title}] names {clip(pair.key)}, which is not 1 to {count} or comes again; ignored"
+                text = f"[{section.title}] has the key {clip(pair.key)}, which is repeated or not 1 to {count}; ignored"
                 self.report.warning(pair.line, "compact-unused", text)
         return pairs

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 _COMMENT = ";#"
 _BLANK = " \t\r\n\x00\x1a\ufeff"
 _NOT_CANOPEN = (  # beginning of the file, and the format it indicates
-    ("$", "is an EtherNet/IP EDS (ODVA) and no CANopen one"),
-    ("version https://git-lfs", "is a pointer of git-lfs; fetch the file itself: git lfs pull"),
+    ("$", "is an EtherNet/IP EDS (ODVA), not a CANopen EDS"),
+    ("version https://git-lfs", "is a Git LFS pointer; fetch the file with: git lfs pull"),
 )
 
 
@@ -72,7 +72,7 @@ class Section:
         return Pair(self.spelled(key), self.values[key], self.line_of(key)) if key in self.values else None
 
     def spelled(self, key: str) -> str:
-        """Return a lower-case key as the file spells it."""
+        """Return a lower-case key with the spelling in the file."""
         return next(written for lower, written in zip(self.values, self.written, strict=True) if lower == key)
 
     def line_of(self, key: str) -> int:
@@ -86,7 +86,7 @@ class Section:
         return self.lines
 
     def texts(self) -> dict[str, str]:
-        """Return the texts by key, with the keys spelled as in the file."""
+        """Return the texts by key, with the spelling of the keys in the file."""
         return self.written
 
     def numbered(self) -> Iterator[Pair]:
@@ -100,13 +100,12 @@ class Section:
 
 
 def _lines_of_keys(body: str, line: int) -> dict[str, int]:
-    """Return the line of each key in the body of a section that contains only plain lines and begins in `line`."""
+    """Return the line of each key in a section that begins in `line` and contains only plain lines."""
     numbered = enumerate(body.split("\n"), line + 1)
     return {raw.partition("=")[0].strip().lower(): number for number, raw in numbered if _has_content(raw)}
 
 
 def _has_content(raw: str) -> bool:
-    """Whether a line has content, which means that it is neither blank nor a comment."""
     line = raw.lstrip()
     return bool(line) and line[0] not in _COMMENT
 
@@ -129,7 +128,7 @@ def decode_text(data: bytes) -> tuple[str, str]:
 
 
 def read_number(section: Section, key: str, default: int, report: Report) -> int:
-    """Return the number of a lower-case key, or `default` if the key is absent; report an empty or invalid text."""
+    """Return the number of a lower-case key, or `default` if the key is absent; report an invalid text."""
     if key not in section.values:
         return default
     number = _number(section, key, report, default)
@@ -149,7 +148,7 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
         written, line = section.spelled(key), section.line_of(key)
         description = f"{clip(text)} is {problem}" if text else "is empty"
         instead = "absent" if default is None else default
-        report.warning(line, "key-number", f"{clip(written)} {description}; taken as {instead}")
+        report.warning(line, "key-number", f"{clip(written)} {description}; treated as {instead}")
         return None
     if issue is not None:
         written, line = section.spelled(key), section.line_of(key)
@@ -158,12 +157,12 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
 
 
 def clip(text: str) -> str:
-    """Return a text of the file, shortened to 60 characters for a message."""
+    """Shorten a text of the file to 60 characters for a message."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def split_sections(text: str, report: Report) -> Sections:
-    """Split the text of a file into sections; raise EdsError if it has none."""
+    """Split the text of a file into sections; raise EdsError if there is no section."""
     splitter = _Splitter(report)
     before, *sections = f"\n{_with_plain_ends(text)}".split("\n[")
     number = splitter.read_lines(None, before.split("\n"), 0)
@@ -182,7 +181,7 @@ def _with_plain_ends(text: str) -> str:
 
 
 def what_else(text: str) -> str:
-    """Return the format indicated by the beginning of a text, "" if the format is unknown or may be an EDS."""
+    """Return the format indicated by the beginning of a text, "" if unknown or possibly an EDS."""
     begin = text[:1000].lstrip(_BLANK)
     return next((meaning for start, meaning in _NOT_CANOPEN if begin.startswith(start)), "")
 
@@ -191,7 +190,7 @@ def _why_none(text: str) -> str:
     if not text:
         return "is empty"
     if "\n" not in text and len(text) < 1000:
-        return f"holds only {clip(text)!r}: a symbolic link stored as text? use the file that it names"
+        return f"contains only {clip(text)!r}; if that is a symbolic link stored as text, use the file with this path"
     return "has no sections, so it is not an EDS"
 
 
@@ -207,7 +206,7 @@ class _Keys(dict[str, tuple[str, str]]):
 
 
 class _Splitter:
-    """State of the splitting: the sections so far, and the report of lines that are not plain ``key=value``."""
+    """Splitter of a file into sections; reports lines that are not plain ``key=value``."""
 
     def __init__(self, report: Report) -> None:
         self.report = report
@@ -244,7 +243,7 @@ class _Splitter:
         return True
 
     def read_lines(self, section: Section | None, lines: list[str], first: int) -> int:
-        """Read lines one by one, beginning with number `first`; return the number of the line after them."""
+        """Read lines one by one, starting with number `first`; return the number of the line after the last."""
         for number, raw in enumerate(lines, first):
             line = raw.strip()
             if not line or line[0] in _COMMENT:
@@ -269,7 +268,7 @@ class _Splitter:
         section.line_numbers()[lower] = pair.line
 
     def open(self, line: str, number: int) -> Section:
-        """Open a section and return it; a repeated section is reported, and its content is discarded."""
+        """Open a section; a repeated section is reported, and its content is discarded."""
         title, closed, rest = line[1:].partition("]")
         title, rest = title.strip(), rest.strip()
         if not closed or (rest and rest[0] not in _COMMENT):
@@ -278,19 +277,18 @@ class _Splitter:
         section = Section(title.lower(), title, number, lines={})
         first = self.sections.setdefault(section.name, section)
         if first is not section:
-            text = f"section [{clip(title)}] is repeated; the one in line {first.line} counts, this one is ignored"
+            text = f"section [{clip(title)}] is repeated; only the first, in line {first.line}, is used"
             self.report.warning(number, "section-repeated", text)
         return section
 
     def stray(self, line: str, number: int) -> None:
-        """Report a line that is outside of any section or has no key."""
+        """Report a line outside of any section, or without a key."""
         text = f"line {clip(line)!r} is not key=value in a section; ignored"
         self.report.warning(number, "stray-line", text)
 
     def repeated(self, pair: Pair, first: Pair) -> None:
-        """Report a repeated key."""
         lost = "with the same value" if pair.value == first.value else f"with {clip(pair.value)!r}, which is ignored"
-        text = f"{clip(pair.key)} is repeated {lost}; line {first.line} counts"
+        text = f"{clip(pair.key)} is repeated {lost}; line {first.line} is used"
         self.report.warning(pair.line, "key-repeated", text)
 
 
@@ -327,7 +325,7 @@ class _Limit(NamedTuple):
 
 
 class _Traits(NamedTuple):
-    """Attributes that are the same for all entries with the same texts.
+    """Attributes shared by all entries with the same texts.
 
     `defaults` contains the values that were parsed without an issue, by text.
     """
@@ -348,7 +346,7 @@ _NO_VALUE = Parsed(None)
 
 @dataclass(frozen=True, slots=True)
 class EntryReader:
-    """Reader of the entries of a file; `node_id` replaces $NODEID, None if the node id is not known yet.
+    """Reader of the entries of a file; `node_id` replaces $NODEID, None if the node id is unknown.
 
     A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` contains
     the manufacturer-specific data types by index.
@@ -360,7 +358,7 @@ class EntryReader:
     ranges: dict[int, RangeType] = field(default_factory=dict)
 
     def read(self, section: Section, index: int, subindex: int, name: str, code: int) -> Entry:
-        """Return the entry that `section` describes; `code` is the object code."""
+        """Return the entry described by `section`; `code` is the object code."""
         traits = self._traits(section, code, (index, subindex))
         data_type, is_known, access, pdo_mappable, low, high, obj_flags, _ = traits
         default = self._parsed(section, "defaultvalue", traits) if is_known else _NO_VALUE
@@ -386,7 +384,7 @@ class EntryReader:
         )
 
     def like(self, model: Entry, subindex: int, name: str, values: Section | None = None, key: str = "") -> Entry:
-        """Return a copy of `model` for another subindex; if `values` is given, `key` in it contains the default."""
+        """Return a copy of `model` for another subindex, with the default of `key` in `values` if given."""
         parsed = _NO_VALUE if values is None else self._read_value(values, key, model.data_type)
         default, relative, _ = Parsed(model.default, model.relative) if parsed is _NO_VALUE else parsed
         return Entry(
@@ -449,12 +447,14 @@ class EntryReader:
             else f"[{section.title}] has no DataType"
         )
         if (standard := communication_type(*address)) is not None:
-            text = f"{description}; taken as {standard.name}, which CiA 301 gives 0x{address[0]:04X}:{address[1]:02X}"
+            text = (
+                f"{description}; treated as {standard.name}, the type in CiA 301 of 0x{address[0]:04X}:{address[1]:02X}"
+            )
             self.report.warning(section.line_of("datatype"), "data-type", text)
             return standard, True
-        remark = " and its values kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
+        remark = "; its values are kept as text" if any(section.get(key) for key in _VALUE_KEYS) else ""
         self.report.warning(
-            section.line_of("datatype"), "data-type", f"{description}; handled as bytes of any length{remark}"
+            section.line_of("datatype"), "data-type", f"{description}; treated as bytes of any length{remark}"
         )
         return DataType.DOMAIN, False
 
@@ -469,13 +469,13 @@ class EntryReader:
         access = _ACCESS.get(text)
         if access is not None and comment:
             said = (
-                f"AccessType={clip(section.get('accesstype'))}: the comment after # is cut off; CiA 306 allows only ;"
+                f"AccessType={clip(section.get('accesstype'))}: the comment after # is ignored; CiA 306 allows only ;"
             )
             self.report.warning(section.line_of("accesstype"), "number-comment", said)
         if access is None:
             access = _ACCESS_ALIASES.get(text, "rw")
             description = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"
-            self.report.warning(section.line_of("accesstype"), "access-type", f"{description}; taken as {access}")
+            self.report.warning(section.line_of("accesstype"), "access-type", f"{description}; treated as {access}")
         return access
 
     def _parsed(self, section: Section, key: str, traits: _Traits) -> Parsed:
@@ -496,9 +496,7 @@ class EntryReader:
         try:
             parsed = parse_value(text, data_type, self.node_id)
         except ValueError as problem:
-            reason = (
-                f"{section.spelled(key)}={clip(text)} is not a valid {data_type.name} ({problem}); the entry has none"
-            )
+            reason = f"{section.spelled(key)}={clip(text)} is not a valid {data_type.name} ({problem}); value ignored"
             self.report.error(section.line_of(key), "value-form", reason)
             return _NO_VALUE
         if parsed.issue is not None:
@@ -569,7 +567,7 @@ def read_device(sections: Sections, node_id: int | None, report: Report) -> Obje
     od = ObjectDictionary(node_id=node_id)
     info = sections.get("deviceinfo")
     if info is None:
-        report.warning(0, "device-info", "there is no [DeviceInfo]; vendor, product and bit rates are not known")
+        report.warning(0, "device-info", "there is no [DeviceInfo]; vendor, product and bit rates are unknown")
     else:
         od.device = _device_info(info, report)
     od.dummy_usage = frozenset(_dummies(sections.get("dummyusage"), report))
@@ -630,7 +628,7 @@ def _bitrate(section: Section, report: Report) -> int | None:
     if number is None or number <= 0:
         return None
     if number > _HIGHEST_KBITS:
-        text = f"Baudrate={number} is taken as bit/s; CiA 306 has kbit/s"
+        text = f"Baudrate={number} is treated as bit/s; CiA 306 specifies kbit/s"
         report.warning(section.line_of("baudrate"), "commissioning", text)
         return number
     return number * 1000
@@ -640,7 +638,7 @@ def check_lists(od: ObjectDictionary, sections: Sections, report: Report) -> Non
     """Report differences between the three object lists and the objects in the file."""
     lists = [section for name in OBJECT_LISTS if (section := sections.get(name)) is not None]
     if not lists:
-        report.warning(0, "list-missing", "there are no object lists; the object sections alone count")
+        report.warning(0, "list-missing", "there are no object lists; only the object sections are used")
         return
     listed: dict[int, Pair] = {}
     for section in lists:
@@ -667,6 +665,6 @@ def _read_list(section: Section, listed: dict[int, Pair], report: Report) -> Non
             report.warning(pair.line, "list-object", f"0x{index:04X} is listed twice, first in line {first.line}")
     declared = optional_number(section, "supportedobjects", report)
     if declared != count:
-        declaration = "nothing" if declared is None else declared
-        text = f"[{section.title}] has {count} entries, SupportedObjects says {declaration}"
+        declaration = "absent" if declared is None else declared
+        text = f"[{section.title}] has {count} entries, but SupportedObjects is {declaration}"
         report.warning(section.line_of("supportedobjects"), "list-count", text)

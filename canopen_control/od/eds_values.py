@@ -30,7 +30,7 @@ _RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.
 
 
 class ValueIssue(NamedTuple):
-    """Issue of an unusual notation that could nevertheless be parsed."""
+    """Unusual notation of a value that could nevertheless be parsed."""
 
     code: str
     severity: Severity
@@ -38,7 +38,7 @@ class ValueIssue(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """Parsed value, None if there is no text; `relative` is True if the text contained $NODEID."""
+    """Parsed value, None if the text is empty; `relative` is True if the text contained $NODEID."""
 
     value: Value | None
     relative: bool = False
@@ -46,31 +46,31 @@ class Parsed(NamedTuple):
 
 
 class Number(NamedTuple):
-    """Parsed integer; `is_hex` is True if it may be a two's complement."""
+    """Parsed integer; `is_hex` is True if the number may be a two's complement."""
 
     value: int
     is_hex: bool = False
     issue: ValueIssue | None = None
 
 
-_COMMENT = ValueIssue("number-comment", Severity.WARNING, "the comment after # is cut off; CiA 306 allows only ;")
+_COMMENT = ValueIssue("number-comment", Severity.WARNING, "the comment after # is ignored; CiA 306 allows only ;")
 _SUFFIX = ValueIssue("number-suffix", Severity.WARNING, "the suffix is ignored")
-_WORD = ValueIssue("number-word", Severity.NOTE, "TRUE is taken as 1, FALSE as 0")
-_H = ValueIssue("number-suffix", Severity.WARNING, "the suffix h is taken as hexadecimal")
+_WORD = ValueIssue("number-word", Severity.NOTE, "TRUE is treated as 1, FALSE as 0")
+_H = ValueIssue("number-suffix", Severity.WARNING, "the suffix h is treated as hexadecimal")
 _FRACTION = ValueIssue("number-fraction", Severity.WARNING, "the fraction of zero is ignored")
-_UTF8 = ValueIssue("text-utf8", Severity.NOTE, "characters beyond ISO 8859-1; their bytes are those of UTF-8")
-_DAYS = ValueIssue("time-form", Severity.NOTE, "two numbers are taken as days and milliseconds")
+_UTF8 = ValueIssue("text-utf8", Severity.NOTE, "characters outside ISO 8859-1 are encoded as UTF-8")
+_DAYS = ValueIssue("time-form", Severity.NOTE, "two numbers are treated as days and milliseconds")
 _TWO, _LATIN = 2, 0xFF
-_TWOS = ValueIssue("number-sign", Severity.WARNING, "taken as two's complement")
+_TWOS = ValueIssue("number-sign", Severity.WARNING, "treated as two's complement")
 
 
 def parse_number(text: str) -> Number:
-    """Return the number in `text`; raise ValueError if the text is not a number."""
+    """Parse an integer in EDS notation; raise ValueError if the text is not a number."""
     return _parse(text)
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
-    """Parse `text` as a value of `data_type`; raise ValueError with the reason if the text is not valid.
+    """Parse `text` as a value of `data_type`; raise ValueError with the reason if the text is invalid.
 
     $NODEID counts as 0 if `node_id` is None.
     """
@@ -91,7 +91,7 @@ def _whole(text: str, data_type: DataType, node_id: int | None) -> Parsed:
 
 
 def format_value(value: Value, data_type: DataType) -> str:
-    """Return the text of a value, from which `parse_value` returns the same value."""
+    """Return the text of a value in a form that `parse_value` reads as the same value."""
     if isinstance(value, bytes):
         return value.hex(" ").upper()
     if data_type in REALS and isinstance(value, int | float):
@@ -111,7 +111,7 @@ def real_bits(value: float, data_type: DataType) -> str:
 
 
 def _parse(text: str) -> Number:
-    """Return the number in `text`; results are cached, because most lines of most files repeat a few texts."""
+    """Parse an integer; results are cached, because most lines of most files repeat a few texts."""
     return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
 
 
@@ -123,7 +123,7 @@ def _parse_any(text: str) -> Number:
             issue = _COMMENT if mark == "#" else issue
     text = text.strip()
     if len(text) > _MAX_DIGITS:
-        raise ValueError("no number")
+        raise ValueError("not a number")
     match = _NUMBER.fullmatch(text)
     if match is None:
         return _odd_number(text, issue)
@@ -155,16 +155,16 @@ def _odd_number(text: str, issue: ValueIssue | None) -> Number:
         return Number(int(match[1], 16), True, _H)
     if _DECIMAL.fullmatch(text) and float(text).is_integer():
         return Number(int(float(text)), issue=_FRACTION)
-    raise ValueError("no number")
+    raise ValueError("not a number")
 
 
 def _relative(text: str, node_id: int | None) -> Number:
-    """Return the sum of the parts of a text such as ``$NODEID+0x200``, in any order and case."""
+    """Return the sum of a text such as ``$NODEID+0x200``, in any order and case."""
     text = text.partition(";")[0]
     parts = [part.strip() for part in text.split("+", 4)]
     names = [part for part in parts if "$" in part]
     if len(names) != 1 or names[0].lower() != _NODE_ID:
-        raise ValueError("no number and not $NODEID plus one")
+        raise ValueError("neither a number nor $NODEID plus a number")
     numbers = [_parse(part) for part in parts if "$" not in part]
     issue = next((number.issue for number in numbers if number.issue is not None), None)
     return Number(sum(number.value for number in numbers) + (node_id or 0), True, issue)
@@ -179,7 +179,7 @@ def _fitted(number: Number, data_type: DataType, relative: bool, text: str) -> P
         return Parsed(value - span, relative, issue or (None if is_hex else _TWOS))
     if -span // 2 <= value < 0 and low == 0 and span > 2:
         return Parsed(value + span, relative, issue or _TWOS)
-    raise ValueError(f"{text[:_MAX_DIGITS]} does not fit {data_type.name}, which holds {low} to {high}")
+    raise ValueError(f"{text[:_MAX_DIGITS]} does not fit {data_type.name} ({low} to {high})")
 
 
 def _real(text: str, data_type: DataType) -> Parsed:
@@ -189,7 +189,7 @@ def _real(text: str, data_type: DataType) -> Parsed:
         return Parsed(_representable(float(text), data_type))
     number = _parse(text)
     if not number.is_hex or not 0 <= number.value < 1 << (8 * layout.size):
-        raise ValueError("neither a decimal number nor the bits of one in hexadecimal")
+        raise ValueError("neither a decimal number nor the bits of a number in hexadecimal")
     bits: float = layout.unpack(number.value.to_bytes(layout.size, "little"))[0]
     return Parsed(bits, False, number.issue)
 
@@ -216,7 +216,7 @@ def _bytes(text: str, _data_type: DataType) -> Parsed:
     try:
         return Parsed(bytes.fromhex(digits))
     except ValueError:
-        issue = ValueIssue("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are taken as bytes")
+        issue = ValueIssue("bytes-text", Severity.NOTE, "not in hexadecimal; the characters are treated as bytes")
         return Parsed(_latin(text), False, issue)
 
 
@@ -227,7 +227,7 @@ def _text(text: str, data_type: DataType) -> Parsed:
 
 
 def _time(text: str, data_type: DataType) -> Parsed:
-    """Parse a 48-bit time, given as one number, or as two numbers for days and milliseconds."""
+    """Parse a 48-bit time, written as one number, or as two numbers for days and milliseconds."""
     parts = text.partition(";")[0].split()
     if len(parts) != _TWO:
         return _whole(text, data_type, None)
@@ -241,7 +241,7 @@ def _latin(text: str) -> bytes:
     try:
         return text.encode("latin-1")
     except UnicodeEncodeError:
-        raise ValueError("it has characters beyond ISO 8859-1") from None
+        raise ValueError("characters outside ISO 8859-1") from None
 
 
 _PARSERS = {  # all other types are integers

@@ -21,7 +21,7 @@ class Severity(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Issue:
-    """Issue at one line of a file; issues of the file as a whole are at line 1."""
+    """Issue at one line of a file; an issue of the whole file is at line 1."""
 
     path: str
     line: int
@@ -35,23 +35,20 @@ class Issue:
 
 @dataclass(slots=True)
 class Report:
-    """Issues of one file, in the order of their detection."""
+    """Issues of one file, in the order of detection."""
 
     path: str
     issues: list[Issue] = field(default_factory=list)
 
     def add(self, line: int, code: str, severity: Severity, text: str) -> None:
-        """Add an issue; line 0 refers to the file as a whole."""
+        """Add an issue; line 0 means the file as a whole."""
         self.issues.append(Issue(self.path, max(line, 1), code, severity, text))
 
     def error(self, line: int, code: str, text: str) -> None:
-        """Add an issue of severity ERROR."""
         self.add(line, code, Severity.ERROR, text)
 
     def warning(self, line: int, code: str, text: str) -> None:
-        """Add an issue of severity WARNING."""
         self.add(line, code, Severity.WARNING, text)
 
     def note(self, line: int, code: str, text: str) -> None:
-        """Add an issue of severity NOTE."""
         self.add(line, code, Severity.NOTE, text)

@@ -80,7 +80,6 @@ class DataType(enum.IntEnum):
 
     @property
     def is_real(self) -> bool:
-        """Whether the type is REAL32 or REAL64."""
         return self in _REALS
 
     @property
@@ -148,7 +147,6 @@ class Entry:
 
     @property
     def address(self) -> Address:
-        """Address of the entry: the pair (index, subindex)."""
         return self.index, self.subindex
 
     @property
@@ -168,12 +166,10 @@ class Entry:
 
     @property
     def rpdo_mappable(self) -> bool:
-        """Whether the entry can be mapped into an RPDO."""
         return self.pdo_mappable and self.access in _RPDO
 
     @property
     def tpdo_mappable(self) -> bool:
-        """Whether the entry can be mapped into a TPDO."""
         return self.pdo_mappable and self.access in _TPDO
 
 
@@ -251,7 +247,7 @@ class ObjectDictionary:
         return len(self.entries)
 
     def get(self, index: int, subindex: int = 0) -> Entry | None:
-        """Return the entry at an address, None if it does not exist."""
+        """Return the entry at an address, None if absent."""
         return self.entries.get((index, subindex))
 
     def add(self, entry: Entry) -> None:
@@ -267,7 +263,7 @@ class ObjectDictionary:
         return sorted(sub for i, sub in self.entries if i == index)
 
     def find(self, name: str) -> Entry | None:
-        """Return the entry with this name, None if there is no such entry or more than one.
+        """Return the entry with this name; None if no entry or several entries have the name.
 
         A sub-object may be named together with its object, ``Object.Sub``. Case is significant only if names differ in
         nothing else.
@@ -288,7 +284,7 @@ class ObjectDictionary:
         return entry.name, f"{info.name}.{entry.name}"
 
     def for_node(self, node_id: int) -> ObjectDictionary:
-        """Return a copy for `node_id`, which replaces $NODEID, so that a file is parsed once for many nodes."""
+        """Return a copy for `node_id`, which replaces $NODEID; a file is thus parsed once for many nodes."""
         shift = node_id - (self.node_id or 0)
         entries = self.entries.copy()
         for address, entry in self.entries.items() if shift else ():

@@ -1,7 +1,7 @@
 """Default PDOs of an object dictionary (CiA 301, 7.5.2.35 to 7.5.2.38).
 
-RPDO and TPDO are seen from the device: it receives an RPDO. PDO k has its communication record at 0x1400 + k - 1 or
-0x1800 + k - 1 and its mapping at 0x1600 + k - 1 or 0x1A00 + k - 1.
+RPDO and TPDO are named from the view of the device: the device receives an RPDO. PDO k has its communication record at
+0x1400 + k - 1 or 0x1800 + k - 1 and its mapping at 0x1600 + k - 1 or 0x1A00 + k - 1.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MULTIPLEXED = (254, 255)  # number of mapped objects of SAM- and DAM-MPDOs (CiA
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """Mapped object; `entry` is None if the dictionary does not contain it, `source` is the entry with the mapping."""
+    """Mapped object; `entry` is None if the dictionary lacks the object, `source` is the mapping entry."""
 
     index: int
     subindex: int
@@ -36,7 +36,7 @@ class Mapped:
 
     @property
     def is_dummy(self) -> bool:
-        """Whether the object is a dummy, a data type that fills a gap in an RPDO."""
+        """Whether the object is a dummy, which is a data type that fills a gap in an RPDO."""
         return 1 <= self.index <= 7 and self.subindex == 0
 
 
@@ -56,7 +56,7 @@ class Pdo:
 
     @property
     def name(self) -> str:
-        """Name, such as ``RPDO1``."""
+        """Name such as ``RPDO1``."""
         return f"{'R' if self.is_rpdo else 'T'}PDO{self.number}"
 
     @property
@@ -71,7 +71,7 @@ class Pdo:
 
 
 def pdo_of(index: int) -> tuple[str, int] | None:
-    """Return the kind ("rpdo" or "tpdo") and the number of the PDO to which a communication or mapping record belongs.
+    """Return kind ("rpdo" or "tpdo") and number of the PDO of a communication or mapping record.
 
     The result is None for other objects.
     """

@@ -119,7 +119,7 @@ class _Element:
             yield from child.descendants()
 
     def find(self, tag: str) -> _Element | None:
-        """Return the first descendant with this tag, None if there is none."""
+        """Return the first descendant with this tag, or None."""
         return next((descendant for descendant in self.descendants() if descendant.tag == tag), None)
 
     def value_of(self, tag: str) -> str | None:
@@ -128,7 +128,7 @@ class _Element:
 
 
 def is_xml(text: str) -> bool:
-    """Whether a text begins like an XML document."""
+    """Whether a text starts like an XML document."""
     return text[:1000].lstrip(" \t\r\n\x00\ufeff").startswith("<")
 
 
@@ -137,7 +137,9 @@ def xdd_sections(text: str, report: Report) -> Sections:
     root = _parse(text, report.path)
     if root.tag != _CONTAINER:
         raise EdsError(
-            report.path, root.line, f"is XML and no device description of CiA 311: it is a <{clip(root.tag)}>"
+            report.path,
+            root.line,
+            f"is XML, but not a device description of CiA 311: the root element is <{clip(root.tag)}>",
         )
     parameters = {
         descendant.attributes["uniqueID"]: descendant
@@ -147,13 +149,15 @@ def xdd_sections(text: str, report: Report) -> Sections:
     sections: Sections = {}
     for section in (*_device_sections(root), *_object_sections(root, parameters, report)):
         if section.name in sections:
-            report.warning(section.line, "section-repeated", f"[{section.title}] is described again; the first counts")
+            report.warning(section.line, "section-repeated", f"[{section.title}] is repeated; the first is used")
         sections.setdefault(section.name, section)
     if not any(_TITLE.fullmatch(section.title) for section in sections.values()):
         text = f"is an XDD (CiA 311) without any <{_OBJECT}>; ask the vendor for the EDS"
         raise EdsError(report.path, 1, text)
     if not report.path.lower().endswith((".xdd", ".xdc", ".xpd")):
-        report.note(root.line, "xdd", "is an XDD (CiA 311), whatever its name says, and is read as one")
+        report.note(
+            root.line, "xdd", "is read as an XDD (CiA 311), although its name does not end in .xdd, .xdc or .xpd"
+        )
     return sections
 
 
@@ -164,7 +168,7 @@ def _parse(text: str, path: str) -> _Element:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         if len(stack) > _DEEPEST:
-            raise EdsError(path, parser.CurrentLineNumber, f"has elements in more than {_DEEPEST} levels")
+            raise EdsError(path, parser.CurrentLineNumber, f"has more than {_DEEPEST} levels of elements")
         element = _Element(tag.rpartition(":")[2], parser.CurrentLineNumber, attributes)
         stack[-1].children.append(element)
         stack.append(element)
@@ -176,7 +180,7 @@ def _parse(text: str, path: str) -> _Element:
         stack[-1].text += text
 
     def doctype(*_arguments: object) -> None:
-        raise EdsError(path, parser.CurrentLineNumber, "has a DOCTYPE, which no device description needs; remove it")
+        raise EdsError(path, parser.CurrentLineNumber, "has a DOCTYPE, which is not supported; remove the DOCTYPE")
 
     parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, data
@@ -185,7 +189,7 @@ def _parse(text: str, path: str) -> _Element:
         parser.Parse(_DECLARATION.sub(lambda match: "\n" * match[0].count("\n"), text), True)
     except xml.parsers.expat.ExpatError as error:
         reason = xml.parsers.expat.ErrorString(error.code)
-        raise EdsError(path, error.lineno, f"is XML, as an XDD (CiA 311) is, and not well-formed: {reason}") from None
+        raise EdsError(path, error.lineno, f"is XML, like an XDD (CiA 311), but not well-formed: {reason}") from None
     return stack[0].children[0]
 
 
@@ -229,7 +233,7 @@ def _device_info(root: _Element) -> dict[str, str]:
 
 
 def _renamed(attributes: Mapping[str, str], keys: Mapping[str, str]) -> dict[str, str]:
-    """Return the attributes in `keys` under their EDS names, with flags as 0 and 1."""
+    """Return the attributes in `keys` with their EDS names, and flags as 0 and 1."""
     flags = {"true": "1", "false": "0"}
     return {keys[name]: flags.get(value, value) for name, value in attributes.items() if name in keys}
 
@@ -251,7 +255,7 @@ def _object_sections(root: _Element, parameters: Mapping[str, _Element], report:
 
 
 def _number(element: _Element, attribute: str, highest: int, report: Report) -> int | None:
-    """Return a hexadecimal index or subindex; report an error and return None if it is invalid."""
+    """Return a hexadecimal index or subindex; report an error and return None if invalid."""
     text = element.attributes.get(attribute, "")
     try:
         number = int(text, 16)
@@ -259,18 +263,18 @@ def _number(element: _Element, attribute: str, highest: int, report: Report) -> 
         number = -1
     if 0 <= number <= highest:
         return number
-    report.error(element.line, "object-address", f"<{element.tag}> has {attribute}={clip(text)!r}; left out")
+    report.error(element.line, "object-address", f"<{element.tag}> has the invalid {attribute} {clip(text)!r}; ignored")
     return None
 
 
 def _texts(element: _Element, parameters: Mapping[str, _Element], report: Report) -> dict[str, str]:
-    """Return the EDS keys and texts of an object or subindex, including those of its parameter."""
+    """Return the EDS keys and texts of an object or subindex, including the texts of its parameter."""
     reference = element.attributes.get("uniqueIDRef")
     texts = {}
     if reference is not None and (parameter := parameters.get(reference)) is not None:
         texts = _of_parameter(parameter)
     elif reference is not None and "dataType" not in element.attributes:
-        report.warning(element.line, "parameter-missing", f"there is no <{_PARAMETER}> {clip(reference)!r}")
+        report.warning(element.line, "parameter-missing", f"the <{_PARAMETER}> {clip(reference)!r} is missing")
     for name, key in _ATTRIBUTES.items():
         if (text := element.attributes.get(name, "")) and name != "PDOmapping":
             texts[key] = f"0x{text}" if name in _HEXADECIMAL and not text.startswith("0x") else text
@@ -342,7 +346,7 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
 
 
 def _network_lines(od: ObjectDictionary, *, configured: bool) -> list[str]:
-    """Return the lines for the features of the device; with `configured` also for node id, bit rate and network."""
+    """Return the lines for the device features; with `configured` also for node id, bit rate and network."""
     device, commissioning = od.device, od.commissioning
     features = {
         "granularity": device.granularity,

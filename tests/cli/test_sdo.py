@@ -174,7 +174,7 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
         (["write", "3", "0x6041", "1"], 1, "abort 0x06010002 (attempt to write a read-only object)"),
         (["read", "9", "0x1000"], 2, "robot sdorobot has no node '9'; its nodes: 2 right_drive, 3 left_drive"),
         (["read", "3", "Vendor"], 2, "did you mean 0x1018:01 Vendor-ID?"),
-        (["write", "3", "0x6060", "300"], 2, "value 300 is not a valid INTEGER8: it holds -128 to 127"),
+        (["write", "3", "0x6060", "300"], 2, "value 300 is not a valid INTEGER8: the range is -128 to 127"),
         (["write", "3", "0x9999", "1"], 2, "the EDS does not have it: give its type"),
         (["write", "3", "0x6060", "1", "--type", "u9"], 2, "no data type 'u9'"),
         (["read", "3", "0x1000", "--name", "nobody"], 2, "no robot 'nobody' is running; running: sdorobot"),

@@ -115,7 +115,7 @@ def test_a_concise_dcf_and_the_parameter_values_of_a_dcf_are_downloads(tmp_path)
 
 def test_a_concise_dcf_that_is_cut_short_is_refused(tmp_path):
     (tmp_path / "left.bin").write_bytes(encode_concise([(0x6083, 0, b"\x01\0\0\0")])[:-1])
-    with pytest.raises(ValueError, match="3 of its 4 bytes"):
+    with pytest.raises(ValueError, match="only 3 of 4 bytes"):
         Sources(tmp_path).downloads("left.bin", "", 3)
 
 

@@ -59,7 +59,7 @@ def test_a_name_that_is_none_is_answered_with_what_may_be_meant(text, said):
 
 
 def test_a_name_that_fits_several_objects_is_refused_with_them():
-    with pytest.raises(ConfigError, match=r"that name 8 times: 0x1600:01 .*choose one by its number") as caught:
+    with pytest.raises(ConfigError, match=r"8 entries have that name: 0x1600:01 .*use the index instead") as caught:
         find_object("Mapped object 1", OD)
     assert "0x1601:01" in str(caught.value)
 

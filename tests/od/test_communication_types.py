@@ -47,4 +47,4 @@ def test_a_mapping_record_without_the_type_of_its_entries_is_read(keys):
     assert parsed.od[0x1600, 1].default == 0x62000108
     said = [issue.text for issue in parsed.issues if issue.code == "data-type"]
     assert len(said) == 1
-    assert said[0].endswith("; taken as UNSIGNED32, which CiA 301 gives 0x1600:01")
+    assert said[0].endswith("; treated as UNSIGNED32, the type in CiA 301 of 0x1600:01")

@@ -142,9 +142,9 @@ def test_what_cannot_work_is_an_error_at_the_mapping_entry():
         ("0x1FE", ""),
         ("0x80000000", ""),
         (None, "0x1800:01 (Thing) has no DefaultValue"),
-        ("0", "0x1800:01 (Thing) is 0x0, which is not a COB-ID"),
-        ("0x601", "0x1800:01 (Thing) is 0x601, which is not a COB-ID"),
-        ("0x40000000", "0x1800:01 (Thing) is 0x40000000, which is not a COB-ID"),
+        ("0", "0x1800:01 (Thing) is 0x0, a restricted CAN-ID"),
+        ("0x601", "0x1800:01 (Thing) is 0x601, a restricted CAN-ID"),
+        ("0x40000000", "0x1800:01 (Thing) is 0x40000000, a restricted CAN-ID"),
     ],
 )
 def test_a_cob_id_that_is_unknown_or_none_is_named(cob_id, words):
@@ -488,7 +488,7 @@ def test_compact_objects_that_do_not_fit(text, issue):
 
 
 def test_a_file_without_objects_is_no_canopen_eds():
-    with pytest.raises(EdsError, match=r"no object sections.*begins with \[FileInfo\]"):
+    with pytest.raises(EdsError, match=r"no object sections.*first section is \[FileInfo\]"):
         parse("[FileInfo]\nFileName=x\n")
     with pytest.raises(EdsError, match="ODVA"):
         parse("[File]\nx=1\n[Device]\nVendCode=1;\n")

@@ -70,7 +70,7 @@ def test_an_unknown_type_is_bytes_and_the_value_stays_as_text(data_type):
     entry = only(file)
     assert (entry.data_type, entry.default, entry.texts["DefaultValue"]) == (DataType.DOMAIN, None, "5")
     issue = next(issue for issue in file.issues if issue.code == "data-type")
-    assert "values kept as text" in issue.text
+    assert "its values are kept as text" in issue.text
 
 
 def test_a_domain_needs_no_type():
@@ -298,7 +298,7 @@ def test_lines_that_say_nothing_are_reported():
         ("\n \n", "is empty"),
         ("$ EtherNet/IP EDS\nx\n", "ODVA"),
         ("../../common/Elmo.dcf", "symbolic link"),
-        ("version https://git-lfs.github.com/spec/v1\noid x\n", "git-lfs"),
+        ("version https://git-lfs.github.com/spec/v1\noid x\n", "Git LFS pointer"),
         ("some\nother\ntext\n", "no sections"),
     ],
 )
@@ -324,7 +324,7 @@ def test_numbers_that_cannot_be_read_are_replaced_and_reported():
         (4, "key-number"),
         (5, "number-suffix"),
     ]
-    assert report.issues[0].text == "empty is empty; taken as 8"
+    assert report.issues[0].text == "empty is empty; treated as 8"
 
 
 def test_messages_quote_no_more_than_fits():

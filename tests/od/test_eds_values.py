@@ -20,7 +20,7 @@ VECTORS = json.loads((Path(__file__).parents[1] / "data" / "eds_values.json").re
 def test_values_of_real_files(vector):
     data_type = DataType[vector.get("type", "UNSIGNED32")]
     if vector["value"] is None:
-        with pytest.raises(ValueError, match="no number"):
+        with pytest.raises(ValueError, match=r"not a number|neither a number"):
             parse_value(vector["text"], data_type, vector.get("node"))
     else:
         assert parse_value(vector["text"], data_type, vector.get("node")).value == vector["value"]
@@ -59,7 +59,7 @@ def test_number_forms(text, number, code):
     ["", "x", "0x", "1_000", "٣", "1 2", "0b11", "--5", "0.5", "1e999", "9" * 5000, "0x" + "F" * 5000, "$NODEID"],
 )
 def test_what_is_no_number(text):
-    with pytest.raises(ValueError, match="no number"):
+    with pytest.raises(ValueError, match="not a number"):
         parse_number(text)
 
 
@@ -82,7 +82,7 @@ def test_the_node_id_stands_anywhere(text, value):
 
 @pytest.mark.parametrize("text", ["$MY_NODE_ID+0x200", "$NODEID-1", "$NODEID+$NODEID", "$NODEID+x", "$NODEID*2", "$"])
 def test_what_is_no_node_id(text):
-    with pytest.raises(ValueError, match="no number"):
+    with pytest.raises(ValueError, match=r"not a number|neither a number"):
         parse_value(text, DataType.UNSIGNED32, 3)
 
 
@@ -130,13 +130,13 @@ def test_reals_are_decimal_or_bits(text, data_type, value):
 
 @pytest.mark.parametrize("text", ["", "nan", "1,5", "1e39", "0x1FFFFFFFF", "$NODEID", "1_0.0", "1e" + "9" * 100])
 def test_what_is_no_real(text):
-    with pytest.raises(ValueError, match=r"no number|too large|neither"):
+    with pytest.raises(ValueError, match=r"not a number|too large|neither"):
         parse_value(text, DataType.REAL32)
 
 
 @pytest.mark.parametrize("data_type", [DataType.OCTET_STRING, DataType.DOMAIN])
 def test_characters_that_no_byte_holds_are_refused(data_type):
-    with pytest.raises(ValueError, match="beyond ISO 8859-1"):
+    with pytest.raises(ValueError, match="outside ISO 8859-1"):
         parse_value("5 €", data_type)
     assert parse_value("5 €", DataType.UNICODE_STRING).value == "5 €"
 
@@ -159,7 +159,7 @@ def test_a_time_is_one_number_or_days_and_milliseconds(text, value):
 
 @pytest.mark.parametrize("text", ["70000 0", "-1 5", "1 2 3", "a b"])
 def test_what_is_no_time_is_refused(text):
-    with pytest.raises(ValueError, match=r"days are|no number"):
+    with pytest.raises(ValueError, match=r"days are|not a number"):
         parse_value(text, DataType.TIME_OF_DAY)
 
 

@@ -114,7 +114,7 @@ def test_a_written_file_of_one_device_has_its_node_id_and_its_values():
     ("text", "line", "words"),
     [
         (FILE.replace("</p:ISO", "</ISO"), FILE.count("\n"), "not well-formed"),
-        ("\n<robot name='r'/>", 2, "no device description of CiA 311: it is a <robot>"),
+        ("\n<robot name='r'/>", 2, "not a device description of CiA 311: the root element is <robot>"),
         ("<ISO15745ProfileContainer/>", 1, "without any <CANopenObject>"),
         (FILE.replace("<p:ISO", "<!DOCTYPE x>\n<p:ISO", 1), 2, "DOCTYPE"),
         ("<a>" * 100, 1, "more than 64 levels"),
@@ -129,10 +129,10 @@ def test_what_is_no_device_description_is_refused_with_its_line(text, line, word
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('index="6064"', 'index="60640"', "<CANopenObject> has index='60640'"),
-        ('subIndex="01"', 'subIndex="x"', "<CANopenSubObject> has subIndex='x'"),
-        ('uniqueIDRef="UID_OBJ_6060"', 'uniqueIDRef="UID_OBJ_9"', "there is no <parameter> 'UID_OBJ_9'"),
-        ('index="6064"', 'index="6060"', "[6060] is described again; the first counts"),
+        ('index="6064"', 'index="60640"', "<CANopenObject> has the invalid index '60640'"),
+        ('subIndex="01"', 'subIndex="x"', "<CANopenSubObject> has the invalid subIndex 'x'"),
+        ('uniqueIDRef="UID_OBJ_6060"', 'uniqueIDRef="UID_OBJ_9"', "the <parameter> 'UID_OBJ_9' is missing"),
+        ('index="6064"', 'index="6060"', "[6060] is repeated; the first is used"),
     ],
 )
 def test_problems_have_the_line_of_their_element(old, new, words):
