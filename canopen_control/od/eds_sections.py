@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from canopen_control.errors import EdsError
-from canopen_control.od.communication_types import communication_type
 from canopen_control.od.eds_values import Parsed, parse_number, parse_value
 from canopen_control.od.issues import Report
 from canopen_control.od.model import (
@@ -26,6 +25,7 @@ from canopen_control.od.model import (
     Entry,
     ObjectCode,
     ObjectDictionary,
+    communication_type,
 )
 
 if TYPE_CHECKING:
@@ -408,7 +408,7 @@ class EntryReader:
 
     def _traits(self, section: Section, code: int, address: Address) -> _Traits:
         text = section.values.get
-        remark = (
+        key = (
             code,
             text("datatype"),
             text("accesstype"),
@@ -417,7 +417,7 @@ class EntryReader:
             text("highlimit"),
             text("objflags"),
         )
-        traits = self.traits.get(remark)
+        traits = self.traits.get(key)
         if traits is not None:
             return traits
         issues = len(self.report.issues)
@@ -428,7 +428,7 @@ class EntryReader:
         obj_flags = read_number(section, "objflags", 0, self.report)
         traits = _Traits(data_type, is_known, access, pdo_mappable, low, high, obj_flags, {})
         if len(self.report.issues) == issues:
-            self.traits[remark] = traits
+            self.traits[key] = traits
         return traits
 
     def _data_type(self, section: Section, code: int, address: Address) -> tuple[DataType, bool]:
@@ -468,10 +468,10 @@ class EntryReader:
         text, _, comment = (part.strip() for part in section.get("accesstype").lower().partition("#"))
         access = _ACCESS.get(text)
         if access is not None and comment:
-            said = (
+            message = (
                 f"AccessType={clip(section.get('accesstype'))}: the comment after # is ignored; CiA 306 allows only ;"
             )
-            self.report.warning(section.line_of("accesstype"), "number-comment", said)
+            self.report.warning(section.line_of("accesstype"), "number-comment", message)
         if access is None:
             access = _ACCESS_ALIASES.get(text, "rw")
             description = f"AccessType={clip(text)} is unknown" if text else f"[{section.title}] has no AccessType"

@@ -1,12 +1,11 @@
-"""Data types that CiA 301 gives the objects of the communication area."""
+"""Data types that CiA 301 specifies for the objects of the communication area."""
 
 import pytest
 from support.eds import parse, section
 
 from canopen_control.data_files import data_path
-from canopen_control.od.communication_types import communication_type
 from canopen_control.od.eds import read_eds
-from canopen_control.od.model import DataType
+from canopen_control.od.model import DataType, communication_type
 
 
 @pytest.mark.parametrize("file", ["TMCM-1270.eds", "generic_cia402.eds", "generic_cia401.eds"])
