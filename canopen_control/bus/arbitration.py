@@ -129,7 +129,10 @@ LOAD_WINDOW_NS = NS_PER_S
 
 
 def priority(can_id: int) -> int:
-    """Return the arbitration priority; a lower number wins: base identifier, RTR or SRR, IDE, extension, RTR."""
+    """Return the arbitration priority of an identifier as a number; the lower number wins.
+
+    The bits are in the order of the wire: base identifier, RTR or SRR, IDE, identifier extension, RTR (ISO 11898-1).
+    """
     remote = bool(can_id & REMOTE_FLAG)
     if can_id & EXTENDED_FLAG:
         base, extension = can_id >> 18 & 0x7FF, can_id & 0x3FFFF
@@ -229,7 +232,6 @@ class PacedWire:
                 yield passed[1], passed[3]
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which the frame on the wire ends, None if the wire is idle."""
         return self.due_ns
 
     def load(self, now: int) -> float:

@@ -38,7 +38,7 @@ class BlfReader(can.BLFReader):
         while head := self.file.read(header.size):
             signature, _, _, length, kind = header.unpack(head)
             if signature != _SIGNATURE or length < header.size:
-                raise ValueError("an object without its signature or its length is in it")
+                raise ValueError("an object has no valid signature or length")
             if length - header.size > self._size - self.file.tell():
                 self.file.read(self._size)  # all is read: the caller detects the truncation
                 raise EOFError
@@ -86,5 +86,5 @@ def _refuse_standstill(data: bytes) -> None:
     while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
         (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)
         if length < blf.OBJ_HEADER_BASE_STRUCT.size:
-            raise ValueError("an object that is shorter than its header is in it")
+            raise ValueError("an object is shorter than its header")
         at += length

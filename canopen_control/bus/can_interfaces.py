@@ -75,21 +75,24 @@ class Listener:
 
 
 def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
-    """Return the CAN sockets of an interface, by process id, and those whose interface this user cannot read."""
+    """Return the open CAN sockets of an interface, ordered by process id.
+
+    Sockets whose interface this user cannot read are included.
+    """
     listeners = (listener for pid in _processes(proc) for listener in _sockets_of(pid, proc))
     return [listener for listener in listeners if listener.interface in (interface, "", None)]
 
 
 def count_hearing(interface: str, proc: Path = PROC) -> int:
     """Return the number of sockets that receive frames of an interface."""
-    hearing = set()
+    receivers = set()
     for path in (proc / "net" / "can" / f"rcvlist_{name}" for name in _RECEIVE_LISTS):
         with contextlib.suppress(OSError):
             for line in path.read_text().splitlines():
                 words = line.split()
                 if len(words) == 7 and words[0] in (interface, "any"):
-                    hearing.add((words[4], words[6]))  # userdata (the socket or the task); ident
-    return len(hearing)
+                    receivers.add((words[4], words[6]))  # userdata (the socket or the task); ident
+    return len(receivers)
 
 
 def _processes(proc: Path) -> list[int]:
@@ -203,7 +206,7 @@ def measure(
     clock: Callable[[], float] = time.monotonic,
     network_class: Path = NETWORK_CLASS,
 ) -> dict[str, Traffic]:
-    """Measure the traffic of interfaces that are up for `seconds`; return it by name, without removed interfaces."""
+    """Measure the traffic of all active interfaces for `seconds`; return it by name, without removed interfaces."""
     before = {link.name: (link, _counted(link, network_class)) for link in links if link.is_up}
     since = clock()
     if before:
@@ -238,6 +241,7 @@ def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
 QUEUE_LENGTH = 1000
 _VIRTUAL = ("vcan", "vxcan")
 _TIMEOUT_S = 15.0
+_LIST = "list the interfaces with: canopen-control bus list"
 
 
 @dataclass(frozen=True, slots=True)
@@ -385,10 +389,10 @@ def _up_virtual(name: str, kind: str, link: CanInterface | None) -> list[Interfa
     if link is None:
         commands = [
             InterfaceCommand(("modprobe", kind), f"load the {kind} module", optional=True),  # or built in
-            _ip("make the interface", "add", "dev", name, "type", kind),
+            _ip("create the interface", "add", "dev", name, "type", kind),
         ]
     if link is None or link.queue_length != QUEUE_LENGTH:
-        commands.append(_ip("lengthen its queue", "set", name, "txqueuelen", str(QUEUE_LENGTH)))
+        commands.append(_ip("lengthen the transmit queue", "set", name, "txqueuelen", str(QUEUE_LENGTH)))
     if link is None or not link.is_up:
         commands.append(_ip("bring it up", "set", name, "up"))
     return commands
@@ -411,12 +415,12 @@ def _up_real(
     if link.is_up and link.state == "BUS-OFF" and not changed and not link.restart_ms:  # else the kernel does
         commands.append(_ip("restart it after bus-off", "set", link.name, "type", "can", "restart"))
     if changed and link.is_up:
-        commands.append(_ip("take it down to change it", "set", link.name, "down"))
+        commands.append(_ip("bring it down to change the settings", "set", link.name, "down"))
     if changed:
         words = [word for key in settings if key in changed for word in (key, str(changed[key]))]
-        commands.append(_ip("set the controller", "set", link.name, "type", "can", *words))
+        commands.append(_ip("configure the controller", "set", link.name, "type", "can", *words))
     if link.queue_length != QUEUE_LENGTH:
-        commands.append(_ip("lengthen its queue", "set", link.name, "txqueuelen", str(QUEUE_LENGTH)))
+        commands.append(_ip("lengthen the transmit queue", "set", link.name, "txqueuelen", str(QUEUE_LENGTH)))
     if changed or not link.is_up:
         commands.append(_ip("bring it up", "set", link.name, "up"))
     return commands
@@ -440,11 +444,9 @@ def up_commands(
             raise ConfigError(f"{name} is a {kind} interface and has no bit rate; omit the option")
         return _up_virtual(name, kind, link)
     if link is None:
-        raise ConfigError(
-            f"no CAN interface {name!r}; is the adapter plugged in? What there is: canopen-control bus list"
-        )
+        raise ConfigError(f"no CAN interface {name!r}; check that the adapter is plugged in; {_LIST}")
     if bitrate is None and link.bitrate is None and kind == "can":
-        raise ConfigError(f"{name} has no bit rate yet; add --bitrate 1000000, or what your drives are set to")
+        raise ConfigError(f"{name} has no bit rate yet; add --bitrate 1000000, or the bit rate of the drives")
     return _up_real(link, bitrate, restart_ms, sample_point)
 
 
@@ -472,11 +474,11 @@ def bring_down(name: str, report: Callable[[str], None], *, run: Run = run_comma
     """Bring an interface down; a virtual interface continues to exist. ConfigError as for `bring_up`."""
     link = find_can_interface(name, run)
     if link is None:
-        raise ConfigError(f"no CAN interface {name!r}; what there is: canopen-control bus list")
+        raise ConfigError(f"no CAN interface {name!r}; {_LIST}")
     if not link.is_up:
         report(f"{name} is down already")
         return
-    _run_all(name, [_ip("take it down", "set", name, "down")], report, run)
+    _run_all(name, [_ip("bring it down", "set", name, "down")], report, run)
 
 
 def _run_all(name: str, commands: Sequence[InterfaceCommand], report: Callable[[str], None], run: Run) -> None:
@@ -507,14 +509,14 @@ def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tup
         return ()
     if shutil.which("sudo") and run(("sudo", "-n", "true")).returncode == 0:
         return ("sudo", "-n")
-    typed = " && ".join(f"sudo {command}" for command in commands)
-    raise ConfigError(f"{name}: this needs root; type: {typed}")
+    commands_as_root = " && ".join(f"sudo {command}" for command in commands)
+    raise ConfigError(f"{name}: root permissions are needed; run: {commands_as_root}")
 
 
 _ADVICE = {
-    "Operation not permitted": "it needs the right CAP_NET_ADMIN; in a container, run it on the host",
-    "Numerical argument out of domain": "the controller cannot make this bit rate or sample point",
+    "Operation not permitted": "CAP_NET_ADMIN is required; in a container, run the command on the host",
+    "Numerical argument out of domain": "the controller does not support this bit rate or sample point",
     "Invalid argument": "a CAN interface needs a bit rate first: --bitrate 1000000",
-    "Unknown device type": "this kernel has none; the bus without kernel CAN is local:NAME",
-    "Operation not supported": "this kernel has none; the bus without kernel CAN is local:NAME",
+    "Unknown device type": "this kernel does not support it; the bus without kernel CAN is local:NAME",
+    "Operation not supported": "this kernel does not support it; the bus without kernel CAN is local:NAME",
 }

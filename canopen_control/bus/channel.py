@@ -129,7 +129,7 @@ def _python_can(text: str, interface: str, name: str) -> ChannelSpec:
     keys = [key for key, _ in options]
     for key in keys:
         if key in _KEY_PLACES:
-            raise ConfigError(f"channel {text!r}: {key} is said {_KEY_PLACES[key]}, as in pcan:PCAN_USBBUS1@500000")
+            raise ConfigError(f"channel {text!r}: write {key} {_KEY_PLACES[key]}, as in pcan:PCAN_USBBUS1@500000")
         if keys.count(key) > 1:
             raise ConfigError(f"channel {text!r}: {key} is given twice; omit one of them")
     spec = ChannelSpec(ChannelKind.PYTHON_CAN, channel, interface, int(rate) if rate else None, options)
@@ -206,9 +206,9 @@ def _open_python_can(spec: ChannelSpec, label: str) -> Port:  # noqa: ARG001 - p
     from canopen_control.bus.pythoncan import open_python_can
 
     interface = "virtual" if spec.kind.in_process else spec.interface
-    theirs = _for_python_can(spec)
+    converted = _for_python_can(spec)
     return open_python_can(
-        str(spec), interface, theirs.name, theirs.bitrate, theirs.options, served=interface in SERVED
+        str(spec), interface, converted.name, converted.bitrate, converted.options, served=interface in SERVED
     )
 
 

@@ -45,7 +45,7 @@ def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
     if detail & ACTIVE_AGAIN:
         yield BusEvent(BusEventKind.ERROR_ACTIVE, f"the CAN controller is error-active again{counters}")
     if detail & RX_OVERFLOW:
-        yield BusEvent(BusEventKind.OVERRUN, "receive overrun: frames came faster than they were read")
+        yield BusEvent(BusEventKind.OVERRUN, "receive overrun: frames arrived faster than they were read")
     if detail & TX_OVERFLOW:
         yield BusEvent(BusEventKind.OVERRUN, "transmit overrun in the CAN controller")
 
@@ -89,7 +89,9 @@ _FULL_LENGTH: Final = 8
 _CLASSES: Final = 0x1FFFFFFF
 _ACKNOWLEDGE_SLOT: Final = 0x19
 _WHILE_SENDING: Final = 0x80
-_NOBODY: Final = "no node acknowledged the frame: is another node on the bus, with power and the same bit rate?"
+_NOT_ACKNOWLEDGED: Final = (
+    "no node acknowledged the frame; check that another node is powered and has the same bit rate"
+)
 _WARNINGS: Final = {
     RX_WARNING: "the receive errors have reached the warning level, 96",
     TX_WARNING: "the transmit errors have reached the warning level, 96",
@@ -175,16 +177,16 @@ def _parts(frame: CanFrame) -> Iterator[str]:
     if classes & CONTROLLER and not lost_frames(frame):
         yield from (text for bit, text in _WARNINGS.items() if data[1] & bit)
         if not data[1] and not classes & BUS_OFF:
-            yield "a problem of the CAN controller, without detail"
+            yield "a problem of the CAN controller without details"
     if classes & NO_ACKNOWLEDGE:
-        yield _NOBODY
+        yield _NOT_ACKNOWLEDGED
     if classes & (PROTOCOL | BUS_ERROR):
         yield _disturbance(classes, data)
     if classes & TRANSCEIVER:
         wires = [text for code, text in _WIRES.items() if code in (data[4] & 0x0F, data[4] & 0xF0)]
-        yield "transceiver: " + (", ".join(wires) or "a problem without detail")
+        yield "transceiver: " + (", ".join(wires) or "a problem without details")
     if unknown := classes & ~_EVERY_CLASS:
-        yield f"a class of errors without a name, 0x{unknown:X}"
+        yield f"unknown error class 0x{unknown:X}"
 
 
 def _disturbance(classes: int, data: bytes) -> str:
@@ -198,4 +200,4 @@ def _disturbance(classes: int, data: bytes) -> str:
     text += " while sending" if data[2] & _WHILE_SENDING else ""
     text += f", at: {place}" if place else ""
     unheard = data[3] == _ACKNOWLEDGE_SLOT and data[2] & _WHILE_SENDING
-    return f"{text}; {_NOBODY}" if unheard and not classes & NO_ACKNOWLEDGE else text
+    return f"{text}; {_NOT_ACKNOWLEDGED}" if unheard and not classes & NO_ACKNOWLEDGE else text

@@ -92,7 +92,7 @@ def lost_frames(frame: CanFrame) -> int:
 
 
 def has_error_frames(records: bytes) -> bool:
-    """Whether any record may be an error frame; False is certain, True may be another flag of a frame."""
+    """Whether a record may be an error frame; True also for other frame flags (extended, remote), False is certain."""
     flags = records[_FLAG_BYTE::RECORD_SIZE]
     return flags != _ALL_PLAIN[: len(flags)]
 

@@ -259,7 +259,7 @@ class FrameRouter:
         return min([*deadlines, wire] if wire is not None else deadlines, default=None)
 
     def may_read(self, member: RouterPort) -> bool:
-        """Whether to read from this member; False while too many of its frames wait for a paced wire."""
+        """Whether the hub may read from a member; False while too many frames of the member wait for a paced wire."""
         return self.wire is None or self.wire.backlog(member.number) < BACKLOG_LIMIT
 
     # -- control
@@ -275,9 +275,9 @@ class FrameRouter:
         """Return the bus load of the last full second, from 0 to 1; None without a bit rate."""
         return None if self.wire is None else self.wire.load(now)
 
-    def cut(self, label: str, *, mend: bool = False) -> None:
-        """Cut or, with `mend`, repair the cable of a label: frames in both directions are lost without a report."""
-        (self.faults.cut.discard if mend else self.faults.cut.add)(label)
+    def cut(self, label: str, *, repair: bool = False) -> None:
+        """Cut or, with `repair`, repair the cable of a label: frames in both directions are lost without a report."""
+        (self.faults.cut.discard if repair else self.faults.cut.add)(label)
         self._refresh()
 
     def bus_off(self, label: str, *, restart: bool = False) -> None:

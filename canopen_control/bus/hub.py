@@ -70,7 +70,7 @@ class Hub:
     # -- members
 
     def _serve_control(self) -> None:
-        """Serve the control socket from now on; earlier connections waited in the kernel."""
+        """Load and start the control server; connections made before this call have waited in the kernel."""
         if self._control is None and self._control_listener.fileno() >= 0:
             self._reactor.remove_reader(self._control_listener)  # a failed import is not repeated
             from canopen_control.rpc.quick_import import import_msgspec

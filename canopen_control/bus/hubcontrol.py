@@ -70,17 +70,19 @@ class HubControl:
 
     def _answer_faults(self) -> None:
         exchange, label = self._exchange, self._label
-        self._does(hub.Cut, lambda request: exchange.cut(label(request.label)))
-        self._does(hub.Uncut, lambda request: exchange.cut(label(request.label), mend=True))
-        self._does(hub.ForceBusOff, lambda request: exchange.bus_off(label(request.label)))
-        self._does(hub.Restart, lambda request: exchange.bus_off(label(request.label), restart=True))
-        self._does(hub.SendErrorFrame, lambda request: exchange.report(self._anybody(request.label), _frame(request)))
-        self._does(hub.DropFrames, self._drop)
-        self._does(hub.DelayFrames, self._delay)
-        self._does(hub.SetBitrate, lambda request: exchange.pace(request.bitrate, self._now()))
-        self._does(hub.ClearFaults, lambda _request: exchange.clear_faults())
+        self._serve(hub.Cut, lambda request: exchange.cut(label(request.label)))
+        self._serve(hub.Uncut, lambda request: exchange.cut(label(request.label), repair=True))
+        self._serve(hub.ForceBusOff, lambda request: exchange.bus_off(label(request.label)))
+        self._serve(hub.Restart, lambda request: exchange.bus_off(label(request.label), restart=True))
+        self._serve(
+            hub.SendErrorFrame, lambda request: exchange.report(self._label_or_all(request.label), _frame(request))
+        )
+        self._serve(hub.DropFrames, self._drop)
+        self._serve(hub.DelayFrames, self._delay)
+        self._serve(hub.SetBitrate, lambda request: exchange.pace(request.bitrate, self._now()))
+        self._serve(hub.ClearFaults, lambda _request: exchange.clear_faults())
 
-    def _does(self, kind: type[R], do: Callable[[R], object]) -> None:
+    def _serve(self, kind: type[R], do: Callable[[R], object]) -> None:
         def handle(call: Call[R]) -> None:
             self._exchange.tick(self._now())  # first process what was due before
             do(call.request)
@@ -97,15 +99,15 @@ class HubControl:
             return label
         raise ConfigError(f"no member called {label!r} on local:{self._name}; there are: {', '.join(labels) or 'none'}")
 
-    def _anybody(self, label: str) -> str:
+    def _label_or_all(self, label: str) -> str:
         return self._label(label) if label else ""
 
     def _drop(self, request: hub.DropFrames) -> None:
-        rule = DropRule(self._anybody(request.label), request.can_id, request.every, request.count)
+        rule = DropRule(self._label_or_all(request.label), request.can_id, request.every, request.count)
         self._exchange.faults.drops.append(rule)
 
     def _delay(self, request: hub.DelayFrames) -> None:
-        self._exchange.faults.delay(self._anybody(request.label), request.ms * _NS_PER_MS)
+        self._exchange.faults.delay(self._label_or_all(request.label), request.ms * _NS_PER_MS)
 
     def _status(self) -> hub.HubStatus:
         exchange, faults, now = self._exchange, self._exchange.faults, self._now()

@@ -33,11 +33,9 @@ _US = 1_000_000
 class BcmSocket(Protocol):
     """Socket of the broadcast manager, with the methods used here."""
 
-    def connect(self, address: tuple[str], /) -> None:
-        """Connect to an interface."""
+    def connect(self, address: tuple[str], /) -> None: ...
 
-    def send(self, data: bytes, /) -> int:
-        """Send a message to the broadcast manager."""
+    def send(self, data: bytes, /) -> int: ...
 
     def close(self) -> None:
         """Close the socket and end the task."""
@@ -66,7 +64,7 @@ class KernelSync:
         return None
 
     def start(self, period_us: int) -> None:
-        """Let the kernel send a frame every `period_us`, the first at once; BusError if the kernel refuses."""
+        """Start cyclic transmission by the kernel every `period_us`, the first frame at once; BusError if refused."""
         self._set_up(period_us, _SET_TIMER | _START_TIMER | _FROM_THE_FIRST)
 
     def _set_up(self, period_us: int, flags: int) -> None:
@@ -108,6 +106,6 @@ def _bcm_socket() -> BcmSocket:
 
 def _explained(interface: str, error: OSError) -> BusError:
     if error.errno in (errno.EPROTONOSUPPORT, errno.EAFNOSUPPORT):
-        hint = "type: sudo modprobe can-bcm, or let this program send it"
-        return BusError(f"bus {interface}: this kernel has no broadcast manager that could send SYNC; {hint}")
+        hint = "run: sudo modprobe can-bcm, or let this program send SYNC"
+        return BusError(f"bus {interface}: this kernel has no broadcast manager for sending SYNC; {hint}")
     return BusError(f"bus {interface}: the kernel does not send SYNC: {error.strerror or error}")

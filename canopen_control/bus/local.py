@@ -49,7 +49,7 @@ _UNANSWERED: Final = ("BusClosed", "Timeout", "RemoteProtocolError")
 _HUB: Final = "canopen_control.bus.hub"
 _CLOSED_HERE: Final = "closed on this side"
 _NOTHING: Final = Chunk(0, own=False, records=b"")
-_HUB_GONE: Final = "the hub process is gone; open the channel again, which starts a new one"
+_HUB_GONE: Final = "the hub process has ended; open the channel again to start a new hub"
 
 
 class LocalPort:
@@ -78,15 +78,12 @@ class LocalPort:
 
     @property
     def wants_write(self) -> bool:
-        """Whether records are queued because the socket did not accept them."""
         return bool(self._queue.data)
 
     def fileno(self) -> int:
-        """Return the socket's descriptor, -1 once closed."""
         return self._socket.fileno()
 
     def receive(self) -> bytes:
-        """Return the whole records received, or ``b""``; BusClosed after the hub has ended."""
         try:
             data = self._socket.recv(_RECEIVE_SIZE)
         except BlockingIOError:
@@ -146,7 +143,6 @@ class LocalPort:
         return [Chunk(0, own=False, records=records)] if self._chunks is None else self._chunks
 
     def send(self, records: Records) -> None:
-        """Send whole records; queue those that the kernel does not accept. BusClosed after the hub has ended."""
         count = whole_records(records)
         if self._queue.data:
             self._enqueue(records)
@@ -183,7 +179,6 @@ class LocalPort:
             self.stats.tx -= len(records) // RECORD_SIZE
 
     def flush(self) -> None:
-        """Write queued records to the socket as far as it accepts them; BusClosed after the hub has ended."""
         if self._queue.data:
             self._queue.taken(self._write(self._queue.data))
             self.stats.queued = len(self._queue)
@@ -208,7 +203,7 @@ class LocalPort:
 
 
 def greet(sock: socket.socket, name: str, label: str) -> LocalPort | None:
-    """Exchange greetings with the hub on a new connection; return None if the hub closed it instead.
+    """Exchange greetings with the hub on a new connection; return None if the hub has closed the connection.
 
     BusError if the hub has another version or does not answer. The socket is closed unless a port is returned.
     """
@@ -228,8 +223,8 @@ def greet(sock: socket.socket, name: str, label: str) -> LocalPort | None:
     if answer is None:
         return None
     raise BusError(
-        f"bus local:{name}: its hub (process {answer.pid}) speaks version {answer.version}, this program {VERSION}; "
-        "close everything that uses the bus, then open it again"
+        f"bus local:{name}: its hub (process {answer.pid}) uses protocol version {answer.version}, "
+        f"this program {VERSION}; close all programs that use the bus, then open the bus again"
     )
 
 
@@ -244,7 +239,7 @@ def _read_hello(sock: socket.socket) -> Hello | None:
 
 
 def open_local(name: str, label: str = "") -> LocalPort:
-    """Open a ``local:`` bus and start its hub if there is none; BusError if that fails."""
+    """Open a port on a ``local:`` bus, starting its hub if necessary; BusError if that fails."""
     path = socket_path("bus", name)
     port = _join(path, name, label)
     if port is not None:
@@ -255,12 +250,12 @@ def open_local(name: str, label: str = "") -> LocalPort:
             _start_hub(name)
             port = _join(path, name, label)
     if port is None:
-        raise BusError(f"bus local:{name}: its hub ended as soon as it was started; is the machine out of memory?")
+        raise BusError(f"bus local:{name}: its hub ended right after the start; check the free memory of the computer")
     return port
 
 
 def join_local(name: str, label: str = "") -> LocalPort:
-    """Open a ``local:`` bus that is already open; BusNotOpen if it is not, otherwise as `open_local`."""
+    """Open a port on a ``local:`` bus whose hub is running; BusNotOpen if no hub runs, BusError as `open_local`."""
     port = _join(socket_path("bus", name), name, label)
     if port is None:
         raise _not_open(name)

@@ -97,7 +97,6 @@ class MemoryBus:
 
     @property
     def channel(self) -> str:
-        """Name of the channel, ``memory:NAME``."""
         return f"memory:{self.name}"
 
     @property
@@ -108,7 +107,6 @@ class MemoryBus:
         return [(label, frame) for label, records in log for frame in frames_of(records)]
 
     def clear_history(self) -> None:
-        """Clear the history."""
         with self.lock:
             self._log.clear()
 
@@ -238,7 +236,6 @@ class MemoryPort:
 
     @property
     def channel(self) -> str:
-        """Name of the channel, ``memory:NAME``."""
         return self.bus.channel
 
     def fileno(self) -> int:
@@ -263,7 +260,6 @@ class MemoryPort:
         self._queue += records
 
     def receive(self) -> bytes:
-        """Return the whole records that wait, or ``b""``; BusClosed after the bus was closed."""
         with self.bus.lock:
             queue = self._queue
             if not queue:
@@ -285,7 +281,6 @@ class MemoryPort:
         return pack_records([error_frames.overrun_frame(lost)])
 
     def send(self, records: Records) -> None:
-        """Deliver whole records to all other ports; BusClosed after the bus was closed."""
         count = whole_records(records)
         with self.bus.lock:
             if self._closed_reason:
@@ -297,7 +292,6 @@ class MemoryPort:
         """Do nothing, because all records are delivered at once."""
 
     def events(self) -> list[BusEvent]:
-        """Return the events since the last call."""
         return self._events.drain()
 
     def lose(self, reason: str) -> None:
@@ -314,7 +308,6 @@ class MemoryPort:
             raise BusClosed(self.channel, self._closed_reason)
 
     def close(self) -> None:
-        """Close the port; a second call does nothing."""
         self._closed_reason = self._closed_reason or "closed on this side"
         self.bus.leave(self)
         if self._wake is not None:

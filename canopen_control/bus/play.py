@@ -45,7 +45,7 @@ def play(
 ) -> None:
     """Send `frames` at `speed` times the recorded rate; `played` counts them, even if the call is interrupted.
 
-    Times that go back (a clock that was set) count as no time. BusClosed when the bus is gone.
+    A time before the previous one (the clock was set back) counts as no delay. BusClosed when the bus is gone.
     """
     begin, newest = clock(), 0
     first: int | None = None

@@ -85,7 +85,7 @@ class LocalBus(can.BusABC):
         """Send a message; CanOperationError if the bus is gone or does not accept it within `timeout` s."""
         record = record_of(msg)
         if record is None:
-            raise can.CanOperationError("CAN FD frames have no place on a CANopen bus")
+            raise can.CanOperationError("CAN FD frames are not supported on a CANopen bus")
         with self._sending:
             self._check_open()
             try:
@@ -109,7 +109,7 @@ class LocalBus(can.BusABC):
         deadline = time.monotonic() + timeout
         while self._port.wants_write:
             if not select.select([], [self._port], [], max(0.0, deadline - time.monotonic()))[1]:
-                raise can.CanTimeoutError(f"{self._port.channel} has not taken the message within {timeout:g} s")
+                raise can.CanTimeoutError(f"{self._port.channel} has not accepted the message within {timeout:g} s")
             self._port.flush()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:

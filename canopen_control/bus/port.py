@@ -123,11 +123,9 @@ class BusEventLog:
         self._events: deque[BusEvent] = deque(maxlen=EVENT_LIMIT)
 
     def add(self, kind: BusEventKind, text: str) -> None:
-        """Append an event."""
         self._events.append(BusEvent(kind, text))
 
     def extend(self, events: Iterable[BusEvent]) -> None:
-        """Append several events."""
         self._events.extend(events)
 
     def drain(self) -> list[BusEvent]:
@@ -187,14 +185,12 @@ class WakeDescriptor:
         return self._reader
 
     def set(self) -> None:
-        """Make the descriptor readable."""
         try:
             os.write(self._writer, _ONE)
         except OSError:  # full: it is readable already; closed: no reader
             return
 
     def clear(self) -> None:
-        """Make the descriptor unreadable."""
         try:
             while len(os.read(self._reader, _MOST)) == _MOST:
                 pass
@@ -202,7 +198,6 @@ class WakeDescriptor:
             return
 
     def close(self) -> None:
-        """Close the descriptors."""
         descriptors, self._reader, self._writer = {self._reader, self._writer} - {-1}, -1, -1
         for descriptor in descriptors:
             os.close(descriptor)

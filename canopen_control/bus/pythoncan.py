@@ -118,8 +118,8 @@ class AdapterClock:
     def _lag_of(self, lag: int, now: int) -> int:
         """Return the minimum recent delay from time stamp to reading, in ns."""
         grown = self._lag + (0 if self._last_frame_ns is None else (now - self._last_frame_ns) * _DRIFT)
-        begins_anew = self._last_frame_ns is None or lag - self._lag > _NS
-        self._lag, self._last_frame_ns = (lag if begins_anew else min(lag, grown)), now
+        restarted = self._last_frame_ns is None or lag - self._lag > _NS
+        self._lag, self._last_frame_ns = (lag if restarted else min(lag, grown)), now
         return round(self._lag)
 
 
@@ -159,11 +159,9 @@ class PythonCanPort:
             thread.start()
 
     def fileno(self) -> int:
-        """Return the descriptor that is readable while frames or events wait, -1 once closed."""
         return self._wake.fileno()
 
     def receive(self) -> bytes:
-        """Return the received whole records, or ``b""``; BusClosed on a closed port."""
         self._check_open()
         with self._lock:
             self._wake.clear()
@@ -193,7 +191,6 @@ class PythonCanPort:
         return records, self._taken_stamps
 
     def send(self, records: Records) -> None:
-        """Send whole records, or queue them for the writer; BusClosed on a closed port."""
         count = whole_records(records)
         self._check_open()
         self.stats.tx += count
@@ -217,7 +214,6 @@ class PythonCanPort:
         """Do nothing: the writer thread sends as soon as the adapter accepts frames."""
 
     def events(self) -> list[BusEvent]:
-        """Return the events since the last call."""
         with self._lock:
             return self._events.drain()
 
@@ -243,7 +239,7 @@ class PythonCanPort:
         while not self._closing.is_set():
             bus = self._bus
             if bus is None or self._is_broken():
-                self._open_anew()
+                self._reopen_adapter()
                 continue
             try:
                 message = bus.recv(_POLL_S)
@@ -313,7 +309,7 @@ class PythonCanPort:
                 self.stats.queued = 0
             if not self._down and not self._closing.is_set():
                 self._down = True
-                self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {_reason(error)}; it is tried again")
+                self._events.add(BusEventKind.DOWN, f"bus {self.channel}: {_reason(error)}; retrying")
             self._wake.set()
 
     def _works_again(self, *verbs: str) -> None:
@@ -334,7 +330,7 @@ class PythonCanPort:
         now = time.monotonic()
         return any(now - self._failing_since.get(verb, now) >= limit for verb, limit in _BROKEN_S.items())
 
-    def _open_anew(self) -> None:
+    def _reopen_adapter(self) -> None:
         """Close the adapter and reopen it until that succeeds or the port is closed; runs on the reader's thread."""
         self._drop_bus()
         tries = 0
@@ -420,7 +416,7 @@ _PACKAGES = {
 
 
 def missing_package(interface: str) -> str | None:
-    """Return the package that an interface of python-can needs and that is not installed, None if there is none."""
+    """Return the package that a python-can interface requires and that is missing, None if nothing is missing."""
     module, package = _PACKAGES.get(interface, ("can", "python-can"))
     return package if importlib.util.find_spec(module) is None else None
 
@@ -440,7 +436,9 @@ def open_python_can(
     the message of python-can, or `ConfigError` if a package is missing that the adapter needs.
     """
     if interface not in can.VALID_INTERFACES:
-        raise InterfaceNotFound(channel, f"python-can has no {interface!r}, but: {', '.join(known_interfaces())}")
+        raise InterfaceNotFound(
+            channel, f"python-can has no interface {interface!r}; choose one of: {', '.join(known_interfaces())}"
+        )
     if (package := missing_package(interface)) is not None:
         raise ConfigError(f"bus {channel}: {interface} needs {package}, which is not installed: pip install {package}")
     keywords: dict[str, Any] = {key: can.util.cast_from_string(value) for key, value in options}
@@ -450,7 +448,7 @@ def open_python_can(
     try:
         bus = bus_of()
     except Exception as error:  # drivers without their library or device raise exceptions of any class
-        advice = "does its server run there?" if served else "is its driver installed, the device plugged in?"
+        advice = "check that its server is running" if served else "check its driver and that the device is plugged in"
         raise BusError(f"bus {channel}: python-can cannot open it: {_reason(error)}; {advice}") from error
     virtual = interface == "virtual"
     return PythonCanPort(channel, bus, writer=not virtual, reopen=None if virtual else bus_of)

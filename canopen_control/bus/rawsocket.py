@@ -54,25 +54,19 @@ ALL_INTERFACES = ""
 class CanSocket(Protocol):
     """Socket methods used by the port."""
 
-    def fileno(self) -> int:
-        """Return the descriptor."""
+    def fileno(self) -> int: ...
 
     def recvmsg(
         self, bufsize: int, ancbufsize: int = ..., flags: int = ..., /
-    ) -> tuple[bytes, list[tuple[int, int, bytes]], int, object]:
-        """Return a frame and its ancillary data."""
+    ) -> tuple[bytes, list[tuple[int, int, bytes]], int, object]: ...
 
-    def send(self, data: Records, /) -> int:
-        """Send a frame."""
+    def send(self, data: Records, /) -> int: ...
 
-    def bind(self, address: tuple[str], /) -> None:
-        """Bind to an interface."""
+    def bind(self, address: tuple[str], /) -> None: ...
 
-    def setsockopt(self, level: int, option: int, value: int | bytes, /) -> None:
-        """Set an option."""
+    def setsockopt(self, level: int, option: int, value: int | bytes, /) -> None: ...
 
-    def close(self) -> None:
-        """Close the socket."""
+    def close(self) -> None: ...
 
 
 # -- options and ancillary data
@@ -196,5 +190,7 @@ def _explained(name: str, error: OSError) -> BusError:
     if error.errno != errno.ENODEV:
         return BusError(f"bus {name}: {error.strerror or error}")
     if name.startswith("vcan"):
-        return InterfaceNotFound(name, f"make it: canopen-control bus up {name}")
-    return InterfaceNotFound(name, "is the adapter plugged in? What there is: canopen-control bus list")
+        return InterfaceNotFound(name, f"create it: canopen-control bus up {name}")
+    return InterfaceNotFound(
+        name, "check that the adapter is plugged in; list the interfaces with: canopen-control bus list"
+    )

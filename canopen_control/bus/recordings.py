@@ -118,7 +118,7 @@ def _parsed(text: str, columns: str) -> tuple[float, CanFrame] | None:
         if kind in _DATA_TYPES:
             frame = _data_frame(dict(zip(columns, text.split(maxsplit=len(columns) - 1), strict=False)), kind)
         else:
-            frame = _report(kind, words, columns)
+            frame = _error_frame(kind, words, columns)
     except (ValueError, IndexError, KeyError):
         return None
     return None if frame is None or not math.isfinite(offset) else (offset, frame)
@@ -147,7 +147,7 @@ def _data_frame(row: dict[str, str], kind: str) -> CanFrame | None:
     return CanFrame(can_id, bytes(int(word, 16) for word in words[:length]))
 
 
-def _report(kind: str, words: list[str], columns: str) -> CanFrame | None:
+def _error_frame(kind: str, words: list[str], columns: str) -> CanFrame | None:
     """Return the error frame of an error row, whose identifier and length may be missing; None for other rows."""
     direction = next((at for at, word in enumerate(words) if word in ("Rx", "Tx")), columns.find("L"))
     data = bytes(int(word, 16) for word in words[direction + 1 :] if _BYTE.fullmatch(word))
@@ -311,12 +311,14 @@ def format_of(path: str | Path, *, writing: bool = False) -> str:
     suffix = Path(path.stem).suffix.lower() if _is_packed(path) else path.suffix.lower()
     if suffix not in FORMATS:
         raise ConfigError(
-            f"{path}: the end of a recording's name says its format: {', '.join(FORMATS)}, and .gz after it if packed"
+            f"{path}: unknown recording format; the name ends with {', '.join(FORMATS)}, and {_PACKED} if compressed"
         )
     if _is_packed(path) and not FORMATS[suffix].is_text:
-        raise ConfigError(f"{path}: a {suffix} is packed by itself; name it without {_PACKED}, and unpack what is not")
+        raise ConfigError(f"{path}: {suffix} files are compressed already; use a name without {_PACKED}")
     if writing and _is_packed(path) and FORMATS[suffix].writer is not None:
-        raise ConfigError(f"{path}: a {suffix} is not written packed; name a .log.gz, or the same without {_PACKED}")
+        raise ConfigError(
+            f"{path}: {suffix} files cannot be written compressed; use .log.gz, or a name without {_PACKED}"
+        )
     return suffix
 
 
@@ -407,7 +409,7 @@ class RecordingWriter:
         with contextlib.suppress(OSError, AttributeError):
             file.close()
         self.written = sum(1 for _frame in Recording(self.path))
-        raise failed(self.path, error, f"{self.written} frames are in it") from error
+        raise failed(self.path, error, f"it contains {self.written} frames") from error
 
 
 class Recording:
@@ -424,9 +426,11 @@ class Recording:
         self._ends = False  # whether a reader that failed had reached the end of the file
         self._format = FORMATS[format_of(path)]
         if self.path.is_dir():
-            raise ConfigError(f"{path} is a folder, no recording; name one of its files")
+            raise ConfigError(f"{path} is a folder; name a recording in it")
         if not self.path.is_file():
-            raise ConfigError(f"no recording {path}" if not self.path.exists() else f"{path} is not a regular file")
+            raise ConfigError(
+                f"recording {path} does not exist" if not self.path.exists() else f"{path} is not a regular file"
+            )
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         self.skipped, self.problem, self._ends, count = 0, "", False, 0
@@ -438,14 +442,14 @@ class Recording:
                     count += 1
                     yield frame
             if not count:
-                self.problem = f"{self.path}: no frame is in it"
+                self.problem = f"{self.path}: contains no frames"
         except OSError as error:
             self.problem = f"{self.path} cannot be read: {error.strerror or error}"
         except Exception as error:  # parsers raise exceptions of any class for a truncated or invalid file
             if not isinstance(error, _UNREADABLE) and "Parse" not in type(error).__name__:
                 raise
-            reason = "it ends in the middle of a frame" if self._ends else str(error) or type(error).__name__
-            self.problem = f"{self.path} cannot be read on after {count} frames: {reason}"
+            reason = "the file ends in the middle of a frame" if self._ends else str(error) or type(error).__name__
+            self.problem = f"{self.path}: reading stopped after {count} frames: {reason}"
 
     def _lines(self) -> Iterator[RecordedFrame | None]:
         with self._open() as file:

@@ -74,15 +74,12 @@ class SocketCanPort:
         return bool(self._queue.data) and not self._full
 
     def fileno(self) -> int:
-        """Return the socket's descriptor, -1 once closed."""
         return -1 if self._closed else self._socket.fileno()
 
     def events(self) -> list[BusEvent]:
-        """Return the events since the last call."""
         return self._events.drain()
 
     def close(self) -> None:
-        """Close the socket; a second call does nothing."""
         if not self._closed:
             self._closed = True
             self._socket.close()
@@ -90,7 +87,7 @@ class SocketCanPort:
     # -- receiving
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Let the kernel deliver only error frames and these identifiers; too many mean all 11-bit identifiers."""
+        """Set kernel filters for these identifiers, or for all 11-bit ones if there are too many; error frames pass."""
         identifiers = frozenset(can_ids)
         if identifiers == self._identifiers or self._closed:
             return
@@ -98,7 +95,6 @@ class SocketCanPort:
         set_filters(self._socket, self._filters)
 
     def receive(self) -> bytes:
-        """Return the received whole records, or ``b""``; BusClosed on a closed port."""
         return self._receive(None)
 
     def ask_stamps(self) -> None:
@@ -158,7 +154,7 @@ class SocketCanPort:
             self._follow(note_errors(records, self.stats))
         elif self._bus_off:  # an adapter that restarts by itself may report it only by new frames
             self._bus_off = False
-            self._events.add(BusEventKind.ERROR_ACTIVE, f"bus {self.channel}: frames come again after bus-off")
+            self._events.add(BusEventKind.ERROR_ACTIVE, f"bus {self.channel}: frames are received again after bus-off")
         self._works_again()
         if self._queue.data:
             self.flush()
@@ -171,7 +167,7 @@ class SocketCanPort:
             if event.kind is BusEventKind.BUS_OFF:
                 self._bus_off = True
                 self._drop_queue()
-                text += f". Without --restart-ms it is restarted by: canopen-control bus up {self.channel}"
+                text += f". Without --restart-ms, restart it with: canopen-control bus up {self.channel}"
             elif event.kind is BusEventKind.ERROR_ACTIVE:
                 self._bus_off = False
             self._events.add(event.kind, text)
@@ -179,7 +175,6 @@ class SocketCanPort:
     # -- sending
 
     def send(self, records: Records) -> None:
-        """Send whole records; queue those that the kernel does not accept. BusClosed on a closed port."""
         count = whole_records(records)
         self._prepare()
         self.stats.tx += count
@@ -194,7 +189,6 @@ class SocketCanPort:
         self.flush()
 
     def flush(self) -> None:
-        """Send queued records as far as the kernel accepts them."""
         self._full = False
         sent, data = 0, memoryview(bytes(self._queue.data))
         problem: OSError | None = None
@@ -276,7 +270,7 @@ class SocketCanPort:
             self._events.add(BusEventKind.UP, f"bus {self.channel}: up again")
 
 
-_GONE = "the interface is gone; is the adapter unplugged?"
+_GONE = "the interface was removed; check that the adapter is plugged in"
 _DOWN_TEXTS = {
     errno.ENETDOWN: "the interface is down; bring it up: canopen-control bus up",
     errno.ENODEV: _GONE,

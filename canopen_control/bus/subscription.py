@@ -249,12 +249,12 @@ def chunks_of(data: bytes, before: Chunk) -> Iterator[Chunk]:
 class Subscription:
     """Requests of one port: `ids` is None for all identifiers, `echoes` adds the port's own frames."""
 
-    __slots__ = ("_coming", "echoes", "ids", "stamps")
+    __slots__ = ("_pending_ids", "echoes", "ids", "stamps")
 
     def __init__(self) -> None:
         self.ids: frozenset[int] | None = None
         self.stamps = self.echoes = False
-        self._coming: set[int] = set()
+        self._pending_ids: set[int] = set()
 
     def take(self, records: bytes) -> bytes:
         """Apply and remove the request records; return the remaining records, which are frames."""
@@ -270,7 +270,7 @@ class Subscription:
         if kind & _STAMPS:
             self.stamps, self.echoes = True, bool(kind & _ECHO)
             return
-        self._coming.update(can_ids[: kind & _COUNT])
+        self._pending_ids.update(can_ids[: kind & _COUNT])
         if kind & _LAST:
-            self.ids = frozenset(self._coming) if len(self._coming) <= _MOST else None
-            self._coming = set()
+            self.ids = frozenset(self._pending_ids) if len(self._pending_ids) <= _MOST else None
+            self._pending_ids = set()

@@ -49,10 +49,10 @@ def test_it_reads_what_was_written(path):
 @pytest.mark.parametrize(
     ("at", "value", "words"),
     [
-        (4, 0xFFFFFFF0, "no frame is in it|middle of a frame"),  # the header of the file claims four gigabytes
-        (FIRST + 8, 0xFFFFFFF0, "it ends in the middle of a frame"),  # an object does
-        (FIRST + 8, 3, "an object without its signature or its length"),  # an object is shorter than its header
-        (FIRST, 0, "an object without its signature or its length"),
+        (4, 0xFFFFFFF0, "contains no frames|middle of a frame"),  # the header of the file claims four gigabytes
+        (FIRST + 8, 0xFFFFFFF0, "the file ends in the middle of a frame"),  # an object does
+        (FIRST + 8, 3, "an object has no valid signature or length"),  # an object is shorter than its header
+        (FIRST, 0, "an object has no valid signature or length"),
     ],
 )
 def test_a_length_that_lies_is_a_sentence_and_no_memory(path, at, value, words):
@@ -77,4 +77,4 @@ def test_an_object_of_no_length_does_not_hold_the_reader_for_ever(path):
     endless = OBJECT.pack(b"LOBJ", 32, 1, 0, 1) + bytes(64)
     path.write_bytes(path.read_bytes()[:FIRST] + container(endless))
     count, problem, _ = read(path)
-    assert (count, problem.split(": ")[-1]) == (0, "an object that is shorter than its header is in it")
+    assert (count, problem.split(": ")[-1]) == (0, "an object is shorter than its header")

@@ -184,7 +184,7 @@ def test_only_what_is_missing_is_done(entry, options, commands):
 @pytest.mark.parametrize(
     ("name", "entry", "options", "message"),
     [
-        ("can7", None, {"bitrate": 1}, "no CAN interface 'can7'; is the adapter plugged in"),
+        ("can7", None, {"bitrate": 1}, "no CAN interface 'can7'; check that the adapter is plugged in"),
         ("can1", FRESH, {}, "can1 has no bit rate yet; add --bitrate"),
         ("vcan0", VCAN0, {"bitrate": 1}, "vcan0 is a vcan interface and has no bit rate"),
     ],
@@ -243,7 +243,7 @@ def test_without_root_and_sudo_the_commands_to_type_are_said(monkeypatch):
     monkeypatch.setattr(module.os, "geteuid", lambda: 1000)
     monkeypatch.setattr(module.shutil, "which", lambda _name: None)
     shell = Shell(VCAN0 | {"flags": []})
-    with pytest.raises(ConfigError, match="vcan0: this needs root; type: sudo ip link set vcan0 up"):
+    with pytest.raises(ConfigError, match="vcan0: root permissions are needed; run: sudo ip link set vcan0 up"):
         bring_up("vcan0", lambda _line: None, run=shell)
     assert shell.ran == []
 

@@ -70,7 +70,7 @@ NOBODY = "no node acknowledged the frame"
         (0x008, "0000040A00000000", ["stuff error, at: data"]),
         (0x088, "0000801900000000", ["while sending, at: acknowledge slot", NOBODY]),
         (0x010, "0000000047000000", ["CANH is shorted to ground, CANL has no wire"]),
-        (0x010, "0000000000000000", ["transceiver: a problem without detail"]),
+        (0x010, "0000000000000000", ["transceiver: a problem without details"]),
         (0x020, "0000000000000000", [NOBODY]),
         (0x040, "0000000000000000", ["bus-off"]),
         (0x080, "0000000000000000", ["a frame was disturbed"]),

@@ -109,7 +109,7 @@ def test_a_cut_cable_is_silent_both_ways_and_heals(exchange, trio):
     assert take(exchange, right) == [frame(2)]
     assert take(exchange, master) == []
     assert (left.lost, exchange.dropped) == (1, 1)
-    exchange.cut("left", mend=True)
+    exchange.cut("left", repair=True)
     exchange.receive(left, pack_records([frame(3)]), 0)
     assert take(exchange, master) == [frame(3)]
 

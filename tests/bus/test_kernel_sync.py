@@ -110,7 +110,7 @@ def test_a_kernel_without_it_is_answered_with_what_to_type():
     def refuse():
         raise OSError(errno.EPROTONOSUPPORT, os.strerror(errno.EPROTONOSUPPORT))
 
-    with pytest.raises(BusError, match="no broadcast manager that could send SYNC; type: sudo modprobe can-bcm, or"):
+    with pytest.raises(BusError, match="no broadcast manager for sending SYNC; run: sudo modprobe can-bcm, or"):
         KernelSync("can5", [SYNC], refuse).start(20_000)
 
 
@@ -119,5 +119,5 @@ def test_whether_the_kernel_can_is_asked_without_sending_anything():
     assert KernelSync("vcan3", (), lambda: sock).why_not() is None
     assert (sock.connected, sock.sent, sock.closed) == ([("vcan3",)], [], 1)
     lacking = FakeSocket(connecting=errno.EPROTONOSUPPORT)
-    assert "sudo modprobe can-bcm, or let this program send it" in KernelSync("vcan3", (), lambda: lacking).why_not()
+    assert "sudo modprobe can-bcm, or let this program send SYNC" in KernelSync("vcan3", (), lambda: lacking).why_not()
     assert lacking.closed == 1

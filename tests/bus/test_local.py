@@ -128,7 +128,7 @@ def test_when_the_hub_is_gone_each_verb_says_so_and_an_event_once(wire):
     hub.close()
     assert list(frames_of(port.receive())) == [frame(1)]
     for verb in (port.receive, port.receive, lambda: port.send(pack_records([frame(2)]))):
-        with pytest.raises(BusClosed, match="bus local:test: the hub process is gone; open the channel again"):
+        with pytest.raises(BusClosed, match="bus local:test: the hub process has ended; open the channel again"):
             verb()
     assert [event.kind for event in port.events()] == [BusEventKind.CLOSED]
     assert port.events() == []
@@ -162,7 +162,9 @@ def answer(sock, data):
 def test_a_hub_of_another_version_is_named():
     ours, theirs = socket.socketpair()
     thread = answer(theirs, pack_hello(4711, "", VERSION + 1))
-    with pytest.raises(BusError, match=rf"hub \(process 4711\) speaks version {VERSION + 1}, this program {VERSION}"):
+    with pytest.raises(
+        BusError, match=rf"hub \(process 4711\) uses protocol version {VERSION + 1}, this program {VERSION}"
+    ):
         greet(ours, "x", "me")
     thread.join()
     assert ours.fileno() == -1
@@ -223,7 +225,7 @@ def test_a_killed_hub_is_noticed_and_the_next_opener_starts_another(runtime):
     port = open_local("dies", "a")
     kill_hub("dies")
     assert select.select([port], [], [], TIMEOUT_S)[0]
-    with pytest.raises(BusClosed, match="the hub process is gone"):
+    with pytest.raises(BusClosed, match="the hub process has ended"):
         port.receive()
     port.close()
     assert socket_path("bus", "dies").exists(), "the stale socket is part of this test"

@@ -106,7 +106,7 @@ def test_a_refused_frame_is_tried_again_and_the_trouble_told_once(scripted):
         port.receive()
         events += port.events()
     assert [event.kind for event in events] == [BusEventKind.DOWN, BusEventKind.UP]
-    assert events[0].text == "bus test:scripted: transmit buffer full; it is tried again"
+    assert events[0].text == "bus test:scripted: transmit buffer full; retrying"
     assert port.stats.lost == 0
 
 
@@ -202,13 +202,13 @@ def test_a_can_fd_frame_is_counted_as_lost(scripted):
 
 
 def test_an_unknown_interface_is_answered_with_the_known_ones():
-    with pytest.raises(InterfaceNotFound, match=r"python-can has no 'nosuchthing', but: .*virtual"):
+    with pytest.raises(InterfaceNotFound, match=r"python-can has no interface 'nosuchthing'; choose one of: .*virtual"):
         open_port("nosuchthing:0")
 
 
 @pytest.mark.process
 def test_a_driver_that_is_not_there_is_one_sentence():
-    with pytest.raises(BusError, match=r"bus pcan:PCAN_USBBUS1@125000: .*is its driver installed"):
+    with pytest.raises(BusError, match=r"bus pcan:PCAN_USBBUS1@125000: .*check its driver"):
         open_port("pcan:PCAN_USBBUS1@125000")
 
 

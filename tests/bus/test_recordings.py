@@ -257,7 +257,7 @@ def test_a_recording_without_frames_is_one_too(tmp_path, suffix):
     write(path, [])
     recording = Recording(path)
     assert list(recording) == []
-    assert recording.problem == f"{path}: no frame is in it"
+    assert recording.problem == f"{path}: contains no frames"
 
 
 @pytest.mark.rest
@@ -282,7 +282,7 @@ def test_a_blf_that_was_cut_says_that_it_ends_in_the_middle(tmp_path, kept):
     path.write_bytes(whole[: int(len(whole) * kept)])
     recording = Recording(path)
     frames = len(list(recording))
-    assert recording.problem.endswith("it ends in the middle of a frame")
+    assert recording.problem.endswith("the file ends in the middle of a frame")
     assert f"after {frames} frames" in recording.problem
     assert frames > 0 or kept == 0.3
 
@@ -294,7 +294,7 @@ def test_a_recording_that_was_cut_in_its_head_is_no_riddle_either(tmp_path, suff
     path.write_bytes(path.read_bytes()[:size])
     recording = Recording(path)
     assert list(recording) == []
-    assert recording.problem.split(": ")[-1] in ("it ends in the middle of a frame", "no frame is in it")
+    assert recording.problem.split(": ")[-1] in ("the file ends in the middle of a frame", "contains no frames")
     assert "unpack" not in recording.problem
 
 
@@ -344,14 +344,15 @@ def test_a_packed_recording_that_was_cut_says_so(tmp_path):
     path.write_bytes(path.read_bytes()[:-30_000])
     recording = Recording(path)
     assert 1000 < len(list(recording)) < 20_000
-    assert "cannot be read on after" in recording.problem
+    assert "reading stopped after" in recording.problem
     (tmp_path / "y.log.gz").write_bytes(b"no gzip")
     assert list(recording := Recording(tmp_path / "y.log.gz")) == []
     assert "cannot be read" in recording.problem
 
 
 @pytest.mark.parametrize(
-    ("name", "reason"), [("x.blf.gz", "packed by itself"), ("x.asc.gz", "not written packed"), ("x.gz", "says its")]
+    ("name", "reason"),
+    [("x.blf.gz", "compressed already"), ("x.asc.gz", "written compressed"), ("x.gz", "unknown recording format")],
 )
 def test_what_is_not_written_packed_is_said(tmp_path, name, reason):
     with pytest.raises(ConfigError, match=reason):
@@ -372,10 +373,10 @@ def test_the_name_says_the_format(tmp_path):
     assert format_of("/a/B.LOG") == ".log"
     with pytest.raises(ConfigError, match=r"\.log, \.asc, \.blf, \.trc"):
         format_of("x.db")
-    with pytest.raises(ConfigError, match="no recording"):
+    with pytest.raises(ConfigError, match="does not exist"):
         Recording("/nowhere/x.log")
     (folder := tmp_path / "x.log").mkdir()
-    with pytest.raises(ConfigError, match=r"x\.log is a folder, no recording; name one of its files"):
+    with pytest.raises(ConfigError, match=r"x\.log is a folder; name a recording in it"):
         Recording(folder)
     os.mkfifo(tmp_path / "x.asc")
     with pytest.raises(ConfigError, match="is not a regular file"):
@@ -420,7 +421,7 @@ except DiskFull as error:
     )
     assert done.stderr == ""
     count, sentence = done.stdout.splitlines()
-    assert sentence == f"{path}: File too large; {count} frames are in it"
+    assert sentence == f"{path}: File too large; it contains {count} frames"
     assert int(count) == len(list(Recording(path))) > 100
 
 

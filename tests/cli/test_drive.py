@@ -136,7 +136,7 @@ def test_a_local_bus_whose_hub_is_gone_for_good_ends_it_with_1(processes):
     kill_hub("cligone")
     _, err = process.communicate(timeout=10)
     assert process.returncode == 1
-    assert "hub process is gone" in err
+    assert "hub process has ended" in err
     assert "Traceback" not in err
 
 

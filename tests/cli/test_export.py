@@ -48,4 +48,4 @@ def test_what_cannot_be_is_a_sentence(tmp_path, capsys):
     empty = tmp_path / "x.log"
     empty.write_text("")
     assert main(["export", "csv", str(empty), "robby"]) == 1
-    assert "no frame is in it" in capsys.readouterr().err
+    assert "contains no frames" in capsys.readouterr().err

@@ -124,7 +124,7 @@ def test_a_full_disk_is_exit_code_1_with_what_is_in_the_file(monkeypatch, folder
     ticking.join()
     out, err = capsys.readouterr()
     assert out.startswith(f"{path}: 0 frames of local:full in ")
-    assert err == f"canopen-control: {path}: No space left on device; 0 frames are in it\n"
+    assert err == f"canopen-control: {path}: No space left on device; it contains 0 frames\n"
     port.close()
 
 

@@ -78,7 +78,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
     assert "1 line is not a frame of classic CAN, left out" in err
     path.write_text("")
     assert main(["trace", "robby", "--file", str(path)]) == 1
-    assert "no frame is in it" in capsys.readouterr().err
+    assert "contains no frames" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_a_wrong_option_is_a_sentence(options, words, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["robby", "--file", "/nowhere/x.log"], "no recording /nowhere/x.log"),
+        (["robby", "--file", "/nowhere/x.log"], "recording /nowhere/x.log does not exist"),
         (["robby", "--file", "/nowhere/x.db"], ".log, .asc, .blf, .trc"),
         (["--can", "memory:x"], "inside one process"),
         ([], "no robot is running"),

@@ -38,8 +38,8 @@ def facts(name):
 def test_up_makes_a_vcan_says_each_step_and_a_second_time_does_nothing(stage, fresh):
     assert lines(stage.call("bus", "up", fresh)) == [
         "modprobe vcan   # load the vcan module",
-        "ip link add dev vcan77 type vcan   # make the interface",
-        "ip link set vcan77 txqueuelen 1000   # lengthen its queue",
+        "ip link add dev vcan77 type vcan   # create the interface",
+        "ip link set vcan77 txqueuelen 1000   # lengthen the transmit queue",
         "ip link set vcan77 up   # bring it up",
     ]
     assert facts(fresh) == (True, 1000)
@@ -48,7 +48,7 @@ def test_up_makes_a_vcan_says_each_step_and_a_second_time_does_nothing(stage, fr
 
 def test_down_takes_it_down_and_up_brings_the_same_one_back(stage, vcan):
     number = json.loads(ip("-json", "link", "show", vcan))[0]["ifindex"]
-    assert lines(stage.call("bus", "down", vcan)) == [f"ip link set {vcan} down   # take it down"]
+    assert lines(stage.call("bus", "down", vcan)) == [f"ip link set {vcan} down   # bring it down"]
     assert facts(vcan)[0] is False
     assert lines(stage.call("bus", "down", vcan)) == [f"{vcan} is down already"]
     assert lines(stage.call("bus", "up", vcan))[-1] == f"ip link set {vcan} up   # bring it up"
@@ -120,7 +120,7 @@ def test_a_pair_of_vxcan_is_made_up_as_well(stage):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("up", "can0", "--bitrate", "500000"), "no CAN interface 'can0'; is the adapter plugged in?"),
+        (("up", "can0", "--bitrate", "500000"), "no CAN interface 'can0'; check that the adapter is plugged in;"),
         (("up", "vcan0", "--bitrate", "500000"), "vcan0 is a vcan interface and has no bit rate"),
         (("down", "vcan66"), "no CAN interface 'vcan66'"),
     ],
@@ -135,7 +135,7 @@ def test_without_the_right_to_it_the_kernels_refusal_is_explained(stage, fresh):
     words = [sys.executable, "-m", "canopen_control", "bus", "up", fresh]
     done = subprocess.run(["setpriv", "--bounding-set=-net_admin", *words], capture_output=True, text=True)
     assert done.returncode == 2
-    assert "it needs the right CAP_NET_ADMIN" in done.stderr
+    assert "CAP_NET_ADMIN is required" in done.stderr
 
 
 # Another user could not even read a checkout of root's: so this process becomes one when it has everything it needs.
@@ -154,7 +154,8 @@ def test_without_root_the_commands_to_type_are_said_and_none_is_run(fresh):
     done = subprocess.run([sys.executable, "-c", AS_NOBODY, fresh], capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     assert done.stderr == (
-        f"canopen-control: {fresh}: this needs root; type: sudo modprobe vcan && sudo ip link add dev {fresh} type vcan"
+        f"canopen-control: {fresh}: root permissions are needed; run: sudo modprobe vcan"
+        f" && sudo ip link add dev {fresh} type vcan"
         f" && sudo ip link set {fresh} txqueuelen 1000 && sudo ip link set {fresh} up\n"
     )
     assert not Path(f"/sys/class/net/{fresh}").exists()

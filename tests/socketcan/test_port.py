@@ -118,7 +118,7 @@ def test_an_interface_made_again_is_another_one_and_is_bound_again_with_its_filt
     ip("link", "del", vcan)
     for port in ports:
         assert receive(port, 1, 0.1) == []
-        assert "the interface is gone" in port.events()[-1].text
+        assert "the interface was removed" in port.events()[-1].text
     ours.send(pack_records([ONE]))
     ip("link", "add", "dev", vcan, "type", "vcan")
     ip("link", "set", vcan, "up")
@@ -136,7 +136,7 @@ def test_who_only_listens_hears_an_interface_made_again_without_sending(vcan):
         listener.set_filter([0x182])
         ip("link", "del", vcan)
         assert receive(listener, 1, 0.1) == []
-        assert "the interface is gone" in listener.events()[-1].text
+        assert "the interface was removed" in listener.events()[-1].text
         subprocess.run(["cansend", "vcan0", "182#00"], check=True)
         assert receive(listener, 1, 0.2) == [], "of another interface"
         ip("link", "add", "dev", vcan, "type", "vcan")

@@ -172,7 +172,7 @@ def test_an_interface_that_is_removed_and_made_again_is_found_again(stage, robby
     with RobotClient.connect("gone") as client:
         watch = Watch(client)
         ip("link", "del", vcan)
-        assert seconds_until(lambda: watch.told(f"bus {vcan}: the interface is gone"), 5) < 1.0
+        assert seconds_until(lambda: watch.told(f"bus {vcan}: the interface was removed"), 5) < 1.0
         assert eventually(lambda: not any(watch.ready()), scaled(2))
         assert watch.status.state == "fault"
         assert stage.call("bus", "up", vcan).wait() == 0
@@ -184,7 +184,7 @@ def test_an_interface_that_is_removed_and_made_again_is_found_again(stage, robby
 
 def test_a_missing_and_a_down_interface_are_named_with_what_to_type(stage, robby, vcan):
     missing = stage.call("run", robby, "--can", "vcan99")
-    assert (missing.wait(), "make it: canopen-control bus up vcan99" in missing.err) == (2, True), missing
+    assert (missing.wait(), "create it: canopen-control bus up vcan99" in missing.err) == (2, True), missing
     ip("link", "set", vcan, "down")
     down = stage.call("run", robby, "--can", vcan)
     assert (down.wait(), f"bring it up: canopen-control bus up {vcan}" in down.err) == (2, True), down
