@@ -79,28 +79,28 @@ _FALLS: Final = 2  # losses of a state that are tolerated while enabling, as a l
 
 
 class EnableRequest(Enum):
-    """Request to a drive: the master's goal, and its progress; the value describes the request."""
+    """Goal of the master for a drive, with its progress; each value is a description in words."""
 
-    DISABLED = "disabled, by the drive's own ramp"
-    DISABLED_AFTER_STOP = "disabled; a quick stop goes on until the drive has left OPERATION_ENABLED"
+    DISABLED = "disabled by the drive's own ramp"
+    DISABLED_AFTER_STOP = "disabled after a quick stop, which is sent until the drive has left OPERATION_ENABLED"
     ENABLED = "operation enabled"
-    OVERTAKING = "operation enabled; a command that the enable has overtaken, and that would end it, may still arrive"
+    OVERTAKING = "operation enabled, while an older command that would end this state may still take effect"
     QUICK_STOPPING = "stopped by a quick stop, which is sent until the drive has left OPERATION_ENABLED"
     QUICK_STOPPED = "stopped by a quick stop"
-    VOLTAGE_DISABLED = "without voltage at once"
+    VOLTAGE_DISABLED = "voltage disabled at once"
 
 
 class EnableTrigger(Enum):
-    """Trigger of a change of the `EnableRequest`; the value describes the trigger."""
+    """Trigger of a change of the `EnableRequest`; each value is a description in words."""
 
-    ENABLE = "a request enables it"
-    OVERTAKE = "a request enables it in OPERATION_ENABLED, and something else than to stay there was sent last"
-    DISABLE = "a request disables it"
-    QUICK_STOP = "a request quick stops it"
-    QUICK_STOP_ENABLED = "a request quick stops it in OPERATION_ENABLED"
-    DISABLE_VOLTAGE = "a request cuts its voltage"
-    LEFT = "the drive is seen in another state than OPERATION_ENABLED"
-    ARRIVED = "the request on its way to the drive has arrived, or its timeout has elapsed"
+    ENABLE = "enable requested"
+    OVERTAKE = "enable requested in OPERATION_ENABLED, after a command that ends this state was sent"
+    DISABLE = "disable requested"
+    QUICK_STOP = "quick stop requested"
+    QUICK_STOP_ENABLED = "quick stop requested in OPERATION_ENABLED"
+    DISABLE_VOLTAGE = "disable voltage requested"
+    LEFT = "the statusword shows another state than OPERATION_ENABLED"
+    ARRIVED = "the last command has taken effect, or its timeout has elapsed"
     LOST = "a fault, or an enable that ended without a command"
 
 

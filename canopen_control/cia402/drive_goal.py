@@ -53,10 +53,10 @@ LADDER: Mapping[State, int] = MappingProxyType(
 class DriveGoal(Enum):
     """Goal of the master for an axis; each value is a description in words."""
 
-    DISABLED = "disabled, by the drive's own ramp"
+    DISABLED = "disabled by the drive's own ramp"
     ENABLED = "operation enabled"
     QUICK_STOPPED = "stopped by a quick stop"
-    VOLTAGE_DISABLED = "without voltage at once"
+    VOLTAGE_DISABLED = "voltage disabled at once"
 
 
 def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
@@ -148,7 +148,7 @@ class StopStage(Enum):
     """Stage of leaving a quick stop; a stage without effect is followed by the next stage."""
 
     ENABLE = "transition 16"
-    WAIT = "for the end of the stop"
+    WAIT = "wait for the end of the stop"
     DISABLE = "transition 12"
 
 
@@ -197,9 +197,9 @@ class QuickStopExit:
 class ResetPhase(Enum):
     """Phase of a fault reset; each value is a description in words."""
 
-    IDLE = "none was requested"
-    REQUESTED = "bit 7 is to be sent 0 first"
-    LOW = "bit 7 was sent 0 and is to be raised"
+    IDLE = "no reset is requested"
+    REQUESTED = "bit 7 must be sent as 0 first"
+    LOW = "bit 7 was sent as 0 and can be set"
     HIGH = "bit 7 is 1"
 
 
@@ -262,31 +262,31 @@ class FaultReset:
 class ModeState(Enum):
     """State of a mode request; each value is a description in words."""
 
-    NONE = "no mode was requested: the drive's own is right"
-    REQUESTED = "a mode is asked for, and 0x6061 does not show it"
-    UNSHOWN = "the drive shows no mode while it is off: it may be enabled, and has to show the mode then"
-    CONFIRMED = "0x6061 shows the mode that was asked for"
-    REFUSED = "the mode was not confirmed in time, and there is none to go back to"
-    RETURNING = "the mode was not confirmed in time; the one before it is asked for again, and 0x6061 does not show it"
-    RETURNED = "the mode was not confirmed in time; 0x6061 shows the one before it"
+    NONE = "no mode was requested: the drive keeps its own mode"
+    REQUESTED = "a mode is requested that 0x6061 does not show yet"
+    UNSHOWN = "the drive shows no mode while disabled: it may be enabled, and must then show the mode"
+    CONFIRMED = "0x6061 shows the requested mode"
+    REFUSED = "the mode was not confirmed in time, and there is no earlier mode to return to"
+    RETURNING = "the mode was not confirmed in time; the earlier mode is requested again but not shown by 0x6061 yet"
+    RETURNED = "the mode was not confirmed in time; 0x6061 shows the earlier mode"
 
 
 class ModeTrigger(Enum):
     """Trigger of a row in `MODE_TABLE`; each value is a description in words."""
 
     ASK = "another mode is requested"
-    ASK_AGAIN = "the same mode is requested again already"
+    ASK_AGAIN = "the present mode is requested again"
     SHOWN = "0x6061 shows the mode"
     NOT_SHOWN = "0x6061 shows another mode, or nothing"
-    NONE_SHOWN = "half of the time is over, and 0x6061 of a drive that is off shows 0"
+    NONE_SHOWN = "half of the timeout has elapsed, and 0x6061 of a disabled drive shows 0"
     DRIVE_LOST = "the drive was lost"
-    OVERDUE = "the time is over, and no other mode was confirmed before"
-    OVERDUE_RETURN = "the time is over, and another mode was confirmed before"
-    OVERDUE_STAYED = "the time is over, and 0x6061 shows the mode that was confirmed before"
+    OVERDUE = "the timeout has elapsed, and no other mode was confirmed before"
+    OVERDUE_RETURN = "the timeout has elapsed, and another mode was confirmed before"
+    OVERDUE_STAYED = "the timeout has elapsed, and 0x6061 shows the mode that was confirmed before"
 
 
 _S, _ModeTransition = ModeState, ModeTrigger
-_ANEW: Final = {_ModeTransition.ASK: _S.REQUESTED}
+_ASKED: Final = {_ModeTransition.ASK: _S.REQUESTED}
 _TIMED: Final = {
     _ModeTransition.OVERDUE: _S.REFUSED,
     _ModeTransition.OVERDUE_RETURN: _S.RETURNING,
@@ -295,25 +295,25 @@ _TIMED: Final = {
 
 MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = MappingProxyType(
     {
-        _S.NONE: _ANEW,
-        _S.REQUESTED: {**_ANEW, **_TIMED, _ModeTransition.SHOWN: _S.CONFIRMED, _ModeTransition.NONE_SHOWN: _S.UNSHOWN},
+        _S.NONE: _ASKED,
+        _S.REQUESTED: {**_ASKED, **_TIMED, _ModeTransition.SHOWN: _S.CONFIRMED, _ModeTransition.NONE_SHOWN: _S.UNSHOWN},
         _S.UNSHOWN: {
-            **_ANEW,
+            **_ASKED,
             **_TIMED,
             _ModeTransition.SHOWN: _S.CONFIRMED,
             _ModeTransition.NONE_SHOWN: _S.UNSHOWN,
             _ModeTransition.DRIVE_LOST: _S.REQUESTED,
         },
-        _S.CONFIRMED: {**_ANEW, _ModeTransition.NOT_SHOWN: _S.REQUESTED, _ModeTransition.DRIVE_LOST: _S.REQUESTED},
-        _S.REFUSED: _ANEW,
+        _S.CONFIRMED: {**_ASKED, _ModeTransition.NOT_SHOWN: _S.REQUESTED, _ModeTransition.DRIVE_LOST: _S.REQUESTED},
+        _S.REFUSED: _ASKED,
         _S.RETURNING: {
-            **_ANEW,
+            **_ASKED,
             _ModeTransition.ASK_AGAIN: _S.REQUESTED,
             _ModeTransition.OVERDUE: _S.REFUSED,
             _ModeTransition.SHOWN: _S.RETURNED,
         },
         _S.RETURNED: {
-            **_ANEW,
+            **_ASKED,
             _ModeTransition.ASK_AGAIN: _S.CONFIRMED,
             _ModeTransition.NOT_SHOWN: _S.RETURNING,
             _ModeTransition.DRIVE_LOST: _S.RETURNING,

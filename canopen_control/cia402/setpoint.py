@@ -110,12 +110,12 @@ SetPointEvent = SetPointTaken | SetPointReached | SetPointFailed | SetPointDefer
 class SetPointPhase(Enum):
     """Phase of a set-point; each value describes a timeout in the phase."""
 
-    IDLE = "nothing to do"
-    LOW = "the acknowledge bit 12 stays 1 before the set-point"
-    ACKNOWLEDGE = "the set-point was not acknowledged"
-    RELEASE = "the acknowledge bit 12 stays 1 after the set-point"
+    IDLE = "no set-point is active"
+    LOW = "bit 12 (set-point acknowledged) of the statusword stayed 1 before the set-point"
+    ACKNOWLEDGE = "the drive did not acknowledge the set-point (bit 12 of the statusword)"
+    RELEASE = "bit 12 (set-point acknowledged) of the statusword stayed 1 after the set-point"
     MOVING = "the target was not reached in time"
-    DEFERRED = "waits for the end of the motion before"
+    DEFERRED = "the previous motion did not end in time"
 
 
 _P = SetPointPhase

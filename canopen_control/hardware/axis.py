@@ -67,7 +67,7 @@ class AxisStatus:
         self._holds_load = holds_load
 
     def update(self, now: int) -> None:
-        """Update statusword and mode display from new TPDOs or SDO answers; request missing values by SDO."""
+        """Update statusword and mode display from the newest TPDOs; read missing values by SDO."""
         pdo, shown = self.pdo, self._shown
         if not self._node.ready:
             self.word = self.display = None
@@ -89,7 +89,7 @@ class AxisStatus:
         self.display = display  # type: ignore[assignment]  # mapped as an integer
 
     def _unseen(self, now: int) -> int | None:
-        """Return the statusword of a drive that has not sent its TPDO since its boot.
+        """Return the statusword, read by SDO, of a drive whose TPDO has not arrived since the boot.
 
         Without SYNCs the first TPDO has no due time, so that the statusword is read by SDO only if the end of a stop
         must be confirmed.
@@ -99,7 +99,7 @@ class AxisStatus:
         return None
 
     def blind_word(self, now: int) -> int:
-        """Return the controlword for a drive without a statusword: quick stop, and later disable voltage."""
+        """Return the controlword for a drive without a statusword: quick stop, later disable voltage."""
         if self._blind_since is None:
             if self.pdo.stamp < 0:
                 return 0  # no statusword since the boot: not started yet
@@ -109,16 +109,16 @@ class AxisStatus:
 
     @property
     def invisible(self) -> bool:
-        """Whether the statusword cannot be observed: no TPDO arrives, and the node refuses SDO uploads."""
+        """Whether the statusword is unobservable: no TPDO arrives, and the node aborts SDO uploads."""
         return self.word is None and self._by_sdo.refused
 
     def node_ready(self) -> None:
-        """Reset after the node became operational, or after its feedback returned or became stale."""
+        """Restart with the TPDO after the node became operational, or its feedback returned or became stale."""
         self._by_sdo.end()
         self._blind_since = None
 
     def node_lost(self, now: int) -> None:
-        """Reset after the node was lost, so that the mode is written again after the next boot."""
+        """Clear the SDO state after a node loss; the mode is written again after the next boot."""
         self._by_sdo.end()
         self._blind_since = now
         if self._mode is not None:
@@ -126,7 +126,7 @@ class AxisStatus:
 
 
 class StatuswordBySdo:
-    """Source of the statusword by SDO, while the TPDO with the statusword is missing."""
+    """Statusword read by SDO while the TPDO with the statusword is missing."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self.refused = False
@@ -139,12 +139,12 @@ class StatuswordBySdo:
         self._since: int | None = None
 
     def end(self) -> None:
-        """Stop using SDO, because the TPDO has returned or the node was lost."""
+        """Stop the SDO uploads, because the TPDO has returned or the node was lost."""
         self._since = self._value = None
         self.refused = False
 
     def word(self, last: int | None, now: int) -> int | None:
-        """Return the statusword, None if unknown; `last` is the last value in the TPDO, valid for `GRACE_NS`."""
+        """Return the statusword, None if unknown; `last`, from the TPDO, stays valid for `GRACE_NS`."""
         if self._since is None:
             self._since, self._next = now, now
         if not self._asking and now >= self._next:
@@ -172,11 +172,11 @@ class ModeBySdo:
         self._next = 0
 
     def forget(self) -> None:
-        """Reset after the node was lost, so that the mode is written again."""
+        """Clear the known mode after a node loss, so that the mode is written again."""
         self.display = self._written = None
 
     def step(self, mode: int | None, now: int) -> None:
-        """Write a new mode to 0x6060, and read 0x6061 until it shows the mode; objects in PDOs are skipped."""
+        """Write a new mode to 0x6060 and read 0x6061 until the mode is shown; skip objects that are in PDOs."""
         node, axis = self._axis.node, self._axis
         if mode is not None and axis.mode is None and mode != self._written:
             self._written = mode
@@ -213,7 +213,7 @@ _TARGETS: Final = (
 
 
 class AxisObjectLimits:
-    """Limits of one axis in device units; `deceleration`, in units/s^2, is used for the ramps of the master.
+    """Limits of one axis in device units.
 
     `blocked` is the direction, 1 or -1, in which an active limit (statusword bit 11) forbids motion, 0 for none.
     `described` is the velocity limit of the description, or a lower limit for this run, in rad/s (m/s), infinite
@@ -249,22 +249,22 @@ class AxisObjectLimits:
         self.blocked = 0
 
     def take_velocity(self, velocity: float, scale: Scale) -> None:
-        """Set the drive's maximum velocity in device units, and combine it with the description's limit."""
+        """Set the drive's maximum velocity, and the smaller limit of drive and description."""
         self.velocity = velocity
         self.most = min(velocity, self.described * abs(scale.vel_to_dev))
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
 
     def lower(self, speed: float, words: str) -> None:
-        """Reduce the limit `described` to `speed` in rad/s or m/s; it applies after the next `take_velocity`."""
+        """Reduce `described` to `speed` in rad/s or m/s, with effect from the next `take_velocity` on."""
         if speed < self.described:
             self.described, self.words = speed, words
 
     def of_velocity(self, raw: int) -> int:
-        """Return a velocity target, limited to the velocity limit; 0 in a blocked direction."""
+        """Limit a velocity target to the velocity limit; return 0 in a blocked direction."""
         return self.within(raw, self.most)
 
     def within(self, raw: int, most: float) -> int:
-        """Return a velocity limited to `most`, in the same units; 0 in a blocked direction."""
+        """Limit a velocity to `most`, in the same units; return 0 in a blocked direction."""
         if raw * self.blocked > 0:
             return 0
         if -most <= raw <= most:
@@ -273,13 +273,13 @@ class AxisObjectLimits:
         return int(most) if raw > 0 else -int(most)
 
     def of_torque(self, raw: int) -> int:
-        """Return a torque target, limited to 0x60E0 and 0x60E1; 0 in a blocked direction."""
+        """Limit a torque target to 0x60E0 and 0x60E1; return 0 in a blocked direction."""
         if raw * self.blocked > 0:
             return 0
         return max(-self.torque_negative, min(self.torque_positive, raw))
 
     def of_position(self, raw: int) -> int:
-        """Return a position target, limited to the software position limits (0x607D)."""
+        """Limit a position target to the software position limits (0x607D)."""
         return max(self.low, min(self.high, raw))
 
 
@@ -339,12 +339,12 @@ class AxisProcessData:
         return any(pdo.overdue for pdo in self._feedback)
 
     def hold(self, raw: int) -> None:
-        """Set all position targets to the raw position, and all other targets to 0."""
+        """Set all position targets to the raw position, and all targets of velocity and torque to 0."""
         for is_position, output in self._targets:
             output.set(raw if is_position else 0)
 
     def hold_others(self, used: Output) -> None:
-        """Set the targets of all modes but the one with the target `used` to the present position, or 0."""
+        """Set all targets except `used` to the present position, or to 0 for velocity and torque."""
         raw = self.raw_position
         for is_position, output in self._targets:
             if output is not used:
@@ -365,7 +365,7 @@ class AxisProcessData:
                 )
 
     def _modes_of_file(self) -> list[tuple[int, str]]:
-        """Return the modes in bus.yml, each with its command interface."""
+        """Return the modes of operation in bus.yml, each with its command interface."""
         keys = self.node.config.motion
         modes = ((keys.position_mode, POSITION), (keys.velocity_mode, VELOCITY), (keys.effort_mode, EFFORT))
         return [(mode_of(mode), interface) for mode, interface in modes if mode is not None]
@@ -379,15 +379,14 @@ class AxisProcessData:
         return position.pdo.values[position.position]  # type: ignore[return-value]  # same as `Input.value`, but faster
 
     def index(self, index: int) -> int:
-        """Convert the index of a profile object of axis 0 to the index for this axis."""
         return objects.axis_index(index, self.number)
 
     def input(self, index: int, subindex: int = 0) -> Input | None:
-        """Return the input of a profile object, None if the object is in no TPDO."""
+        """Return the TPDO input of a profile object, None if the object is in no TPDO."""
         return self._image.input(self.node.node_id, self.index(index), subindex)
 
     def output(self, index: int, subindex: int = 0) -> Output | None:
-        """Return the output of a profile object, None if the object is in no RPDO."""
+        """Return the RPDO output of a profile object, None if the object is in no RPDO."""
         return self._image.output(self.node.node_id, self.index(index), subindex)
 
     def has(self, index: int, subindex: int = 0) -> bool:
@@ -422,7 +421,7 @@ _SWITCHING: Final = {
 
 
 def configured_machine(node: RemoteNode) -> DriveMachine:
-    """Return a state machine for an axis of a node, with the timeouts and options in bus.yml."""
+    """Return the drive's state machine with the timeouts and options in bus.yml."""
     motion = node.config.motion
     return DriveMachine(
         node.name,
@@ -436,5 +435,5 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
 
 
 def configured_scale(node: RemoteNode, axis: int) -> Scale:
-    """Return the scale of an axis in bus.yml."""
+    """Return the scale of an axis with the units in bus.yml."""
     return Scale(**node.config.units.of_axis(axis))

@@ -1,4 +1,4 @@
-"""Parameters of a drive that are read by SDO after every boot: modes, limits, units and homing methods.
+"""Parameters of a drive that are read by SDO after each boot: modes, limits, units and homing methods.
 
 Only objects in the EDS are read; an abort means that the drive does not have the object. The axis is `loaded` when all
 uploads have ended, and is not enabled before. Units of the drive (0x608F, 0x6091, 0x6092) are used only if bus.yml
@@ -73,7 +73,7 @@ A TARGET accepts every mode with a target; the modes in which the drive computes
 
 
 def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int, ...]:
-    """Return the modes listed in 0x6502, and those in bus.yml; () if the drive lists no modes.
+    """Return the modes in 0x6502 and bus.yml; () if 0x6502 is missing or empty.
 
     Some drives have modes that 0x6502 does not list (Technosoft iPOS: CSP; roboticslab-uc3m/yarp-devices, issue 222).
     """
@@ -82,7 +82,7 @@ def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int
 
 
 def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[str]:
-    """Return warnings: for each mode in bus.yml that 0x6502 does not list, or one warning if no modes are known."""
+    """Return warnings about modes in bus.yml that 0x6502 does not list, or that no modes are known."""
     listed = _of_drive(axis, parameters)
     if not listed and not _of_file(axis):
         return [
@@ -104,7 +104,7 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
-    """Return the modes in 0x6502 of the drive, or else of the EDS; () without both.
+    """Return the modes in the drive's 0x6502, or else in the EDS; () if both are missing.
 
     The value 0 is ignored: every drive has a mode, and manufacturers also write 0 for "no value".
     """
@@ -115,7 +115,7 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
 
 
 def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> int:
-    """Return the mode for a command interface; DriveError if no mode is possible or its target is in no RPDO."""
+    """Return the mode for a command interface; DriveError if no possible mode has its target in an RPDO."""
     config = axis.node.config
     keys = config.motion
     modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
@@ -135,7 +135,7 @@ def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: st
 
 
 def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfaces: Collection[str]) -> str:
-    """Return the only interface, or "position" if the others feed it forward; DriveError for other combinations.
+    """Return the interface that selects the mode: the only interface, or position with feed-forward.
 
     In CSP a position can be commanded together with velocity and effort, if their offset objects are in RPDOs.
     """
@@ -163,12 +163,12 @@ def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfa
 
 
 def serving_objects(interface: str) -> tuple[tuple[int, int], ...]:
-    """Return index and subindex, on axis 0, of the targets of all possible modes of a command interface."""
+    """Return the target objects (axis 0) of all modes that can serve a command interface."""
     return tuple(TARGET_OBJECTS[mode] for mode in _SERVED[interface])
 
 
 def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
-    """Raise RobotConfigError for an unknown command interface, or one whose targets are in no RPDO."""
+    """Raise RobotConfigError for an unknown command interface, or one without a target in an RPDO."""
     for name in interfaces:
         if name == DIGITAL_OUTPUTS:
             if axis.digital_outputs is None:
@@ -187,23 +187,22 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
 
 
 def _feeds(axis: AxisProcessData, interface: str) -> bool:
-    """Whether the offset object of velocity or effort is in an RPDO."""
     return (axis.velocity_offset if interface == VELOCITY else axis.torque_offset) is not None
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the possible modes of a command interface; modes with a target in bus.yml come first."""
+    """Return the modes that can serve a command interface, first the modes with a target object in bus.yml."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
 
 
 def _starts_alone(axis: AxisProcessData, mode: int) -> bool:
-    """Whether a mode starts no motion by bits of the controlword, or the controlword belongs to this axis alone."""
+    """Whether a mode needs no start bits in the controlword, or the controlword moves only this axis."""
     return axis.node.plan.motors is None or mode in MODES
 
 
 def require_own_start(axis: AxisProcessData, mode: int) -> None:
-    """Raise DriveError for a mode that would start the motion of all motors with the same controlword."""
+    """Raise DriveError if the start bits of a mode would move all motors that share the controlword."""
     if not _starts_alone(axis, mode):
         possible = ", ".join(map(mode_name, MODES))
         raise DriveError(
@@ -253,7 +252,7 @@ PLUGINS: Final = (
 
 
 def add_plugin_interfaces(description: UrdfDescription, plans: Iterable[NodePlan]) -> UrdfDescription:
-    """Return the description with the command interfaces that its plugins would export, and notes on them."""
+    """Return the description with the command interfaces that ros2_canopen's plugins would export."""
     by_name = {plan.name: plan for plan in plans}
     hardware = tuple(_completed(tag, by_name) for tag in description.hardware)
     before = {joint.name: joint for tag in description.hardware for joint in tag.joints}
@@ -274,7 +273,7 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 
 
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
-    """Return a joint with the command interfaces that its node offers; unchanged if it lists any, or without a node."""
+    """Return a joint without command interfaces with those its node can serve; else the joint unchanged."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
@@ -310,7 +309,7 @@ _NOT_GIVEN: Final = {"pos_to_dev": 1000.0, "pos_from_dev": 0.001, "vel_to_dev": 
 
 
 class AxisParameters:
-    """Parameters of one axis; `on_loaded` is called after each `load`, `failed` lists objects without an answer.
+    """Parameters of one axis; `failed` lists the objects that could not be read.
 
     With `profile` the objects of the drive's own ramp (0x6081, 0x6083) are read too. `report` gets later findings, as
     sentences.
@@ -333,7 +332,7 @@ class AxisParameters:
         self._round = self._bounded_round = 0
 
     def load(self) -> None:
-        """Start to read the parameters of a drive that has just booted."""
+        """Start to read the parameters after a boot of the drive."""
         axis = self._axis
         self.loaded, self.failed = False, []
         self._round += 1
@@ -346,7 +345,7 @@ class AxisParameters:
             self._finish()
 
     def forget(self) -> None:
-        """Discard the parameters of a lost drive; pending answers are ignored."""
+        """Discard the parameters of a lost drive, and ignore pending SDO answers."""
         self.loaded = False
         self._round += 1
 
@@ -356,12 +355,12 @@ class AxisParameters:
 
     @property
     def homing_methods(self) -> frozenset[int] | None:
-        """Homing methods that the drive lists in 0x60E3, None without such a list."""
+        """Homing methods in the drive's 0x60E3, None if 0x60E3 is missing."""
         listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
         return frozenset(listed) if listed else None
 
     def bound_ramp(self) -> None:
-        """Reduce the drive's own speed of PP (0x6081) to the velocity limit, once per `load`.
+        """Reduce the profile velocity 0x6081 of PP to the velocity limit, once per `load`.
 
         No set-point is sent before this has ended.
         """
@@ -381,7 +380,7 @@ class AxisParameters:
             settled(False, "its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
 
     def bound_homing(self, done: Callable[[str], None]) -> None:
-        """Reduce the homing speeds (0x6099) to the velocity limit, then call `done`.
+        """Reduce the homing speeds (0x6099) to the velocity limit, then call `done` with "" or an error.
 
         The argument of `done` is "" or the reason of a failure.
         """
@@ -475,7 +474,7 @@ class AxisParameters:
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     def counts_per_turn(self) -> float | None:
-        """Return the position units per shaft revolution, None if the drive does not define them."""
+        """Return the position units per shaft revolution, None if the drive defines no units."""
         encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
         gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
         if encoder is None and feed is None:
@@ -524,7 +523,7 @@ class AxisParameters:
         limits.torque_negative = min(negative or TORQUE_MAX, TORQUE_MAX)
 
     def _largest_velocity(self) -> float:
-        """Return the smaller of 0x607F and 0x6080 (rpm); 0, and 0x7FFFFFFF or more, mean no limit."""
+        """Return the smaller of 0x607F and 0x6080 (in rpm); 0 and 0x7FFFFFFF or more mean no limit."""
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
         axis = self._axis

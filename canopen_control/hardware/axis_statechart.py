@@ -1,4 +1,4 @@
-"""Statechart of one axis as a table of states and triggers: power, stops, and permission to move.
+"""Statechart of one axis as a table: power, stops, and permission to move.
 
 `TABLE` has for each state and trigger the next state and the commands to the drive; a trigger without a row changes
 nothing. Targets of a controller are sent only in FOLLOWING, and every path to this state begins with ENABLE: a fault
@@ -26,7 +26,7 @@ _NEVER: Final = (1 << 62) - 1  # small enough for an unboxed integer in compiled
 
 
 class Action(enum.Enum):
-    """Action on an axis that a user can request."""
+    """Action on an axis that users can request."""
 
     ENABLE = "enable"
     DISABLE = "disable"
@@ -38,59 +38,59 @@ class Action(enum.Enum):
 
 
 class AxisPhase(enum.Enum):
-    """State in the statechart of an axis; the value describes the state."""
+    """State of an axis in the statechart; each value is a description in words."""
 
     OFF = "disabled"
-    RISING = "being enabled; waits before OPERATION_ENABLED for its group"
-    RELEASED = "being enabled; its group has let it into OPERATION_ENABLED"
-    ENABLED = "enabled; its targets rest until its whole group is"
-    READY = "enabled with its group; its targets rest until the drive may move in the mode that was asked for"
-    FOLLOWING = "enabled; the targets of its controller are sent"
+    RISING = "being enabled; waits in SWITCHED_ON until the whole group is ready"
+    RELEASED = "being enabled; the group has permitted OPERATION_ENABLED"
+    ENABLED = "enabled; targets are at standstill until the whole group is enabled"
+    READY = "enabled with the whole group; targets are at standstill until the drive may move in the requested mode"
+    FOLLOWING = "enabled; the controller's targets are sent to the drive"
     HOMING = "enabled; homing"
-    HALTED = "enabled; held by the halt bit until the next enable"
-    BRAKING = "a controlled stop: its target ramps to zero"
-    SETTLING = "a controlled stop: its target stands; waits until it and its group stand still"
-    DISABLING = "told to disable by the drive's own ramp, and not seen disabled yet"
-    QUICK_STOPPING = "commanded to quick stop by a user"
-    QUICK_STOPPED = "stopped by a quick stop; with power or without, as the drive's 0x605A says"
-    ESCALATED = "its stop took too long: quick stop commanded"
-    VOLTAGE_OFF = "its quick stop took too long: voltage disabled, a turning motor coasts"
+    HALTED = "enabled; stopped by the halt bit until the next enable"
+    BRAKING = "controlled stop: the target ramps to zero"
+    SETTLING = "controlled stop: the target is at standstill; waits for standstill of the axis and of the group"
+    DISABLING = "commanded to disable by the drive's own ramp; not confirmed yet"
+    QUICK_STOPPING = "commanded to quick stop by a user; not confirmed yet"
+    QUICK_STOPPED = "stopped by a quick stop; the drive's 0x605A decides whether it has power"
+    ESCALATED = "the stop took too long: quick stop commanded"
+    VOLTAGE_OFF = "the quick stop took too long: voltage disabled, so a turning motor coasts"
     UNSTOPPED = "no stop command had a visible effect"
 
 
 class PhaseTrigger(enum.Enum):
-    """Trigger of a row in the statechart; the value describes the trigger."""
+    """Trigger of a row in the statechart; each value is a description in words."""
 
-    ENABLE = "a request enables it"
-    STOP = "a request, or trouble in its group, stops it"
-    QUICK_STOP = "a request quick stops it"
-    HALT = "a request halts it"
-    FAULT_RESET = "a request resets a fault"
-    GROUP_MAY_RISE = "every joint of its group that is being enabled waits"
-    GROUP_RISES = "a joint of its group is being enabled"
-    GROUP_ENABLED = "no joint of its group is being enabled any more"
-    GROUP_RESTS = "every joint of its group that is being stopped stands still"
-    DRIVE_ENABLED = "the drive is seen in OPERATION_ENABLED"
-    DRIVE_OFF = "the drive is seen without torque"
-    DRIVE_LEFT = "the drive left operation on its own, or refuses it"
-    NODE_LOST = "its node is gone"
-    MAY_MOVE = "the drive may move in the mode that was asked for"
-    MUST_REST = "the drive may not move, or something else than a controller needs it"
-    HOMING_RUNS = "its homing runs"
-    HOMING_ENDED = "its homing is over"
-    TARGET_STANDS = "its target has come to zero"
-    AT_REST = "the drive has left OPERATION_ENABLED and stands still"
-    OVERDUE = "the time of the state is over"
-    OVERDUE_LOADED = "the time of the state is over, and the axis holds a load that would fall"
+    ENABLE = "enable requested"
+    STOP = "stop requested, or an error in the stop group"
+    QUICK_STOP = "quick stop requested"
+    HALT = "halt requested"
+    FAULT_RESET = "fault reset requested"
+    GROUP_MAY_RISE = "every joint of the group that is being enabled is ready for OPERATION_ENABLED"
+    GROUP_RISES = "a joint of the group is being enabled"
+    GROUP_ENABLED = "no joint of the group is being enabled"
+    GROUP_RESTS = "every joint of the group that is being stopped is at standstill"
+    DRIVE_ENABLED = "the drive has entered OPERATION_ENABLED"
+    DRIVE_OFF = "the drive is in a state without torque"
+    DRIVE_LEFT = "the drive has left OPERATION_ENABLED by itself, or does not enter it"
+    NODE_LOST = "the node was lost"
+    MAY_MOVE = "the drive may move in the requested mode"
+    MUST_REST = "the drive may not move, or a homing or a mode change needs standstill"
+    HOMING_RUNS = "homing has started"
+    HOMING_ENDED = "homing has ended"
+    TARGET_STANDS = "the target has reached zero"
+    AT_REST = "the drive has left OPERATION_ENABLED and is at standstill"
+    OVERDUE = "the timeout of the state has elapsed"
+    OVERDUE_LOADED = "the timeout of the state has elapsed, and the axis holds a load that would fall"
 
 
 class DriveCommand(enum.Enum):
-    """Command to the drive in a row of the statechart; the value describes the command."""
+    """Command to the drive in a row of the statechart; each value is a description in words."""
 
-    PREPARE = "enable, and wait before OPERATION_ENABLED; no halt"
-    RELEASE = "go into OPERATION_ENABLED"
-    RESUME = "no halt"
-    HALT = "halt"
+    PREPARE = "enable up to SWITCHED_ON, and clear halt"
+    RELEASE = "enter OPERATION_ENABLED"
+    RESUME = "clear halt"
+    HALT = "set halt"
     DISABLE = "disable"
     QUICK_STOP = "quick stop"
     CUT = "disable voltage"
@@ -98,7 +98,7 @@ class DriveCommand(enum.Enum):
 
 
 class Row(NamedTuple):
-    """Row of the statechart: the next state, and the commands to the drive."""
+    """Row of the statechart: the next state, and commands to the drive."""
 
     state: AxisPhase
     orders: tuple[DriveCommand, ...] = ()
@@ -187,7 +187,7 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
 
 
 def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
-    """Return the rows of a state together with the rows of every state: fault reset, and a halt that is stored.
+    """Add the rows that every state has: a fault reset, and a halt, which takes effect when enabled.
 
     The added rows do not change the state.
     """
@@ -204,10 +204,10 @@ _WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOP
 
 
 class PhaseObserver(Protocol):
-    """Observer that is informed of every row that a statechart applies."""
+    """Observer of the applied rows of a statechart."""
 
     def row_taken(self, state: AxisPhase, trigger: PhaseTrigger) -> None:
-        """Process an applied row: the state before, and the trigger."""
+        """Handle an applied row; `state` is the state before."""
 
 
 class AxisStatechart:
@@ -244,11 +244,11 @@ class AxisStatechart:
 
     @property
     def falling(self) -> bool:
-        """Whether the axis performs a controlled stop, to be disabled together with its group."""
+        """Whether the axis performs a controlled stop, after which its whole group is disabled."""
         return self.state in FALLING
 
     def fire(self, trigger: PhaseTrigger, now: int) -> bool:
-        """Apply the row of a trigger, if there is one; return whether the state has changed."""
+        """Apply the row of a trigger, if any; return whether the state has changed."""
         row = TABLE[self.state].get(trigger)
         if row is None:
             return False
@@ -262,7 +262,7 @@ class AxisStatechart:
         return changed
 
     def overdue(self, now: int) -> bool:
-        """Apply the timeout row of the state if its deadline has passed; return whether the state has changed."""
+        """Fire the timeout trigger if the state's deadline has passed; return whether the state has changed."""
         if now <= self.deadline:
             return False
         return self.fire(PhaseTrigger.OVERDUE_LOADED if self.holds_load else PhaseTrigger.OVERDUE, now)
@@ -311,7 +311,7 @@ _EXECUTE: Final[Mapping[DriveCommand, Callable[[DriveMachine], None]]] = Mapping
 
 
 class GroupMember(Protocol):
-    """Interface through which a stop group uses its joints."""
+    """Interface of a joint for its stop group."""
 
     joint: str
     power: AxisStatechart
@@ -320,25 +320,23 @@ class GroupMember(Protocol):
     base: BaseJoints[Any] | None
 
     @property
-    def enable_requested(self) -> bool:
-        """Whether the joint is enabled or being enabled."""
+    def enable_requested(self) -> bool: ...
 
     @property
     def can_enable(self) -> bool:
-        """Whether the joint waits only for its group before OPERATION_ENABLED."""
+        """Whether the joint could enter OPERATION_ENABLED as soon as its group permits."""
 
     def has_settled(self, now: int) -> bool:
-        """Return whether the drive may be disabled, because its controlled stop is over."""
+        """Whether the controlled stop has ended, so that the drive may be disabled."""
 
-    def stop(self, now: int) -> None:
-        """Ramp to zero, then disable the drive."""
+    def stop(self, now: int) -> None: ...
 
 
 J = TypeVar("J", bound=GroupMember)
 
 
 class BaseJoints(Generic[J]):
-    """Joints claimed by one base controller; `name` is the name of the controller."""
+    """Joints claimed by one base controller, with the controller's name."""
 
     __slots__ = ("joints", "name")
 
@@ -347,7 +345,7 @@ class BaseJoints(Generic[J]):
 
 
 class StopGroup(Generic[J]):
-    """Joints that stop together; `busy` is True while one of them is being enabled or stopped."""
+    """Joints that stop together; `busy` while a joint is being enabled or stopped."""
 
     def __init__(self, name: str = "") -> None:
         self.name = name
@@ -355,14 +353,14 @@ class StopGroup(Generic[J]):
         self.busy = False
 
     def stop(self, now: int) -> list[J]:
-        """Ramp every joint to zero, then disable it; return the joints that were enabled or being enabled."""
+        """Ramp every joint to zero, then disable all; return the joints that were enabled or being enabled."""
         moving = [joint for joint in self.joints if joint.enable_requested]
         for joint in self.joints:
             joint.stop(now)
         return moving
 
     def coordinate(self, now: int) -> None:
-        """Fire the group triggers in the statechart of each joint; call once per cycle while `busy`."""
+        """Fire the group triggers in the statecharts of the joints; call once per cycle while `busy`."""
         waiting = [joint for joint in self.joints if joint.power.state is AxisPhase.RISING]
         if waiting and all(joint.can_enable for joint in waiting):
             self._fire(PhaseTrigger.GROUP_MAY_RISE, now)
@@ -409,7 +407,7 @@ def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int)
 
 
 def _merged(groups: set[StopGroup[J]], joints: Iterable[J]) -> StopGroup[J]:
-    """Return the merged stop group, which is the present group of the first joint if its members are the same."""
+    """Return one stop group for several; reuse the first joint's present group if its members are the same."""
     members = [joint for joint in joints if joint.stop_group in groups]
     if members[0].group.joints == members:
         return members[0].group

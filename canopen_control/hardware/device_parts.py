@@ -1,4 +1,4 @@
-"""<gpio> and <sensor> elements whose interfaces are signals of CANopen devices, in units.
+"""<gpio> and <sensor> elements whose interfaces are signals of CANopen devices.
 
 The device is the node that `device_name` or `node_id` names, else the node with the name of the element. Interfaces
 have the names of the device's signals (`di0`, `ao1`, `position`, or `signals` in bus.yml), or are objects by address
@@ -42,7 +42,7 @@ _HALF: Final = 0.5
 
 
 class OutputSignal:
-    """Output of a device, commanded by a command interface and sent in the RPDOs through `output`."""
+    """Device output in an RPDO, commanded by a command interface."""
 
     def __init__(
         self,
@@ -69,11 +69,11 @@ class OutputSignal:
 
     @property
     def commanded(self) -> bool:
-        """Whether the output was commanded since its node became ready."""
+        """Whether a command was sent since the node became ready."""
         return not math.isnan(self._commanded)
 
     def write(self) -> None:
-        """Send the command if it is new and finite; clear the command while the node is absent."""
+        """Send a new, finite command; while the node is absent, clear the command."""
         command, node = self.command, self._node
         value = command.value
         if not node.ready or node.boots != self._boots:
@@ -87,7 +87,7 @@ class OutputSignal:
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Send the controller's release value, or else the safe value; the output then has no command."""
+        """Send the release value of the controller, or else the safe value, and clear the command."""
         self.command.value = math.nan
         commanded, self._commanded, self.void = self._commanded, math.nan, False
         value, self.command.release_value = self.command.release_value, None
@@ -96,7 +96,7 @@ class OutputSignal:
             self._send(safe, always=False)
 
     def _away(self, value: float) -> None:
-        """Clear the command of a node that is absent or has rebooted; when the node is ready, update the scale."""
+        """Clear the command after a node loss or reboot; update the scale when the node is ready."""
         self.void |= self.commanded
         self._commanded, self._void = math.nan, value
         self.command.value = math.nan  # a controller that continues writes the old command again, which is void
@@ -108,7 +108,7 @@ class OutputSignal:
             self.command.lowest, self.command.highest = self._span()
 
     def _span(self) -> tuple[float, float]:
-        """Return the minimum and maximum of the output in its units."""
+        """Return the smallest and largest value of the output in its unit."""
         if self.signal.bit is not None:
             return 0.0, 1.0
         ends = [self.signal.value(raw, self._gain) for raw in (self._lowest, self._highest)]
@@ -126,7 +126,7 @@ class OutputSignal:
 
 
 def _bounds(entry: Entry) -> tuple[float, float]:
-    """Return the smallest and largest raw value of an object by its data type."""
+    """Return the smallest and largest raw value of an object's data type."""
     if entry.data_type.is_integer:
         return entry.data_type.minimum, entry.data_type.maximum
     return (-3.4e38, 3.4e38) if entry.data_type is DataType.REAL32 else (-1.7e308, 1.7e308)
@@ -147,7 +147,7 @@ _STANDSTILL_NS: Final = 500_000_000  # for an input that is sent on change only
 
 
 class RawInput:
-    """Raw value of one object of a device; `value` is valid while `known` is True."""
+    """Raw value of one device object, valid while `known` is True."""
 
     __slots__ = ("_began_with", "_input", "_node", "_polled_at", "address", "data_type", "known", "read_at", "value")
 
@@ -162,16 +162,16 @@ class RawInput:
 
     @property
     def polled(self) -> bool:
-        """Whether the object is in no TPDO, so that it is read by SDO."""
+        """Whether the object is in no TPDO and must be read by SDO."""
         return self._input is None
 
     @property
     def comes_by_change(self) -> bool:
-        """Whether the TPDO is sent only on change, so that no frame means no change."""
+        """Whether the TPDO is sent only on change, so that a missing frame means an unchanged value."""
         return self._input is not None and self._input.pdo.age_limit_ns == 0
 
     def begin(self, now: int) -> None:
-        """Use the value that was read during boot, if any."""
+        """Start with the value that the boot has read, if any."""
         presets = {} if self._node.identity is None else self._node.identity.presets
         self._began_with = self.address in presets
         self.read_at = -1
@@ -179,7 +179,7 @@ class RawInput:
             self.value, self.read_at = presets[self.address], now
 
     def read(self, now: int) -> None:
-        """Update value and validity at `now` in ns; call only while the node is ready."""
+        """Update value and validity at `now` in ns, while the node is ready."""
         source = self._input
         if source is None:
             self.known = self.read_at >= 0 and now - self.read_at <= _POLLED_AGE_NS
@@ -192,11 +192,10 @@ class RawInput:
 
     @property
     def stamp(self) -> int:
-        """Time in ns at which the value was received."""
         return self.read_at if self._input is None or self._input.pdo.stamp < 0 else self._input.pdo.stamp
 
     def poll(self, now: int) -> bool:
-        """Read the object by SDO if this is due; return whether a request was sent."""
+        """Request the object by SDO if due; return whether a request was sent."""
         if self._input is not None or now - self._polled_at < POLL_NS:
             return False
         self._polled_at = now
@@ -212,7 +211,7 @@ class RawInput:
 
 
 class NodeInputs:
-    """Inputs of one node; each object is read once for all interfaces that use it."""
+    """Inputs of one node; several interfaces can share the input of an object."""
 
     def __init__(self, node: RemoteNode, image: ProcessImage) -> None:
         self.node, self._image = node, image
@@ -223,7 +222,7 @@ class NodeInputs:
         self._jumped: dict[str, int] = {}  # by signal: boot count at the last report
 
     def of(self, address: Address) -> RawInput:
-        """Return the input of an object of the node, created on first use."""
+        """Return the input of an object, created on first use."""
         device_input = self._inputs.get(address)
         if device_input is None:
             entry = self.node.od[address]
@@ -232,7 +231,7 @@ class NodeInputs:
         return device_input
 
     def read(self, now: int) -> None:
-        """Update all inputs; after a boot they start with the values read during boot."""
+        """Update all inputs; after a boot start with the values that the boot has read."""
         node = self.node
         self.lost |= self.ready and not node.ready
         self.ready = node.ready
@@ -246,13 +245,13 @@ class NodeInputs:
             device_input.read(now)
 
     def report_jump(self, signal: str, text: str) -> None:
-        """Record the report of a jump of a signal, once per boot even if several interfaces use the signal."""
+        """Record a jump of a signal for `take_news`, once per boot."""
         if self._jumped.get(signal) != self.boots:
             self._jumped[signal] = self.boots
             self.jumps.append(text)
 
     def poll(self, now: int) -> None:
-        """Request by SDO at most one input that is in no TPDO and due."""
+        """Request at most one due input by SDO."""
         if self.ready:
             for device_input in self._inputs.values():
                 if device_input.polled and device_input.poll(now):
@@ -260,7 +259,7 @@ class NodeInputs:
 
 
 class InputSignal:
-    """Input of a device that updates a state interface, in units."""
+    """Device input that updates a state interface."""
 
     def __init__(self, signal: Signal, state: StateInterface, inputs: NodeInputs) -> None:
         self.signal, self.state = signal, state
@@ -278,7 +277,7 @@ class InputSignal:
         self._jumped = False
 
     def read(self, now: int) -> None:
-        """Update the state interface; nan if the value is unknown, invalid or has jumped."""
+        """Update the state interface; nan for an unknown or invalid value, and after a jump."""
         del now
         inputs, raw = self._inputs, self._raw
         if not inputs.ready or not raw.known or not self._valid():
@@ -301,7 +300,7 @@ class InputSignal:
         return status is None or (status.known and status.value == 0)
 
     def _renew(self) -> None:
-        """Update scale and wrap-around range from the objects that were read during boot."""
+        """Update scale and wrap-around range from the objects that the boot has read."""
         identity = self._inputs.node.identity
         numbers = {} if identity is None else identity.presets
         self._boots, self._gain = self._inputs.boots, self.signal.gain(numbers)
@@ -311,7 +310,7 @@ class InputSignal:
         self._before, self._jumped = math.nan, False
 
     def _jumps(self, value: float) -> bool:
-        """Whether the value has changed faster than its maximum rate since the node's boot."""
+        """Whether the value has exceeded its maximum rate of change since the node's boot."""
         stamp, signal = self._raw.stamp, self.signal
         if self._jumped or stamp == self._stamp:
             return self._jumped
@@ -327,7 +326,7 @@ class InputSignal:
         return self._jumped
 
     def _unwrapped(self, raw: float) -> float:
-        """Return a raw position without the wrap-around of the device's total range."""
+        """Return a raw position with full turns of the device's total range counted."""
         if not self._range:
             return raw
         if self._last is None:
@@ -355,7 +354,7 @@ _STANDING_NS: Final = 50_000_000
 
 
 class EncoderVelocity:
-    """Velocity computed from an encoder's position, in position units per second."""
+    """State interface with the velocity computed from an encoder's position, in position units per s."""
 
     def __init__(self, state: StateInterface, signals: Mapping[str, Signal], inputs: NodeInputs) -> None:
         signal = signals["position"]
@@ -366,7 +365,7 @@ class EncoderVelocity:
         self._interval = 0
 
     def read(self, now: int) -> None:
-        """Update the velocity; nan without a position, 0 if no new position arrives in time."""
+        """Update the velocity: nan without a position, 0 if new positions stay away."""
         self._position.read(now)
         position, raw = self._position.state.value, self._raw
         if math.isnan(position):
@@ -385,7 +384,7 @@ class EncoderVelocity:
 
 
 class TiltOrientation:
-    """One orientation interface of an IMU, computed from the two angles of an inclinometer."""
+    """State interface with one quaternion component computed from an inclinometer's angles."""
 
     def __init__(self, state: StateInterface, signals: Mapping[str, Signal], inputs: NodeInputs) -> None:
         self._state = state
@@ -395,7 +394,7 @@ class TiltOrientation:
         ]
 
     def read(self, now: int) -> None:
-        """Update this quaternion component; nan without the angles."""
+        """Update the quaternion component; nan if an angle is unknown."""
         for angle in self._angles:
             angle.read(now)
         roll, pitch = (angle.state.value / 2 for angle in self._angles)
@@ -422,7 +421,7 @@ def _them(names: Sequence[str]) -> str:
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
-    """Return the name of a part's node; "" if `device_name` or `node_id` is unknown, None without a device."""
+    """Return the node of a part: "" if the part names an unknown node, None if the part has no device."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
     if name is not None:
         return name if name in nodes else ""
@@ -432,18 +431,18 @@ def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
 
 
 def is_measured(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> bool:
-    """Whether a joint has no command interfaces and belongs to a device other than a drive, such as an encoder."""
+    """Whether a joint only measures, by a device other than a drive, such as an encoder."""
     name = device_of(joint, {name: node.node_id for name, (node, _) in nodes.items()})
     return bool(name) and not joint.command_interfaces and not nodes[name or ""][0].plan.axes
 
 
 def signal_of(node: RemoteNode, name: str) -> Signal | None:
-    """Return the signal of a node for an interface name, or for an object's address; None if there is none."""
+    """Return the signal for an interface name or an object address, None if there is none."""
     return node.plan.signals.get(name) or object_signal(node.od, name)
 
 
 def _derived(node: RemoteNode, name: str) -> bool:
-    """Return whether an interface is computed from other values of the device.
+    """Whether an interface is computed from other values of the device.
 
     A signal of the same name in bus.yml takes precedence.
     """
@@ -454,7 +453,7 @@ def _derived(node: RemoteNode, name: str) -> bool:
 
 
 def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
-    """Return the configuration errors in the interfaces of a part, one sentence each."""
+    """Return the configuration errors of a part's interfaces, one sentence each."""
     problems, unsent, possible = list[str](), dict[str, list[str]](), set[str]()
     sent = {(mapped.index, mapped.subindex) for layout in node.plan.rpdos for mapped in layout.objects}
     device = f"{node.plan.profile.words} {node.name}"
@@ -487,7 +486,7 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
 
 
 class DevicePart:
-    """Interfaces of one part of a device; `part_problems` must have found no errors in the part."""
+    """Interfaces of a part without configuration errors (see `part_problems`)."""
 
     def __init__(self, part: ControlJoint, node: RemoteNode, image: ProcessImage, inputs: NodeInputs) -> None:
         self.name, self.node = part.name, node
@@ -518,29 +517,27 @@ class DevicePart:
                 self._inputs.append(InputSignal(signal, state, inputs))
 
     def read(self, now: int) -> None:
-        """Update the states of inputs and outputs."""
         for signal in self._inputs:
             signal.read(now)
         for output in self._held:
             output.read()
 
     def write(self) -> None:
-        """Send changed commands."""
         for output in self._outputs.values():
             output.write()
 
     @property
     def commanded(self) -> list[str]:
-        """Names of the outputs that are commanded at present."""
+        """Names of the outputs with an active command."""
         return [output.signal.name for output in self._outputs.values() if output.commanded]
 
     @property
     def void(self) -> list[str]:
-        """Names of the outputs whose command became void with the loss of the node, and that have no new command."""
+        """Names of the outputs whose command was lost with the node and not replaced since."""
         return [output.signal.name for output in self._outputs.values() if output.void]
 
     def release(self, interface: str) -> None:
-        """Release the output of a command interface that a controller no longer claims."""
+        """Release the output of a command interface that is not claimed any more."""
         if (output := self._outputs.get(interface)) is not None:
             output.release()
 
@@ -552,7 +549,7 @@ def _output(node: RemoteNode, image: ProcessImage, name: str) -> tuple[Signal, O
 
 
 class _HeldOutput:
-    """State interface of an output: its value in the device as far as known, nan while the node is lost."""
+    """State interface of an output with the last known value in the device, nan while the node is lost."""
 
     def __init__(self, signal: Signal, state: StateInterface, output: Output, node: RemoteNode) -> None:
         self._signal, self._state, self._output, self._node = signal, state, output, node
@@ -571,7 +568,7 @@ class _HeldOutput:
 
 
 class DeviceParts:
-    """All parts of a tag with a CANopen device; RobotConfigError with all configuration errors.
+    """All parts of a <ros2_control> tag with a CANopen device; RobotConfigError with all configuration errors.
 
     A part that names no device has no interfaces: descriptions for other stacks have such parts for their own plugins.
     `present` is False if there are no parts, so that nothing has to be done in a cycle.
@@ -602,7 +599,7 @@ class DeviceParts:
 
     @property
     def sending(self) -> bool:
-        """Whether a changed RPDO of a device has not been sent yet."""
+        """Whether a changed RPDO of a device waits to be sent."""
         return any(pdo.changed and pdo.enabled for node in self._nodes.values() for pdo in node.node.sent)
 
     @property
@@ -614,7 +611,7 @@ class DeviceParts:
         return False
 
     def take_news(self) -> list[tuple[RemoteNode, str, str]]:
-        """Return node, kind and text of events since the last call: lost nodes and jumps of inputs."""
+        """Return new events as node, kind and text: lost nodes and jumps of inputs."""
         events = []
         for inputs in self._nodes.values():
             jumps, inputs.jumps = inputs.jumps, []
@@ -628,33 +625,30 @@ class DeviceParts:
         return events
 
     def void_outputs(self, node: RemoteNode) -> list[str]:
-        """Return the names of a node's outputs whose command became void when the node was lost."""
+        """Return the names of a node's outputs whose command was lost with the node."""
         return [name for part in self._parts if part.node is node for name in part.void]
 
     @property
     def command_names(self) -> Collection[str]:
-        """Names of all command interfaces of the parts."""
         return self._owner.keys()
 
     def read(self, now: int) -> None:
-        """Update all inputs and state interfaces."""
         for inputs in self._nodes.values():
             inputs.read(now)
         for part in self._parts:
             part.read(now)
 
     def write(self) -> None:
-        """Send changed commands."""
         for part in self._parts:
             part.write()
 
     def poll(self, now: int) -> None:
-        """Request by SDO inputs that are in no TPDO, at most one input per node."""
+        """Request inputs without a TPDO by SDO, at most one per node and call."""
         for inputs in self._nodes.values():
             inputs.poll(now)
 
     def release(self, interfaces: Collection[str]) -> None:
-        """Release the outputs of command interfaces that controllers no longer claim."""
+        """Release the outputs of command interfaces that are not claimed any more."""
         for name in interfaces:
             if (part := self._owner.get(name)) is not None:
                 part.release(name)

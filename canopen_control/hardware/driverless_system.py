@@ -1,4 +1,4 @@
-"""Hardware components of simulated joints without drives, as in Gazebo's plugins, and of simulated sensors.
+"""Hardware components of simulated joints without drives, as in Gazebo, and of simulated sensors.
 
 A joint has no drive and no bus here, only a motor that implements the `SimulatedMotor` protocol, so that another engine
 can replace it; the built-in motor is a first-order lag in closed form, exact for any time step. (The plants of the
@@ -45,7 +45,7 @@ _AGE_NS: Final = 500_000_000
 
 
 class WorldSensors(ComponentLifecycle):
-    """Sensors of one tag that a physics simulation measures; updated by `take`, without commands."""
+    """Sensors of one tag with values from the physics simulation; there are no commands."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()
@@ -60,25 +60,25 @@ class WorldSensors(ComponentLifecycle):
         self._known = False
 
     def take(self, values: Mapping[str, float]) -> None:
-        """Set the measured values, by interface names such as "imu/orientation.x"; missing values become nan."""
+        """Set the measured values by interface name, such as "imu/orientation.x"; others become nan."""
         for state in self._states:
             state.value = values.get(state.name, math.nan)
         self._updated = self._known = True
 
     def _begin(self) -> None:
-        """Do nothing: the simulation sends values without a request."""
+        pass  # the simulation sends values without a request
 
     def _rest(self) -> None:
-        """Do nothing: the component moves nothing."""
+        pass  # there is nothing to stop
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Do nothing: there are no command interfaces."""
+        pass  # there are no command interfaces
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Do nothing: there are no command interfaces."""
+        pass  # as above
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the signature of every component
-        """Set the states to nan if the last values are older than half a second."""
+        """Set the states to nan if the newest values are older than half a second."""
         if self._updated:
             self._last, self._updated = now, False
         elif self._known and now - self._last > _AGE_NS:
@@ -88,7 +88,6 @@ class WorldSensors(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - as above
-        """Do nothing: there are no command interfaces."""
         return OK
 
 
@@ -107,40 +106,40 @@ PLUGINS: Final[tuple[str, ...]] = (
 
 
 class SimulatedMotor(Protocol):
-    """Motor model of one joint, in rad, rad/s and Nm, or m, m/s and N."""
+    """Interface of the motor of one joint, in rad, rad/s and Nm, or m, m/s and N."""
 
     position: float
     velocity: float
     effort: float
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
-        """Move for `seconds` towards a target of position, velocity or effort."""
+        """Move for `seconds` towards a position, velocity or effort, as `interface` names."""
 
 
 class Engine(Protocol):
-    """Simulation of coupled motors and their sensors, which replaces independent motors."""
+    """Interface of a simulation of coupled motors and sensors."""
 
     def motor(self, joint: str) -> SimulatedMotor | None:
-        """Return the motor of a joint, None if there is none; a target of the motor is used from the next step on."""
+        """Return the motor of a joint, None if there is none; new targets apply from the next `step` on."""
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a function that reads a sensor interface such as "imu/orientation.x"; None if it is unknown."""
+        """Return a reader of a sensor interface, such as "imu/orientation.x"; None if unknown."""
 
     def step(self, seconds: float) -> None:
-        """Advance all motors and sensors by a time step."""
+        """Advance all motors and sensors by `seconds`."""
 
     def scan(self, seconds: float) -> Sequence[LaserScanReading]:
-        """Return the present scans of the lidars; `seconds` is the simulated time."""
+        """Return a scan of each lidar; `seconds` is the simulated time."""
 
     def reset(self, keyframe: str) -> None:
-        """Reset the simulation to its start, or to a key frame; ControlError if the key frame is unknown."""
+        """Reset the simulation to its start or to a key frame; ControlError for an unknown key frame."""
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to the simulation now; ConfigError if a link or joint does not exist."""
+        """Apply a disturbance; ConfigError for a missing link or joint."""
 
 
 class FirstOrderMotor:
-    """Motor model: position and velocity loops with a time constant in s, or effort on inertia and damping.
+    """Motor with a first-order position or velocity loop, or effort on inertia and damping.
 
     The inertia is in kg m^2, the damping in Nm s. Position, velocity and effort stay within the limits.
     """
@@ -153,7 +152,6 @@ class FirstOrderMotor:
         self._inertia, self._damping = inertia, damping
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
-        """Move for `seconds` towards a target of position, velocity or effort, within the limits."""
         if seconds <= 0.0:
             return
         before = self.velocity
@@ -185,7 +183,7 @@ def _within(value: float, limit: float) -> float:
 
 
 class _Joint:
-    """Joint with its motor and interfaces; `mode` is the claimed command interface, "" for none."""
+    """Joint with motor and interfaces; `mode` is the claimed command interface, "" if none."""
 
     __slots__ = ("commands", "held", "mode", "motor", "name", "start", "states")
 
@@ -201,7 +199,7 @@ class _Joint:
         self.motor.position = self.held = self.start
 
     def step(self, seconds: float) -> None:
-        """Follow the command; without a command a velocity or effort is zero, and a position is held."""
+        """Follow the command; without a command hold the position, or command zero velocity or effort."""
         target = self.commands[self.mode].value if self.mode else math.nan
         mode = self.mode or VELOCITY
         if math.isnan(target):
@@ -210,7 +208,6 @@ class _Joint:
         self.held = target if mode == POSITION else self.motor.position
 
     def show(self) -> None:
-        """Copy the motor's values into the state interfaces."""
         for name, value in ((POSITION, self.motor.position), (VELOCITY, self.motor.velocity)):
             if name in self.states:
                 self.states[name].value = value
@@ -219,7 +216,7 @@ class _Joint:
 
 
 class SimulatedSystem(ComponentLifecycle):
-    """Simulated joints of one <ros2_control> tag; `joints` are those of the description, for their limits.
+    """Simulated joints of one <ros2_control> tag; `joints` of the description have the limits.
 
     Parameters of the tag or of a joint are time_constant (s), inertia and damping. `make_motor` replaces the built-in
     motors. The motors of an `engine` are coupled, and its sensors are used.
@@ -273,28 +270,23 @@ class SimulatedSystem(ComponentLifecycle):
 
     @property
     def simulated_ns(self) -> int:
-        """Simulated time in ns."""
         return self._elapsed_ns
 
     def _begin(self) -> None:
         self._show()
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return the present lidar scans of the engine; () without an engine."""
         return () if self._engine is None else self._engine.scan(self._elapsed_ns / 1e9)
 
     @property
     def changeable(self) -> bool:
-        """Whether a physics engine moves the joints, so that disturbances can be applied."""
         return self._engine is not None
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to the engine; ConfigError if a link or joint does not exist."""
         if self._engine is not None:
             self._engine.act(world_act)
 
     def reset(self, keyframe: str) -> None:
-        """Reset the joints to their start, or to a key frame of the engine; ControlError if it is unknown."""
         if self._engine is not None:
             self._engine.reset(keyframe)
         elif keyframe:
@@ -310,7 +302,7 @@ class SimulatedSystem(ComponentLifecycle):
             joint.mode = ""
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError for two interfaces of one joint, or one that no motor has."""
+        """Raise ControlError for two interfaces of one joint, or an unsupported interface."""
         modes: dict[str, str] = {}
         for name in (*start, *stop):
             if name not in self._owners:
@@ -325,7 +317,6 @@ class SimulatedSystem(ComponentLifecycle):
                 raise ControlError(f"joint {joint.name}: {modes[joint.name]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Select the claimed interfaces as the targets of the motors."""
         for name in stop:
             joint = self._owners[name]
             if joint is not None and joint.mode == name.rpartition("/")[2]:
@@ -336,7 +327,7 @@ class SimulatedSystem(ComponentLifecycle):
                 joint.mode = name.rpartition("/")[2]
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Advance the simulation to `now` in ns, including missed cycles; ERROR for an infinite command."""
+        """Advance the simulation to `now` in ns, over missed cycles too; ERROR for an infinite command."""
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
             return OK
         step = round(period * 1e9) if self._last is None else now - self._last
@@ -353,7 +344,6 @@ class SimulatedSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Do nothing: the motors use the commands at the next read."""
         del now, period
         return OK
 
@@ -374,7 +364,7 @@ _Extras = tuple[list[StateInterface], list[CommandInterface], list[tuple[Command
 
 
 def _extras(parts: Sequence[ControlJoint]) -> _Extras:
-    """Return states, commands and mirrored pairs of sensors and GPIOs; a command is mirrored to its state's value."""
+    """Return states and commands of sensors and GPIOs, and the pairs in which a command sets a state."""
     states: list[StateInterface] = []
     commands: list[CommandInterface] = []
     mirrored: list[tuple[CommandInterface, StateInterface]] = []

@@ -53,14 +53,14 @@ _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
 
 @dataclass(frozen=True, slots=True)
 class UnitMismatch:
-    """Doubt about the unit of a drive's velocity: a text, and whether the motion is `faster` than reported."""
+    """Doubt about the unit of a drive's velocity: text, and whether the motion is `faster` than reported."""
 
     text: str
     faster: bool
 
 
 def unit_mismatch(axis: AxisProcessData, speed: float, raw: int, *, rising: bool) -> UnitMismatch | None:
-    """Compare a motion in position counts/s with the drive's velocity; None if they agree or no unit fits.
+    """Compare a motion in counts/s with the drive's velocity; None if consistent or if no unit explains the ratio.
 
     `rising` tells that the motion is between two samples of a drive that may still accelerate.
     """
@@ -81,7 +81,7 @@ def unit_mismatch(axis: AxisProcessData, speed: float, raw: int, *, rising: bool
 
 
 def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: bool) -> str:
-    """Return the text of a mismatch: the probable `units`, the most probable first, and the keys of bus.yml to set."""
+    """Return the text of a mismatch with the probable `units`, best first, and the keys of bus.yml to set."""
     (first, per_turn), scale = units[0], axis.scale
     to_dev = math.copysign(per_turn * abs(scale.pos_to_dev) / axis.turn, scale.vel_to_dev)
     names = " or ".join(name for name, _ in units)
@@ -111,7 +111,7 @@ _SLACK: Final = math.tau  # rad: motion between two samples that is possible wit
 
 
 class Feedback:
-    """State interfaces of one joint: position, velocity, effort, and others that the description lists.
+    """State interfaces of one joint; `at_standstill` while the drive reports nearly no motion.
 
     `at_standstill` is True while the drive reports nearly no motion.
     """
@@ -150,28 +150,27 @@ class Feedback:
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def node_ready(self) -> None:
-        """Reset after the node returned: the new raw position counts as the last position of the joint."""
+        """Continue at the last joint position after the node has returned, whatever its raw position."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
 
     def restart(self) -> None:
-        """Reset after homing: the raw position of the drive is used without an offset from now on."""
+        """Restart at the drive's raw position after a homing."""
         self._axis.unwrap = PositionUnwrapper()
         self._position_values = self._raw_position = None
         self._derived_at = -_LOOK_NS
         self._jumps = 0
 
     def node_lost(self) -> None:
-        """Set all values to nan after the node was lost."""
         self.at_standstill = True
         self._position_values = self._velocity_values = None
         for state in self.states.values():
             state.value = math.nan
 
     def read(self, now: int) -> int:
-        """Update the state interfaces from new frames; return a jump of the position in counts, 0 for none."""
+        """Update the state interfaces from new frames; return a position jump in counts, 0 for none."""
         same = self._position_pdo.values is self._position_values
         if same and self._velocity_pdo.values is self._velocity_values and self._rests:
             self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
@@ -206,14 +205,14 @@ class Feedback:
         return jump
 
     def ramp_ns(self, default: int) -> int:
-        """Return the duration in ns of the drive's ramp from the last velocity to zero, at most `default`."""
+        """Return the duration in ns of the drive's ramp from the present velocity to 0, at most `default`."""
         slope = self._axis.limits.deceleration
         if self._raw_velocity is None or not math.isfinite(slope):
             return default
         return min(default, round((1.2 * abs(self._raw_velocity) / slope + 0.1) * 1e9))
 
     def refresh_scale(self) -> None:
-        """Convert the newest frames again after a change of the scale."""
+        """Convert the newest values again after a scale change."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
@@ -237,14 +236,14 @@ class Feedback:
         return unwrap.last_jump
 
     def _without_velocity(self, stamp: int, now: int) -> None:
-        """Detect standstill by positions, and compute the velocity if it is a state interface."""
+        """Detect standstill from positions, and compute the velocity if the description lists the interface."""
         if self._moved_at != stamp:
             self.at_standstill = now - self._moved_at >= _STILL_NS
         if self._derives:
             self._derive(stamp)
 
     def _derive(self, stamp: int) -> None:
-        """Compute the velocity from two positions that are at least `_DERIVED_NS` apart."""
+        """Compute the velocity from two positions at least `_DERIVED_NS` apart."""
         elapsed, count = stamp - self._derived_at, self._axis.unwrap.count
         if elapsed < _DERIVED_NS:
             return
@@ -254,7 +253,7 @@ class Feedback:
         self._derived_from, self._derived_at = count, stamp
 
     def jumped_in_unit(self, commanded: float = 0.0) -> UnitMismatch | None:
-        """Return the doubt about the velocity unit that explains the last jump, None if there is none.
+        """Return a wrong velocity unit that explains the last jump, None if there is none.
 
         `commanded` is the velocity sent to the drive in rad/s, nan for none, because the reported velocity may lag.
         """
@@ -264,7 +263,7 @@ class Feedback:
         )
 
     def turns_in_unit(self, now: int) -> UnitMismatch | None:
-        """Return once a doubt about the velocity unit after several checks; called ten times a second."""
+        """Return a velocity unit mismatch once, after several checks; call ten times a second."""
         count = self._axis.unwrap.count
         moved, elapsed = count - self._looked_count, now - self._looked_at
         self._looked_count, self._looked_at = count, now
@@ -274,13 +273,13 @@ class Feedback:
         return mismatch if self._mismatches == _MISMATCHES else None
 
     def _check_unit(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitMismatch | None:
-        """Compare a measured speed in counts/s with a velocity of the drive; None if they agree."""
+        """Compare a measured speed in counts/s with a drive velocity; None if consistent."""
         if not raw or self._position is None or abs(raw * self._axis.scale.vel_from_dev) <= STANDSTILL:
             return None
         return unit_mismatch(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
-        """Return the largest plausible step in counts: three times the present velocity, plus one revolution."""
+        """Return the largest plausible step in counts: three times the present velocity plus one revolution."""
         axis = self._axis
         slack = self._slack
         if self._raw_velocity is not None:

@@ -31,7 +31,7 @@ TARGET: Final = "target"
 
 
 class ReturnType(enum.Enum):
-    """Result of a component's read or write, or of a controller's update."""
+    """Result of a read or write of a component, or of an update of a controller."""
 
     OK = "ok"
     ERROR = "error"
@@ -42,7 +42,7 @@ ERROR: Final = ReturnType.ERROR
 
 
 class LifecycleState(enum.Enum):
-    """State of a hardware component, as of a managed node in ROS 2."""
+    """Lifecycle state of a hardware component, as of a managed node in ROS 2."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -64,7 +64,7 @@ class StateInterface:
 
 
 class ValueRange(Protocol):
-    """Source of the present value range of a command interface."""
+    """Source of a command interface's present value range."""
 
     def value_range(self) -> tuple[float, float]:
         """Return minimum and maximum in SI units."""
@@ -133,7 +133,7 @@ class CommandInterface:
 
 
 class HardwareComponent(Protocol):
-    """Hardware component: a system, an actuator or a sensor in the description.
+    """Interface of a hardware component: a system, an actuator or a sensor of the description.
 
     The lifecycle methods lead from UNCONFIGURED by configure to INACTIVE, by activate to ACTIVE, and back; a method
     whose state is already reached does nothing. `read` is called in INACTIVE and ACTIVE, `write` only in ACTIVE.
@@ -146,30 +146,30 @@ class HardwareComponent(Protocol):
 
     @property
     def state(self) -> LifecycleState:
-        """State of the component's lifecycle."""
+        """Lifecycle state."""
         ...
 
     @property
     def state_interfaces(self) -> Sequence[StateInterface]:
-        """State interfaces, fixed after construction."""
+        """State interfaces, constant after construction."""
         ...
 
     @property
     def command_interfaces(self) -> Sequence[CommandInterface]:
-        """Command interfaces, fixed after construction."""
+        """Command interfaces, constant after construction."""
         ...
 
     @property
     def simulated_ns(self) -> int | None:
-        """Simulated time in ns; None for a component in real time."""
+        """Simulated time in ns, None for a component in real time."""
         ...
 
     def configure(self) -> None:
-        """Start communication, so that states become known; nothing moves."""
+        """Start communication, so that states become known, without any motion."""
         ...
 
     def activate(self) -> None:
-        """Permit commands; nothing moves before a controller claims an interface."""
+        """Permit commands, without any motion before a controller claims an interface."""
         ...
 
     def deactivate(self) -> None:
@@ -177,15 +177,15 @@ class HardwareComponent(Protocol):
         ...
 
     def cleanup(self) -> None:
-        """Undo `configure`, after `deactivate` if necessary."""
+        """Undo `configure`, and `activate` first if necessary."""
         ...
 
     def shutdown(self) -> None:
-        """Stop all motion and enter FINALIZED, which cannot be left."""
+        """Stop all motion and enter FINALIZED for good."""
         ...
 
     def reset(self, keyframe: str) -> None:
-        """Reset a simulation to its start or to a key frame; ControlError if the key frame is unknown."""
+        """Reset a simulation to its start or to a key frame; ControlError for an unknown key frame."""
         ...
 
     @property
@@ -194,30 +194,30 @@ class HardwareComponent(Protocol):
         ...
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to a physics simulation; ConfigError if a link or joint does not exist."""
+        """Apply a disturbance to a physics simulation; ConfigError for a missing link or joint."""
         ...
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return the present scans of simulated lidars, () without any."""
+        """Return a scan of each simulated lidar, () without lidars."""
         ...
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError or DriveError if the switch is impossible; change nothing."""
+        """Raise ControlError or DriveError for an impossible switch, without any change."""
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Select the mode of claimed interfaces and start to enable; stop released ones.
+        """Stop released joints; select the mode of claimed joints and start to enable them.
 
         This method never blocks.
         """
         ...
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Update the state interfaces; `now` in ns, `period` in s."""
+        """Update the state interfaces from the hardware; `now` in ns, `period` in s."""
         ...
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Send the values of the command interfaces; `now` in ns, `period` in s."""
+        """Send the values of the command interfaces to the hardware; `now` in ns, `period` in s."""
         ...
 
 
@@ -225,7 +225,7 @@ Interface = TypeVar("Interface", StateInterface, CommandInterface)
 
 
 class InterfaceRegistry:
-    """Registry of a robot's components and interfaces by name, and of the owners of command interfaces."""
+    """Registry of a robot's components, interfaces and owners of command interfaces."""
 
     def __init__(self) -> None:
         self._states: dict[str, StateInterface] = {}
@@ -238,16 +238,15 @@ class InterfaceRegistry:
 
     @property
     def state_interfaces(self) -> tuple[StateInterface, ...]:
-        """State interfaces of components, in the order of registration."""
         return tuple(self._states.values())
 
     @property
     def command_interfaces(self) -> tuple[CommandInterface, ...]:
-        """Command interfaces of components and controllers, in the order of registration."""
+        """Command interfaces of components and controllers, in order of registration."""
         return tuple(self._commands.values())
 
     def register(self, component: HardwareComponent) -> None:
-        """Add a component with its interfaces; ControlError if a name already exists."""
+        """Add a component with its interfaces; ControlError for a name that exists already."""
         if component.name in self._components:
             raise ControlError(f"two hardware components are called {component.name!r}; rename one <ros2_control> tag")
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
@@ -262,40 +261,39 @@ class InterfaceRegistry:
     def export(
         self, references: Sequence[CommandInterface], exporter: str, states: Sequence[StateInterface] = ()
     ) -> None:
-        """Add reference and state interfaces of a chainable controller; ControlError if a name exists."""
+        """Add reference and state interfaces of a chainable controller; ControlError for an existing name."""
         _refuse_doubles("command", exporter, references, self._commands)
         _refuse_doubles("state", exporter, states, {**self._states, **self._exported_states})
         self._commands.update({reference.name: reference for reference in references})
         self._exported_states.update({state.name: state for state in states})
 
     def withdraw(self, references: Sequence[CommandInterface], states: Sequence[StateInterface] = ()) -> None:
-        """Remove the exported interfaces of a chainable controller."""
         for reference in references:
             self._commands.pop(reference.name, None)
         for state in states:
             self._exported_states.pop(state.name, None)
 
     def is_exported_state(self, name: str) -> bool:
-        """Whether a state interface is exported by a controller."""
+        """Whether a controller, not a component, exports a state interface."""
         return name in self._exported_states
 
     def state(self, name: str) -> StateInterface:
-        """Return a state interface by name; UnknownInterface, with the valid names, if there is none."""
+        """Return a state interface by name; UnknownInterface lists the valid names."""
         return _lookup(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
-        """Return a command interface by name; UnknownInterface, with the valid names, if there is none."""
+        """Return a command interface by name; UnknownInterface lists the valid names."""
         return _lookup(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
-        """Return the component of an interface, None if a controller exports it; may raise UnknownInterface."""
+        """Return the component of an interface, None for an interface of a controller; may raise UnknownInterface."""
         if name not in self._states:
             _lookup(name, self._commands)
         exporter = self._exporters.get(name)
         return self._components[exporter] if exporter is not None else None
 
     def claim(self, names: Sequence[str], owner: str) -> list[CommandInterface]:
-        """Claim command interfaces for a controller: all, or none if an exception is raised.
+        """Claim command interfaces for a controller, all or none.
 
         Raises UnknownInterface, or InterfaceConflict if another controller owns one. Interfaces that the controller
         already owns are accepted.
@@ -309,7 +307,7 @@ class InterfaceRegistry:
         return commands
 
     def release(self, owner: str) -> list[str]:
-        """Release all command interfaces of a controller; return their names."""
+        """Release all command interfaces of a controller, and return their names."""
         released = [command for command in self._commands.values() if command.owner == owner]
         for interface in released:
             interface.owner = None
@@ -336,57 +334,54 @@ def _refuse_doubles(kind: str, exporter: str, new: Sequence[Interface], present:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class ComponentLifecycle(ABC):
-    """Base class of components with the lifecycle of ros2_control; subclasses implement `_begin` and `_rest`."""
+    """Base class with the component lifecycle of ros2_control; subclasses implement `_begin` and `_rest`."""
 
     def __init__(self) -> None:
         self.state = LifecycleState.UNCONFIGURED
 
     @property
     def simulated_ns(self) -> int | None:
-        """Always None: the component runs in real time."""
+        """Always None (real time)."""
         return None
 
     @property
     def changeable(self) -> bool:
-        """Always False: the component is not part of a physics simulation."""
+        """Always False (no physics simulation)."""
         return False
 
     def configure(self) -> None:
-        """Start to read states and enter INACTIVE, if the component is UNCONFIGURED."""
+        """Start to read states and enter INACTIVE, from UNCONFIGURED only."""
         if self.state is LifecycleState.UNCONFIGURED:
             self._begin()
             self.state = LifecycleState.INACTIVE
 
     def activate(self) -> None:
-        """Permit commands and enter ACTIVE, if the component is INACTIVE."""
+        """Enter ACTIVE, in which commands are permitted, from INACTIVE only."""
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.ACTIVE
 
     def deactivate(self) -> None:
-        """Stop all motion and enter INACTIVE, if the component is ACTIVE."""
+        """Stop all motion and enter INACTIVE, from ACTIVE only."""
         if self.state is LifecycleState.ACTIVE:
             self._rest()
             self.state = LifecycleState.INACTIVE
 
     def cleanup(self) -> None:
-        """Deactivate the component if necessary, and return to UNCONFIGURED."""
         self.deactivate()
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.UNCONFIGURED
 
     def shutdown(self) -> None:
-        """Deactivate the component if necessary, and enter FINALIZED."""
         self.deactivate()
         self.state = LifecycleState.FINALIZED
 
-    def reset(self, keyframe: str) -> None:  # noqa: B027 - most components have nothing to do
-        """Do nothing: the component is not simulated."""
+    def reset(self, keyframe: str) -> None:  # noqa: B027 - most components are not simulated
+        pass
 
     def act(self, world_act: WorldAct) -> None:  # noqa: B027 - as above
-        """Do nothing: the component is not simulated."""
+        pass
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return no scans, because the component is not simulated."""
         return ()
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""Joint with its drive axis: SI units for the controllers, process data and CiA 402 for the drive.
+"""Joint with its drive axis: SI units for controllers, process data and CiA 402 for the drive.
 
 The statechart (`axis_statechart`), whose triggers are fired here, decides whether the axis may move: targets reach the
 drive only in FOLLOWING; in every other state the target is standstill at the actual position, or a ramp to standstill
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 
 class JointParts:
-    """Base of `JointDrive`: the parts of a joint that is bound to one axis of one node, and their reports.
+    """Base class of `JointDrive` with the parts of a joint and their reports.
 
     `tracking` measures how well the joint follows its set-points.
     """
@@ -87,33 +87,31 @@ class JointParts:
 
     @property
     def scale(self) -> Scale:
-        """Conversion between device units and SI units for this axis."""
         return self.axis.scale
 
     @property
     def state(self) -> State | None:
-        """CiA 402 state of the drive, None while the node is absent or the state is unknown."""
+        """CiA 402 state of the drive, None if unknown or while the node is absent."""
         return self.machine.state if self.node.ready else None
 
     @property
     def statusword(self) -> int | None:
-        """Newest statusword, read by SDO if its TPDO is missing; None if unknown."""
+        """Newest statusword, from its TPDO or by SDO; None if unknown."""
         status = self.axis.statusword
         return status.value if status.fresh and not status.pdo.overdue else self.machine.statusword
 
     @property
     def claimed(self) -> str | None:
-        """Command interface claimed by a controller, None without one."""
+        """Command interface that a controller has claimed, None without a claim."""
         return self.targets.claimed
 
     @property
     def enable_requested(self) -> bool:
-        """Whether the joint is enabled or being enabled."""
         return self.power.enable_requested
 
     @property
     def following(self) -> bool:
-        """Whether targets are sent to the drive at present; equals `enabled` of the command interfaces."""
+        """Whether commands are sent to the drive; equals `enabled` of the command interfaces."""
         return self.power.following
 
     @property
@@ -123,38 +121,36 @@ class JointParts:
 
     @property
     def homing(self) -> JointHoming | None:
-        """Homing in progress, None without one."""
         return self.reference.homing
 
     @property
     def homed(self) -> bool:
-        """Whether the last homing was successful and the reference has not been lost since."""
+        """Whether the last homing was successful and the reference is still valid."""
         return self.reference.known
 
     @property
     def can_enable(self) -> bool:
-        """Whether the joint waits only for its group before OPERATION_ENABLED, or is enabled already."""
+        """Whether the joint could enter OPERATION_ENABLED as soon as its group permits, or is in this state."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
 
     @property
     def at_standstill(self) -> bool:
-        """Whether the drive reports nearly no motion."""
         return self.feedback.at_standstill
 
     @property
     def fault(self) -> FaultEvent | None:
-        """Fault of the drive, with its statusword, or its error code once that is known; None without a fault."""
+        """Fault of the drive with its statusword, later with its error code; None without a fault."""
         if not self.machine.fault:
             return None
         return self.faults.fault or FaultEvent(statusword=self.machine.statusword)
 
     def age_ns(self, now: int) -> int | None:
-        """Return the age of the newest statusword in a TPDO in ns, None before the first one."""
+        """Return the age in ns of the newest statusword from a TPDO, None before the first TPDO."""
         return self.axis.statusword.age_ns(now)
 
     def has_settled(self, now: int) -> bool:
-        """Return whether the drive may be disabled, because its controlled stop is over."""
+        """Whether the controlled stop has ended, so that the drive may be disabled."""
         if not self.node.ready or self.machine.state is not State.OPERATION_ENABLED:
             return True
         if self.axis.is_stale:
@@ -162,7 +158,6 @@ class JointParts:
         return self.power.state is AxisPhase.SETTLING and self.feedback.at_standstill
 
     def events(self) -> list[JointEvent]:
-        """Return the events since the last call."""
         happened = self._events.copy()
         self._events.clear()
         return happened
@@ -178,7 +173,7 @@ class JointParts:
 
 
 def _holds_load(description: ControlJoint) -> bool:
-    """Return whether a joint's load would fall without power (`holds_load`); RobotConfigError if it is invalid."""
+    """Whether the load would fall without power (parameter `holds_load`); RobotConfigError if invalid."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
         raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it is true or false")
@@ -207,11 +202,11 @@ _BOOTING: Final = "; booting it again"  # the end of a text that the node has re
 
 
 class FeedbackStatus(enum.Enum):
-    """Status of the feedback of an axis; the value describes the status."""
+    """Status of an axis' feedback; each value is a description in words."""
 
-    LOST = "its node is not operational"
-    STALE = "its node is operational, and a TPDO with its feedback stays away"
-    LIVE = "its node is operational, and its feedback comes"
+    LOST = "the node is not operational"
+    STALE = "the node is operational, but a TPDO with feedback is overdue"
+    LIVE = "the node is operational, and feedback arrives"
 
 
 _LOST: Final = FeedbackStatus.LOST  # faster than the enum member
@@ -220,7 +215,7 @@ _LIVE: Final = FeedbackStatus.LIVE
 
 
 class JointDrive(JointParts):
-    """Joint bound to one axis of one node, which it enables, moves and stops; controllers claim its interfaces.
+    """Joint bound to one axis of a drive; enables, moves and stops the axis for controllers and users.
 
     `power` is the statechart of the axis. `resume` is set by a stop whose cause may disappear without a user, if the
     joint was enabled before the stop. `<param name="holds_load">true</param>` means that the load would fall without
@@ -252,7 +247,7 @@ class JointDrive(JointParts):
     # ------------------------------------------------------------------------------------------- verbs
 
     def require_enable(self) -> None:
-        """Raise the DriveError that `enable` would raise; change nothing."""
+        """Raise the DriveError that `enable` would raise, without requesting anything."""
         if not self.machine.remote:
             raise DriveError(
                 f"{self.axis.who}: under local control (statusword bit 9 is 0), "
@@ -264,7 +259,7 @@ class JointDrive(JointParts):
         self.machine.require_enable()
 
     def enable(self) -> None:
-        """Request OPERATION_ENABLED, in which the joint follows commands; DriveError if that is impossible."""
+        """Request OPERATION_ENABLED, in which the joint follows commands; DriveError if impossible."""
         self.require_enable()
         self.resume, self.stopped_by = False, ""
         self.targets.feed_forward.zero()
@@ -287,30 +282,30 @@ class JointDrive(JointParts):
 
     @property
     def stopped(self) -> bool:
-        """Whether the drive has no power or has ended its quick stop, as far as can be observed."""
+        """Whether the drive has no power or has completed a quick stop, as far as observable."""
         return self.power.state in STOPPED and (self.machine.reached or self._status.invisible)
 
     def quick_stop(self) -> None:
-        """Command the drive's quick stop; 0x605A decides whether it is disabled or holds position afterwards."""
+        """Request a quick stop; 0x605A defines whether the drive then holds position or is disabled."""
         self.resume = False
         self._fire(PhaseTrigger.QUICK_STOP)
         self._abort_homing("quick stop")
 
     def halt(self) -> None:
-        """Stop the motion by the halt bit (8) of the controlword; after `enable` the joint follows new commands."""
+        """Stop the motion by the halt bit of the controlword, until the next `enable`."""
         self._fire(PhaseTrigger.HALT)
 
     def fault_reset(self) -> None:
-        """Reset a fault; the drive stays disabled. Without a fault nothing is sent."""
+        """Request a fault reset, after which the drive stays disabled; no effect without a fault."""
         self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Process that the drive has left OPERATION_ENABLED, or that its node was lost."""
+        """Leave the enabled states after the drive has left OPERATION_ENABLED or its node was lost."""
         self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
-        """Start homing by `method` of 0x6098, None for the method in the drive; DriveError if not supported."""
+        """Start homing by a method of 0x6098 (None: the method set in the drive); DriveError if not supported."""
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.reference.begin(method, was_enabled=self.enable_requested)
         self._fire(PhaseTrigger.MUST_REST)
@@ -318,7 +313,7 @@ class JointDrive(JointParts):
     # ------------------------------------------------------------------------------------------- cycle
 
     def read(self, now: int) -> None:
-        """Update the state interfaces with the newest process data; nan while the node is absent."""
+        """Update the state interfaces from the newest process data; nan while the node is absent."""
         node = self.node
         link = _LOST if not node.ready else _STALE if node.stale else _LIVE
         if link is not self._link:
@@ -335,7 +330,7 @@ class JointDrive(JointParts):
                 self._events.append(JointEvent(*event, stops=True))
 
     def step(self, now: int) -> bool:
-        """Advance the state machine by one cycle; return whether `events` has entries."""
+        """Run one cycle of the drive's state machine; return whether `events` has entries."""
         self._now = now
         machine, status, power = self.machine, self._status, self.power
         pdo, shown = status.pdo, status.shown
@@ -370,7 +365,7 @@ class JointDrive(JointParts):
         return bool(self._events)
 
     def _take_update(self, word: int | None, before: int | None) -> None:
-        """Process the results of the state machine after a new statusword, mode or timeout."""
+        """Collect the events of a new statusword, mode or timeout; rest if the drive may not move."""
         machine, current = self.machine, self.targets.current
         if machine.evaluations != self._evaluations or word != before:
             self._evaluations = machine.evaluations
@@ -383,7 +378,7 @@ class JointDrive(JointParts):
             self._take_events()
 
     def write(self, now: int, period: float) -> None:
-        """Set mode and targets; call after `step` of every joint, so that the whole group has its new state."""
+        """Set mode and targets; call after `step` of all joints, so that the group has its new state."""
         targets, power = self.targets, self.power
         if targets.pending is not None:
             targets.change()
@@ -409,7 +404,7 @@ class JointDrive(JointParts):
             targets.write_outputs()
 
     def supervise(self) -> None:
-        """Run the checks that are not needed in every cycle; call ten times a second."""
+        """Run the slow checks, ten times a second."""
         if self._watch.leaves_limit():
             self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
@@ -435,13 +430,12 @@ class JointDrive(JointParts):
 
     @property
     def _stops_at_limits(self) -> bool:
-        """Whether an active limit stops the group; False during homing, alone in a group, and for an arm."""
+        """Whether an active limit stops the group; not while homing, in a group of one, or for an arm."""
         target = self.targets.current
         positions = target is not None and target.interface == POSITION and self.base is None
         return self.homing is None and len(self.group.joints) > 1 and not positions
 
     def _commands_into_limit(self) -> bool:
-        """Whether the command would move the axis further into its active limit."""
         target, claimed = self.targets.current, self.targets.claimed
         if not self.enable_requested or target is None or claimed is None or not self._stops_at_limits:
             return False
@@ -449,13 +443,13 @@ class JointDrive(JointParts):
         return target.interface == command.quantity and target.commands_into_limit(command.value)
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
-        """Fire a trigger of the statechart, and let the group check a new state; return whether it has changed."""
+        """Fire a trigger of the statechart; return whether the state has changed, which the group then checks."""
         changed = self.power.fire(trigger, self._now)
         self.group.busy |= changed
         return changed
 
     def _check_transitions(self, now: int) -> None:
-        """Fire the triggers that depend on the drive while it is enabled or stopped; report overdue stops."""
+        """Fire the triggers that depend on the drive's state; report stops that take too long."""
         power, machine = self.power, self.machine
         if power.state in RISING:
             if machine.enabled and self._fire(PhaseTrigger.DRIVE_ENABLED):
@@ -474,7 +468,7 @@ class JointDrive(JointParts):
             self._events.append(JointEvent("stop_overdue", _OVERDUE[power.state], Level.ERROR))
 
     def _brake(self, period: float) -> None:
-        """Execute one cycle of a controlled stop.
+        """Run one cycle of a controlled stop.
 
         If the drive no longer follows targets, they are set to standstill at once.
         """
@@ -519,13 +513,13 @@ class JointDrive(JointParts):
         )
 
     def _became_stale(self) -> None:
-        """Report overdue feedback, which stops the group; the statusword is read by SDO meanwhile."""
+        """Report overdue feedback, which stops the group, and read the statusword by SDO meanwhile."""
         self._status.node_ready()
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Advance a homing by one cycle: enable in mode HM once the method is known, and finish at the end."""
+        """Run one cycle of a homing: enable in mode HM when the method is known; leave at the end."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:
@@ -547,7 +541,7 @@ class JointDrive(JointParts):
             self._leave_homing(self.homing)
 
     def _leave_homing(self, run: JointHoming) -> None:
-        """Restore mode and power after a homing; after success the position is relative to the new zero."""
+        """Restore mode and power after a homing; after success positions count from the new zero."""
         self.reference.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:
@@ -561,7 +555,7 @@ class JointDrive(JointParts):
             self.stop(self._now)
 
     def _is_unserved(self, event: ModeTimedOut) -> bool:
-        """Whether an enabled drive stays in a mode that cannot follow the claimed interface."""
+        """Whether an enabled drive stays in a mode that cannot serve the claimed interface."""
         claimed, restored = self.claimed, event.restored
         if not event.enabled or claimed in (None, TARGET):
             return False

@@ -1,4 +1,4 @@
-"""Events of a joint, monitors of its statusword, fault and motion, and its homing.
+"""Events of a joint, checks of its statusword, fault and motion, and its homing.
 
 One table maps the events of the drive's state machine to a kind, a level and whether the group stops. A condition of
 the statusword is reported when it begins, not while it lasts. An active limit forbids motion in the direction in which
@@ -50,7 +50,7 @@ _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
 
 
 class JointEvent(NamedTuple):
-    """Event of a joint; `stops` means that its stop group has to stop, `fault` is the fault of its drive."""
+    """Event of a joint; `stops` for an event that stops the stop group."""
 
     kind: str
     text: str
@@ -86,7 +86,7 @@ def joint_event_of(event: DriveEvent) -> JointEvent:
 
 
 class StatusWatch:
-    """Monitor of one axis' statusword and velocity; `action` on a following error is "stop", "warn" or "ignore"."""
+    """Checks of an axis' statusword and velocity; `action` on a following error is stop, warn or ignore."""
 
     def __init__(self, axis: AxisProcessData, action: str) -> None:
         self._axis, self._action = axis, action
@@ -104,7 +104,7 @@ class StatusWatch:
     def check(
         self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
     ) -> list[JointEvent]:
-        """Process a statusword; return the events of warning, limit and following error bits that became 1."""
+        """Return the events of the warning, limit and following error bits that became 1 in a statusword."""
         rose, fell = word & ~self._bits & _BITS, self._bits & ~word & _BITS
         if not rose | fell:
             return []
@@ -121,12 +121,12 @@ class StatusWatch:
         return events
 
     def limit_event(self) -> JointEvent:
-        """Return the event of a command beyond the active limit of an axis that moves together with others."""
+        """Return the event for a command beyond an active limit."""
         side = _SIDES[self._axis.limits.blocked]
         return JointEvent("limit", f"commanded beyond its limit, {side} side; {_BACK}", Level.ERROR, stops=True)
 
     def leaves_limit(self) -> bool:
-        """Return whether a limit was left in the other direction, and permit all motion again; call at 10 Hz."""
+        """Whether the axis has left its limit, after which all motion is permitted again; call at 10 Hz."""
         limits = self._axis.limits
         if not limits.blocked or self._bits & INTERNAL_LIMIT:
             return False
@@ -137,7 +137,7 @@ class StatusWatch:
         return True
 
     def turns_the_wrong_way(self, enabled: bool) -> bool:
-        """Return once when the axis turns against its velocity target; call ten times a second."""
+        """Whether the axis turns against its velocity target, True once; call at 10 Hz."""
         output, actual = self._targets[0], self._axis.velocity
         if output is None or actual is None or not enabled or not actual.fresh:
             self._against = 0
@@ -153,7 +153,7 @@ class StatusWatch:
         return self._against == WRONG_LOOKS
 
     def refuses(self, interface: str | None) -> str | None:
-        """Return a text when a target does not fit its object, and again only after a target that fits.
+        """Return a text once if a target does not fit its object, and again after a valid target; call at 10 Hz.
 
         Call ten times a second.
         """
@@ -164,7 +164,7 @@ class StatusWatch:
         return f"{interface} target {target:g} does not fit the drive's object; it stands"
 
     def held_back(self) -> str | None:
-        """Return a text when the speed limit begins to reduce targets, else None; call ten times a second."""
+        """Return a text when the speed limit starts to reduce targets, else None; call at 10 Hz."""
         limits = self._axis.limits
         is_held, limits.held = limits.held, False
         was_reported, self._quiet = self._quiet > 0, _QUIET_LOOKS if is_held else max(0, self._quiet - 1)
@@ -184,7 +184,7 @@ class StatusWatch:
         return [JointEvent("limit", text, Level.ERROR if stops else Level.WARNING, stops)]
 
     def _direction(self, target: ModeTarget | None) -> int:
-        """Return the direction of an active limit: of the active switch (0x60FD), else of the target; 0: unknown."""
+        """Return the direction of an active limit, from the limit switch (0x60FD) or the target; 0 if unknown."""
         inputs = self._axis.digital_inputs
         switches = inputs.value & 3 if inputs is not None and inputs.fresh else 0
         if switches in (_NEGATIVE_SWITCH, _POSITIVE_SWITCH):
@@ -198,7 +198,7 @@ class StatusWatch:
 
 
 class FaultWatch:
-    """Fault of one axis: its statusword, and then the error code (0x603F); new events are appended to `happened`."""
+    """Fault of one axis, first with its statusword, then with its error code (0x603F)."""
 
     def __init__(self, axis: AxisProcessData, happened: list[JointEvent]) -> None:
         self.fault: FaultEvent | None = None
@@ -207,7 +207,7 @@ class FaultWatch:
         self.asking = False
 
     def enter(self, fault: FaultEvent) -> None:
-        """Store a new fault, and read its error code if the drive has 0x603F."""
+        """Store a new fault, and read the error code if the drive has 0x603F."""
         self.fault = fault
         if self._axis.has(objects.ERROR_CODE) and not self.asking:
             self.asking = True
@@ -239,7 +239,7 @@ _STEP: Final = STANDSTILL / 10  # rad or m in one check
 
 
 class MotionWatch:
-    """Motion check of one axis; `stands`, `late` and `turns_away` are True after the check that detects the condition.
+    """Motion check of one axis; `stands`, `late` and `turns_away` are results of the last `check`.
 
     `unmoved` tells that the axis has not followed its set-points since it was enabled.
     """
@@ -257,7 +257,7 @@ class MotionWatch:
         self._idle_at = 0
 
     def check(self, target: ModeTarget | None, enabled: bool) -> None:
-        """Compare the target that was sent with the motion since the last check."""
+        """Compare the motion since the last check with the target."""
         self.stands = self.late = self.turns_away = False
         position = self._axis.position
         if not enabled or target is None or position is None or not position.fresh or self._machine.halted:
@@ -283,16 +283,16 @@ class MotionWatch:
 
     @property
     def unmoved(self) -> bool:
-        """Whether the axis has not moved since it was enabled although its target commands motion."""
+        """Whether the axis has not moved since it was enabled, though its target commands motion."""
         return not self._moved and self._standing > 0
 
     def _distance(self, target: ModeTarget) -> int:
-        """Return the distance in counts from the position to the target, within half the counter's range."""
+        """Return the distance to the target in counts, modulo 2**32."""
         raw: int = target.output.value
         return (raw - self._axis.raw_position + (1 << 31)) % (1 << 32) - (1 << 31)
 
     def _asks(self, target: ModeTarget, scale: float) -> bool:
-        """Whether the target commands a motion that is large enough to be measured."""
+        """Whether the target commands a motion large enough to be measured."""
         if target.interface == POSITION:
             return abs(self._distance(target)) > _WAY * scale
         return isinstance(target, VelocityTarget) and abs(target.output.value / target.factor()) > STANDSTILL
@@ -309,7 +309,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count checks with motion away from the target; a reversal of a motion towards it does not count."""
+        """Count checks with motion away from the target, except while a motion towards the target reverses."""
         if abs(step) < _STEP * scale:
             self.turns_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0
@@ -321,7 +321,7 @@ class MotionWatch:
         self.turns_away = self._away == WRONG_LOOKS
 
     def _ended_away(self, way: int, here: int, scale: float) -> bool:
-        """Whether a motion shorter than `WRONG_LOOKS` checks has led away from its target."""
+        """Whether a motion of less than `WRONG_LOOKS` checks ended farther from its target."""
         if self._right or self._rest is None:
             return False
         moved = here - self._rest
@@ -338,14 +338,14 @@ class MotionWatch:
 
 
 class HomingPhase(enum.Enum):
-    """Phase of a homing; the value describes the phase."""
+    """Phase of a homing; each value is a description in words."""
 
-    METHOD = "the method is written, and the speeds are bounded"
-    KNOWN = "the drive is to be enabled in mode HM"
+    METHOD = "the method is being written, and the speeds are being limited"
+    KNOWN = "method and speeds are set; the drive can be enabled in mode HM"
     ENABLE = "the drive is being enabled in mode HM"
     RUN = "homing"
-    HOMED = "over: the drive has found its zero"
-    FAILED = "over: it came to nothing"
+    HOMED = "ended: the drive has found its zero"
+    FAILED = "ended without success"
 
 
 class JointHoming:
@@ -383,21 +383,20 @@ class JointHoming:
 
     @property
     def over(self) -> bool:
-        """Whether the homing has ended."""
+        """Whether the homing has ended, with success or not."""
         return self.homed or self.phase is HomingPhase.FAILED
 
     @property
     def homed(self) -> bool:
-        """Whether the homing has ended successfully."""
         return self.phase is HomingPhase.HOMED
 
     def abort(self, reason: str) -> None:
-        """End the homing as failed, unless it is over; bit 4 is 0 from the next cycle on."""
+        """End the homing as failed, unless already over; bit 4 is 0 from the next cycle on."""
         if not self.over:
             self._fail(reason)
 
     def step(self, enable_requested: bool, may_home: bool, now: int) -> int:
-        """Advance the homing; return the mode-specific bits of the controlword for this cycle.
+        """Run one cycle of the homing; return the mode-specific bits of the controlword.
 
         `enable_requested` tells that the axis is enabled or being enabled, `may_home` that its statechart permits
         homing.
@@ -446,7 +445,7 @@ class JointHoming:
 
 
 class HomePosition:
-    """Reference of an axis: the homing in progress, and the last homing while its result is valid."""
+    """Reference of an axis: the homing in progress, and the result of the last homing."""
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters) -> None:
         self.homing: JointHoming | None = None
@@ -455,7 +454,7 @@ class HomePosition:
 
     @property
     def known(self) -> bool:
-        """Whether the last homing was successful and the reference has not been lost since."""
+        """Whether the last homing was successful and the reference is still valid."""
         return self._last is not None and self._last.homed
 
     @property
@@ -464,7 +463,7 @@ class HomePosition:
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:
-        """Start a homing; DriveError during another one, or if the drive does not list the method."""
+        """Start a homing; DriveError during another homing, or for a method the drive does not list."""
         node = self._axis.node
         if self.homing is not None:
             raise DriveError(f"{node.who}: homing is under way already")
@@ -477,10 +476,10 @@ class HomePosition:
         self._last = None
 
     def end(self, run: JointHoming) -> None:
-        """Store a homing that is over as the last one."""
+        """Store a finished homing as the last homing."""
         self.homing, self._last = None, run
 
     def forget(self) -> None:
-        """Reset after the reference was lost; the result of a failed homing remains."""
+        """Clear a successful homing after the reference was lost; the result of a failed homing remains."""
         if self.known:
             self._last = None

@@ -1,4 +1,4 @@
-"""Targets of a joint: from a command interface to the target object of the drive, by mode.
+"""Targets of a joint: from a command interface to the mode's target object in the drive.
 
 `JointTargets` has the interface that a controller claimed and the mode for this interface (`choose_mode`). The target
 of a mode (CiA 402-2) is a `ModeTarget`: `hold` commands standstill at the present position, for every cycle in which
@@ -87,20 +87,19 @@ class JointTargets:
 
     @property
     def handshakes(self) -> bool:
-        """Whether the present target uses a handshake and has events, as in PP."""
         return self.current is not None and self.current.handshakes
 
     def mode_for(self, interface: str) -> int:
-        """Return the mode for a command interface, from bus.yml or the drive's list; DriveError if there is none."""
+        """Return the mode for a command interface, from bus.yml or 0x6502; DriveError if there is none."""
         return choose_mode(self._axis, self._parameters, interface)
 
     def mode_serves(self, mode: int) -> str | None:
-        """Return the command interface for which a mode is used, None for a mode without a target."""
+        """Return the command interface that a mode serves, None for a mode without a target."""
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
     def claim(self, interface: str | None, beside: Collection[str] = ()) -> None:
-        """Select the claimed interface (None: none) and its mode; `beside` are interfaces that feed it forward.
+        """Select the claimed interface and its mode; interfaces in `beside` are feed-forward.
 
         A TARGET uses the present mode, which a user or the next enable requests.
         """
@@ -126,7 +125,7 @@ class JointTargets:
             )
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode, which an enabled drive gets after a cycle at standstill; may raise UnsupportedMode."""
+        """Request a mode; an enabled drive changes after one cycle at standstill. May raise UnsupportedMode."""
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
         if self._machine.enabled and self._machine.mode not in (None, mode):
@@ -135,7 +134,6 @@ class JointTargets:
             self.take_mode(mode)
 
     def take_mode(self, mode: int) -> None:
-        """Change to a mode at once."""
         self.pending = None
         self._machine.set_mode(mode)
         self.current = make_target(mode, self._axis, self._machine)
@@ -157,22 +155,22 @@ class JointTargets:
         self._axis.hold(raw)
 
     def node_ready(self) -> None:
-        """Have the targets set to standstill again after a boot, which set them to values read from the node."""
+        """Make the next `hold` write standstill targets, since a boot has overwritten the outputs."""
         self._held = None
 
     def hold_others(self) -> None:
-        """Set the targets of all other modes to the present position, or 0, while the axis moves."""
+        """Set the targets of all other modes to the present position or 0, for a later mode change."""
         if self.current is not None:
             self._axis.hold_others(self.current.output)
 
     def change(self) -> None:
-        """Set all targets to standstill for this cycle, then change to the pending mode."""
+        """Command standstill for this cycle, then change to the pending mode."""
         self.hold()
         if self.pending is not None:
             self.take_mode(self.pending)
 
     def ramp_down(self, period: float) -> bool:
-        """Execute one cycle of a controlled stop; return True once the target is at standstill."""
+        """Run one cycle of a controlled stop; return True once the target is at standstill."""
         current, self._held = self.current, None
         if current is None:
             return True
@@ -183,7 +181,7 @@ class JointTargets:
         return stands
 
     def follow(self, now: int, period: float) -> None:
-        """Send the command of this cycle, within the limits of the description; nan without a command."""
+        """Send the command of this cycle, within the limits of the description."""
         current, command = self.current, self._command
         if current is None:
             return
@@ -203,7 +201,7 @@ class JointTargets:
             self._machine.mode_bits = current.bits
 
     def write_outputs(self) -> None:
-        """Set the mode of operation and the digital outputs in their RPDOs."""
+        """Write the mode of operation and the digital outputs to their RPDOs."""
         output, mode = self._axis.mode, self._request.sent
         if output is not None and mode is not None and mode != output.value:
             output.set(mode)
@@ -213,7 +211,7 @@ class JointTargets:
                 self._axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
     def refresh(self) -> None:
-        """Update the command interface that is followed, if it is claimed and fits the mode, and its range.
+        """Select the command that is followed, if its quantity fits the mode, and update its range.
 
         Called again when the scale has changed.
         """
@@ -246,7 +244,7 @@ class JointTargets:
 
 
 class ModeTarget(metaclass=ABCMeta):
-    """Target of one mode: the base class with the common parts.
+    """Base class of the targets of modes of operation.
 
     `output` is the target object in an RPDO, `bits` are the mode-specific bits of the controlword; `handshakes` is True
     if the target has events, `tracks` if the axis must reach the position or velocity in every cycle. `value` is the
@@ -275,27 +273,27 @@ class ModeTarget(metaclass=ABCMeta):
         """Send a target in SI units, nan for none; `now` in ns, `period` in s."""
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set maximum speed and acceleration in device units, for targets that the master ramps; else do nothing."""
+        """Set maximum speed and acceleration in device units, where the master ramps; else no effect."""
         del velocity, slope
 
     @abstractmethod
     def ramp_down(self, period: float) -> bool:
-        """Execute one cycle of a controlled stop; return True once the target is at standstill."""
+        """Run one cycle of a controlled stop; return True once the target is at standstill."""
 
     @abstractmethod
     def value_range(self) -> tuple[float, float]:
-        """Return the minimum and maximum of the target object in SI units."""
+        """Return the smallest and largest value of the target object in SI units."""
 
     def commands_into_limit(self, value: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Whether a target moves the axis beyond its active limit; False for positions, which end there."""
+        """Whether a target moves the axis beyond its active limit; never for positions, which end there."""
         return False
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return the set-point events since the last call; only PP has events."""
+        """Return the new set-point events, which only PP has."""
         return ()
 
     def _same(self, value: float) -> bool:
-        """Whether target and blocked direction are the same as in the last cycle; store them otherwise."""
+        """Whether target and blocked direction are unchanged since the last cycle; otherwise store both."""
         if value == self.value and self._axis.limits.blocked == self.blocked:
             return True
         self.value, self.blocked = value, self._axis.limits.blocked
@@ -303,40 +301,38 @@ class ModeTarget(metaclass=ABCMeta):
 
 
 def stop_slope(axis: AxisProcessData, speed: float) -> float:
-    """Return the deceleration of a stop in units/s^2: that of the drive (0x6084), else to stop in half a second."""
+    """Return the deceleration of a stop in units/s^2: 0x6084, or else a stop in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 
 
 class _ScaledTarget(ModeTarget):
-    """Target of velocity or torque, with a scale factor and the range of its object."""
+    """Target of velocity or torque with a scale factor and an integer range."""
 
     low = INT16_MIN
     high = INT16_MAX
 
     @abstractmethod
     def factor(self) -> float:
-        """Return the number of device units per SI unit."""
+        """Return the device units per SI unit, with the sign of the direction."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return the range of the object in SI units; infinite for a very small factor."""
         factor = self.factor()
         ends = self.low / factor, self.high / factor
         return min(ends), max(ends)
 
     def commands_into_limit(self, value: float) -> bool:
-        """Whether a velocity or torque moves the axis beyond its active limit."""
         return value * self.factor() * self._axis.limits.blocked > 0  # False for nan
 
     def _scaled(self, value: float) -> int:
-        """Return a target in device units; 0 for nan, and for a target out of range, which is stored."""
+        """Return a target in device units; 0 for nan and out of range (stored in `out_of_range`)."""
         raw = to_object(value * self.factor(), self.low, self.high)
         self._axis.out_of_range = _NAN if raw is not None else value
         return 0 if raw is None else raw
 
 
 class VelocityTarget(_ScaledTarget):
-    """Target of mode PV, in which the drive ramps."""
+    """Target of mode PV, whose ramp the drive computes."""
 
     interface = VELOCITY
     tracks = True
@@ -346,13 +342,11 @@ class VelocityTarget(_ScaledTarget):
     ramped = False  # the master ramps
 
     def hold(self) -> None:
-        """Command zero velocity."""
         self.value = _NAN
         self._slope = 0.0
         self.output.set(0)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a velocity, limited to the velocity limit; 0 for nan."""
         axis = self._axis
         blocked = axis.limits.blocked
         if value == self.value and blocked == self.blocked:
@@ -362,15 +356,13 @@ class VelocityTarget(_ScaledTarget):
         self.output.set(self._bounded(self._scaled(value)))
 
     def _bounded(self, raw: int) -> int:
-        """Return a target in device units within the limits of the axis."""
         return self._axis.limits.of_velocity(raw)
 
     def factor(self) -> float:
-        """Return the velocity units per rad/s (m/s)."""
         return self._axis.scale.vel_to_dev
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp towards zero at the drive's deceleration, or command zero at once if the drive ramps."""
+        """Ramp to zero with the drive's deceleration; command zero at once if the drive ramps."""
         raw: int = self.output.value
         self.value = _NAN
         if not self.ramped or raw == 0:
@@ -384,20 +376,20 @@ class VelocityTarget(_ScaledTarget):
 
 
 class RampedVelocityTarget(VelocityTarget):
-    """Target of mode CSV, in which the master ramps a stop."""
+    """Target of mode CSV, whose stop ramp the master computes."""
 
     ramped = True
 
 
 class WordVelocityTarget(VelocityTarget):
-    """Target of mode VL: a 16-bit velocity in rpm of the motor (0x6042), with the drive's ramp enabled."""
+    """Target of mode VL: 0x6042 in rpm of the motor, 16 bits, with the drive's ramp enabled."""
 
     bits = _VL_RUN
     low = INT16_MIN
     high = INT16_MAX
 
     def factor(self) -> float:
-        """Return the rpm of the motor per rad/s (m/s)."""
+        """Return the motor rpm per rad/s (m/s)."""
         return self._axis.rpm_to_dev
 
     def _bounded(self, raw: int) -> int:
@@ -406,7 +398,7 @@ class WordVelocityTarget(VelocityTarget):
 
 
 class EffortTarget(_ScaledTarget):
-    """Target of modes TQ and CST; a stop sets the torque to zero.
+    """Target of modes TQ and CST; a stop commands zero torque.
 
     A torque does not limit the velocity: a torque that would drive a joint beyond the velocity limit of its description
     is set to zero, as in ros2_control's joint limiter. The joint continues to accelerate during the two cycles that a
@@ -422,12 +414,11 @@ class EffortTarget(_ScaledTarget):
         self._speed = _NAN  # speed in the previous cycle
 
     def hold(self) -> None:
-        """Command zero torque."""
         self.value, self._last, self._speed = _NAN, None, _NAN
         self.output.set(0)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a torque within the drive's limits; 0 if the velocity limit would be exceeded."""
+        """Send a torque within the drive's limits, or 0 if the velocity limit would be exceeded."""
         limits = self._axis.limits
         same = self._same(value)
         if limits.described == math.inf:
@@ -444,7 +435,7 @@ class EffortTarget(_ScaledTarget):
         self.output.set(limits.of_torque(self._scaled(value)))
 
     def _measured(self, period: float) -> float:
-        """Return the measured speed in SI units, computed from positions if necessary; nan if unknown."""
+        """Return the measured speed in SI units, if necessary from positions; nan if unknown."""
         axis = self._axis
         if axis.velocity is not None and axis.velocity.fresh:
             speed: float = axis.velocity.value * axis.scale.vel_from_dev
@@ -454,26 +445,24 @@ class EffortTarget(_ScaledTarget):
         return _NAN if last is None or period <= 0.0 else (here - last) / axis.scale.pos_to_dev / period
 
     def factor(self) -> float:
-        """Return the torque units per N m (N)."""
         return self._axis.scale.eff_to_dev
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Set the torque to zero; return True at once."""
         self.hold()
         return True
 
 
 class _PositionTarget(ModeTarget):
-    """Target position with the turns of the drive's position counter."""
+    """Target position, unwrapped beyond the drive's 32-bit counter."""
 
     def value_range(self) -> tuple[float, float]:
-        """Return the range within half the counter's range, beyond which the drive would turn back."""
+        """Return the positions within half the counter's range, beyond which the drive would turn back."""
         here, scale = self._axis.raw_position + self._axis.unwrap.offset, self._axis.scale
         ends = [(here + way - scale.offset_pos_to_dev) / scale.pos_to_dev for way in (INT32_MIN + 1, INT32_MAX)]
         return min(ends), max(ends)
 
     def _count_of(self, value: float, none: int) -> int:
-        """Return the count of a target; `none` for nan, and for a target out of range, which is stored."""
+        """Return the count of a target; `none` for nan and for a target out of range, which is stored."""
         axis = self._axis
         scale = axis.scale
         count = value * scale.pos_to_dev + scale.offset_pos_to_dev
@@ -489,7 +478,7 @@ class _PositionTarget(ModeTarget):
 
 
 class PositionTarget(_PositionTarget):
-    """Target of mode CSP: one position per SYNC, within the velocity limit; a stop is ramped by the master."""
+    """Target of mode CSP: one position per SYNC within the velocity limit; the master ramps a stop."""
 
     interface = POSITION
     tracks = True
@@ -502,19 +491,18 @@ class PositionTarget(_PositionTarget):
         self._ramp = TrapezoidalProfile()
 
     def hold(self) -> None:
-        """Command the actual position."""
         self._count, self.value = None, _NAN
         self._speed = self._slope = 0.0
         self._ramp.rest()
         self.output.set(self._axis.raw_position)
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set maximum speed and acceleration in device units; if both are infinite the master does not ramp."""
+        """Set maximum speed and acceleration in device units; if both are infinite there is no ramp."""
         counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
         self._ramp.limit(velocity * counts, slope * counts)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a position within the velocity limit; for nan stop, or hold the present target."""
+        """Send a position within the velocity limit; for nan stop, or hold the last target."""
         if self._same(value) and self._speed == 0.0:
             return
         if self._ramp.speed and value != value:
@@ -525,7 +513,6 @@ class PositionTarget(_PositionTarget):
         self._go(here, self._towards(here, self._count_of(value, here), period), period)
 
     def ramp_down(self, period: float) -> bool:
-        """Ramp the target at the drive's deceleration; return True once the target is at standstill."""
         self.value = _NAN
         if self._speed == 0.0:
             return True
@@ -561,7 +548,7 @@ class PositionTarget(_PositionTarget):
         return here + step if way > 0 else here - step
 
     def _go(self, here: int, count: int, period: float) -> None:
-        """Send a position count, limited to the software position limits; store it and its speed."""
+        """Send a position count within the software position limits; store count and speed."""
         axis = self._axis
         limits, offset = axis.limits, axis.unwrap.offset
         raw = wrap_int32(count - offset)
@@ -576,13 +563,13 @@ class PositionTarget(_PositionTarget):
 
 
 class InterpolatedTarget(PositionTarget):
-    """Target of mode IP: the same as in CSP, with interpolation enabled by bit 4."""
+    """Target of mode IP: as in CSP, with interpolation enabled by bit 4."""
 
     bits = _INTERPOLATE
 
 
 class SetPointTarget(_PositionTarget):
-    """Target of mode PP: every target is a set-point with a handshake; a stop uses the drive's halt (0x605D)."""
+    """Target of mode PP: set-points with a handshake; a stop uses the halt bit (0x605D)."""
 
     interface = POSITION
     handshakes = True
@@ -593,7 +580,7 @@ class SetPointTarget(_PositionTarget):
         self._sent: int | None = None
 
     def hold(self) -> None:
-        """Drop the set-point and command the actual position."""
+        """Abandon the set-point and command the actual position."""
         self.value, self._sent = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("the axis is not enabled")
@@ -602,7 +589,7 @@ class SetPointTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a new target, which replaces an active one; for nan stop the motion with the drive's ramp."""
+        """Send a new set-point, which replaces an active one; for nan stop with the drive's ramp."""
         handshake, machine = self._handshake, self._machine
         if self._same(value):
             pass
@@ -618,7 +605,7 @@ class SetPointTarget(_PositionTarget):
                 self.output.set(handshake.target)
 
     def _is_moving(self) -> bool:
-        """Whether the axis moves faster than `_FAST` while its set-point is farther away than `_FAR`."""
+        """Whether the axis moves, faster than `_FAST`, and is farther than `_FAR` from its set-point."""
         axis, target = self._axis, self._handshake.target
         velocity, position = axis.velocity, axis.position
         if target is None or velocity is None or position is None or not (velocity.fresh and position.fresh):
@@ -631,7 +618,7 @@ class SetPointTarget(_PositionTarget):
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Stop with the drive's halt (0x605D); return True at once."""
+        """Stop by the halt bit (0x605D); return True at once."""
         self.value, self._sent = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("stopped")
@@ -641,11 +628,10 @@ class SetPointTarget(_PositionTarget):
         return True
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return the events of set-points since the last call."""
         return self._handshake.events()
 
     def _take_back(self, target: int) -> None:
-        """Send a set-point where the drive's ramp from the present velocity ends, unless `target` is reached."""
+        """Stop by a set-point at the end of the drive's braking ramp, at most at `target`."""
         self._sent = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:
@@ -690,7 +676,7 @@ _OWN_CLASSES: Final[Mapping[str, Callable[[AxisProcessData, Output, DriveMachine
 
 
 def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:
-    """Return the target of a mode, None for a mode without a target object or if that is in no RPDO."""
+    """Return the target of a mode, None if the mode has no target object or the object is in no RPDO."""
     address = axis.target_objects.get(mode)
     output = None if address is None else axis.output(*address)
     if address is None or output is None:

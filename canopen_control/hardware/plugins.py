@@ -1,4 +1,4 @@
-"""Plugins of <ros2_control> tags: CANopen drives, simulation, or mock hardware; and transmissions.
+"""Hardware plugins of <ros2_control> tags: CANopen drives, simulation, mock hardware, transmissions.
 
 The plugin names of other stacks are accepted, so that their descriptions run unchanged, and so that users switch from
 simulation to hardware by changing the same line as there. `--mock` and `--real` do the same without a change.
@@ -52,7 +52,7 @@ _MODES: Final = frozenset({POSITION, VELOCITY, ACCELERATION})
 
 
 class _Joint:
-    """Joint, sensor or GPIO with its interfaces; `mode` is the quantity that `calculate_dynamics` integrates."""
+    """Joint, sensor or GPIO of a mock component; `mode` is the integrated quantity."""
 
     __slots__ = ("commands", "follows", "initial", "mimic", "mirrored", "mode", "name", "states")
 
@@ -76,31 +76,30 @@ class _Joint:
         self.follows: tuple[_Joint, Mimic] | None = None
 
     def reset(self, offset: float) -> None:
-        """Set the states to their initial values or 0; `offset` is added to the position."""
+        """Set the states to their initial values or 0, with `offset` added to the position."""
         for name, state in self.states.items():
             initial = self.initial[name]
             state.value = (0.0 if math.isnan(initial) else initial) + (offset if name == POSITION else 0.0)
 
     def stop(self, interface: str) -> None:
-        """Set velocity and acceleration to 0 if a velocity or acceleration interface is released."""
+        """Set velocity and acceleration to 0 when a velocity or acceleration interface is released."""
         if interface in (VELOCITY, ACCELERATION):
             self.set(VELOCITY, 0.0)
             self.set(ACCELERATION, 0.0)
 
     def get(self, name: str) -> float:
-        """Return the value of a state; 0.0 if it is unknown or the joint does not have it."""
+        """Return the value of a state; 0.0 if missing or unknown."""
         state = self.states.get(name)
         return 0.0 if state is None or math.isnan(state.value) else state.value
 
     def set(self, name: str, value: float) -> None:
-        """Set the value of a state if the joint has it."""
         state = self.states.get(name)
         if state is not None:
             state.value = value
 
 
 class GenericSystem(ComponentLifecycle):
-    """Component of a <ros2_control> tag without hardware, as mock_components/GenericSystem."""
+    """Mock component without hardware, as ros2_control's mock_components/GenericSystem."""
 
     def __init__(self, description: Ros2ControlSystem) -> None:
         super().__init__()
@@ -138,7 +137,7 @@ class GenericSystem(ComponentLifecycle):
             joint.stop(joint.mode)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """With dynamics, raise ControlError for two of position, velocity and acceleration."""
+        """Raise ControlError for conflicting interfaces of a joint, if dynamics are calculated."""
         for name in (*start, *stop):
             self._owner(name)
         if not self._dynamics:
@@ -150,7 +149,6 @@ class GenericSystem(ComponentLifecycle):
                 raise ControlError(f"joint {joint}: {modes[joint]} and {name} cannot be commanded together")
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop joints of released interfaces, and select the claimed ones for integration."""
         for name in stop:
             self._owner(name).stop(name.rpartition("/")[2])
         for name in start:
@@ -159,7 +157,7 @@ class GenericSystem(ComponentLifecycle):
                 self._owner(name).mode = interface
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Copy or integrate the commands to the states; ERROR for an infinite command."""
+        """Copy commands to states, or integrate them; ERROR for an infinite command."""
         del now
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
             return OK
@@ -179,12 +177,11 @@ class GenericSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Do nothing, because there is no hardware."""
         del now, period
         return OK
 
     def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
-        """Return the mirrored pairs: all, or with dynamics only those that are not integrated."""
+        """Return the command and state pairs that are copied, and not integrated."""
         pairs: list[tuple[CommandInterface, StateInterface, float]] = []
         for part in self._parts:
             integrated = _MODES if self._dynamics and part.name in self._joints else frozenset[str]()
@@ -257,7 +254,7 @@ def _offset(parameters: Mapping[str, str]) -> float:
 
 
 class _State:
-    """State interface on both sides of a transmission: joint value = actuator value * factor + offset."""
+    """State interface before and after a transmission: joint value = actuator value * factor + offset."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -267,7 +264,7 @@ class _State:
 
 
 class _Command:
-    """Command interface on both sides of a transmission; the joint's limits are converted for the actuator."""
+    """Command interface before and after a transmission; the joint's limits become limits of the actuator."""
 
     __slots__ = ("factor", "inner", "offset", "outer")
 
@@ -279,7 +276,7 @@ class _Command:
         inner.minimum, inner.maximum = min(ends), max(ends)
 
     def follow(self) -> None:
-        """Copy `enabled` from the actuator's interface; clear `excluded` when the hardware follows commands again."""
+        """Copy `enabled` from the actuator's side; clear `excluded` when the hardware follows commands again."""
         outer, enabled = self.outer, self.inner.enabled
         if outer.enabled is not enabled:
             outer.enabled = enabled
@@ -297,7 +294,7 @@ _POWERS: Final = {POSITION: -1, VELOCITY: -1, ACCELERATION: -1, EFFORT: 1}
 
 
 class TransmittedSystem:
-    """Component behind its transmissions: interfaces of the same names, with joint values.
+    """Component behind its transmissions: same interface names, but joint values.
 
     Interfaces of joints without an effective transmission are those of the component.
     """
@@ -327,61 +324,47 @@ class TransmittedSystem:
 
     @property
     def state(self) -> LifecycleState:
-        """State of the component."""
         return self.component.state
 
     @property
     def simulated_ns(self) -> int | None:
-        """Simulated time of the component in ns, None in real time."""
         return self.component.simulated_ns
 
     def configure(self) -> None:
-        """Configure the component."""
         self.component.configure()
 
     def activate(self) -> None:
-        """Activate the component."""
         self.component.activate()
 
     def deactivate(self) -> None:
-        """Deactivate the component."""
         self.component.deactivate()
 
     def cleanup(self) -> None:
-        """Clean up the component."""
         self.component.cleanup()
 
     def shutdown(self) -> None:
-        """Shut down the component."""
         self.component.shutdown()
 
     def reset(self, keyframe: str) -> None:
-        """Reset the component's simulation to its start or a key frame."""
         self.component.reset(keyframe)
 
     @property
     def changeable(self) -> bool:
-        """Whether the component is part of a physics simulation that accepts disturbances."""
         return self.component.changeable
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to the component's physics simulation."""
         self.component.act(world_act)
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return the present lidar scans of the component."""
         return self.component.scan()
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Check the switch in the component, which may raise an error."""
         self.component.prepare_command_mode_switch(start, stop)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Perform the switch in the component."""
         self.component.perform_command_mode_switch(start, stop)
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Read the component, and convert actuator states to joint states."""
         result = self.component.read(now, period)
         for state in self._states:
             state.outer.value = state.inner.value * state.factor + state.offset
@@ -389,7 +372,6 @@ class TransmittedSystem:
         return result
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Convert joint commands to actuator commands, and write the component."""
         for command in self._commands:
             command.inner.value = (command.outer.value - command.offset) / command.factor
         result = self.component.write(now, period)
@@ -402,7 +384,7 @@ class TransmittedSystem:
 
 
 def _joint_side(inner: CommandInterface) -> CommandInterface:
-    """Return the joint's side of an actuator's command interface, with the limits of the joint."""
+    """Return a command interface for joint values with the limits of the joint."""
     return CommandInterface(inner.joint, inner.interface, inner.value, minimum=inner.minimum, maximum=inner.maximum)
 
 
@@ -425,7 +407,7 @@ KNOWN: Final = {
 def kind_of(
     description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
 ) -> PluginKind:
-    """Return the kind of a tag's component; RobotConfigError, with the nearest name, for an unknown plugin."""
+    """Return the kind of a tag's component; RobotConfigError for an unknown plugin, with the nearest name."""
     if mock or real:
         return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)
@@ -439,7 +421,7 @@ def kind_of(
 def made_up(
     description: UrdfDescription, tag: Ros2ControlSystem, kind: PluginKind, engine: Engine | None = None
 ) -> HardwareComponent:
-    """Return the component of a tag that needs no bus: simulation or mock hardware.
+    """Return the component of a tag without a bus: a simulation or mock hardware.
 
     A tag with a plugin for drives or simulation gets mock hardware with dynamics.
     """
@@ -451,7 +433,7 @@ def made_up(
 
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:
-    """Return a component behind the transmissions of its tag; unchanged if none has an effect."""
+    """Wrap a component by the transmissions of its tag; unchanged if no transmission has an effect."""
     if all(transmission.trivial for transmission in tag.transmissions):
         return component
     return TransmittedSystem(component, tag.transmissions)

@@ -1,4 +1,4 @@
-"""CanopenSystem: the hardware component of the CANopen drives and devices in one <ros2_control> tag.
+"""CanopenSystem: hardware component of the CANopen drives and devices of one <ros2_control> tag.
 
 A drive is enabled when a controller claims a command interface of its joint, or when a user requests it; nothing else
 enables a drive, except `recovery: enable` in bus.yml after a lost node has returned. After an error of one joint (node
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 
 def with_partners(joints: Iterable[JointDrive]) -> list[JointDrive]:
-    """Return the joints, each followed by the joints of other motors with the same controlword."""
+    """Return the joints, each followed by the joints that share its controlword."""
     return list(dict.fromkeys(each for joint in joints for each in (joint, *joint.partners)))
 
 
 def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:
-    """Enable joints; report each that cannot be enabled, and stop the other joints of its group."""
+    """Enable joints; report each joint that cannot be enabled, and stop the rest of its group."""
     refused: list[JointDrive] = []
     for joint in joints:
         joint.resume = False
@@ -62,13 +62,13 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
 
 
 class Recovery:
-    """Recovery of stopped joints that wait to be enabled again (`resume`)."""
+    """Automatic enable of joints that were stopped by a node loss, after the node has returned."""
 
     def __init__(self, joints: Sequence[JointDrive], report: Callable[[Event], None]) -> None:
         self._joints, self._report = joints, report
 
     def step(self, now: int) -> None:
-        """Enable the waiting joints of each group in which all of them are ready; call a few times a second."""
+        """Enable the waiting joints of each group whose waiting joints are all ready; call a few times a second."""
         waiting = [joint for joint in self._joints if joint.resume]
         for joint in waiting:
             if joint.resume and all(_can_go(member) for member in joint.group.joints if member.resume):
@@ -106,7 +106,7 @@ PLUGINS: Final[tuple[str, ...]] = (
 
 
 class CanopenSystem(ComponentLifecycle):
-    """Component of the CANopen drives and devices in one <ros2_control> tag.
+    """Component of the CANopen drives and devices of one <ros2_control> tag.
 
     `groups` are the robot's stop groups by name, to which the joints are added; components that share them stop
     together.
@@ -147,14 +147,14 @@ class CanopenSystem(ComponentLifecycle):
         self._supervise_at = 0
 
     def _begin(self) -> None:
-        """Do nothing: the master boots the nodes, and drives stay disabled until they are claimed or enabled."""
+        pass  # the master boots the nodes; drives stay disabled until they are claimed or enabled
 
     def _rest(self) -> None:
         self.stop(self._now)
         self.devices.release(self.devices.command_names)
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError or DriveError if the switch is impossible.
+        """Raise ControlError or DriveError for an impossible switch.
 
         A joint is commanded by one motion interface, or by a position with feed-forward, and needs a suitable mode.
         """
@@ -188,7 +188,6 @@ class CanopenSystem(ComponentLifecycle):
         enable_together(rising, self._now, self._report)  # errors are only reported, the switch has been accepted
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the signature of every component
-        """Update the state interfaces with the newest process data."""
         self._now = now
         for joint in self.joints:
             joint.read(now)
@@ -200,7 +199,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Advance the state machine of every drive and set its targets; an error of a joint stops its group."""
+        """Run the state machine of every drive, then set the targets; stop the groups with an error."""
         for group in self.groups:
             if group.busy:
                 group.coordinate(now)
@@ -215,7 +214,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def supervise(self, now: int) -> None:
-        """Run the checks that are due ten times a second; call after the frames of a cycle were sent."""
+        """Run the slow checks every 100 ms; call after the frames of a cycle were sent."""
         if now < self._supervise_at:
             return
         self._supervise_at = now + _SUPERVISE_NS
@@ -225,7 +224,7 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Set the modes of drives before they are enabled; ControlError or DriveError if one cannot be."""
+        """Set the modes of drives to be enabled; ControlError or DriveError if a drive cannot be enabled."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -236,7 +235,7 @@ class CanopenSystem(ComponentLifecycle):
             joint.require_enable()
 
     def _choose_modes(self, joints: Iterable[JointDrive]) -> None:
-        """Request the mode of the first interface of a joint without a mode; repeat a mode that failed."""
+        """Request a mode for joints without a mode, and repeat modes that failed."""
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
@@ -245,27 +244,26 @@ class CanopenSystem(ComponentLifecycle):
                 joint.targets.set_mode(joint.targets.mode)  # the enable request repeats a failed mode
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
-        """Enable drives for a user: all, or none with a ControlError or DriveError."""
+        """Enable drives for a user, all or none; ControlError or DriveError if impossible."""
         self.prepare_enable(joints)
         for joint in joints:
             joint.enable()
 
     def regroup(self) -> None:
-        """Update `groups` after stop groups were merged or separated."""
+        """Update `groups` after a change of the joints' stop groups."""
         self.groups = list(dict.fromkeys(joint.group for joint in self.joints))
 
     def stop(self, now: int) -> None:
-        """Ramp every joint to zero, then disable the drives."""
         for joint in self.joints:
             joint.stop(now)
 
     @property
     def stopped(self) -> bool:
-        """Whether no joint moves under power, and no changed output waits to be sent."""
+        """Whether no joint moves under power and no changed output waits to be sent."""
         return all(not joint.node.ready or joint.stopped for joint in self.joints) and not self.devices.sending
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
-        """Return the joints with a motion interface among these interfaces, and the names of these interfaces."""
+        """Return the joints of the motion interfaces among `interfaces`, with the interface names."""
         by_joint: dict[JointDrive, list[str]] = {}
         for name in interfaces:
             if name in self.devices.command_names:
@@ -276,7 +274,7 @@ class CanopenSystem(ComponentLifecycle):
         return by_joint
 
     def skipped(self, edges: int) -> None:
-        """Count missed cycles as skipped set-points of the joints that follow commands."""
+        """Count missed cycles as skipped set-points for the joints that follow commands."""
         for joint in self.joints:
             if joint.power.following:
                 joint.tracking.skip(edges)
@@ -287,7 +285,7 @@ class CanopenSystem(ComponentLifecycle):
         return joint, interface.rpartition("/")[2]
 
     def _report_event(self, joint: JointDrive, event: JointEvent, now: int) -> None:
-        """Report an event of a joint, and stop its group if the event demands it."""
+        """Report an event of a joint, and stop the group if the event requires a stop."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
         text = f"{joint.axis.who}: {event.text}{cause}"
         self._report(Event(now, event.kind, joint.node.name, text, event.level, event.fault))
@@ -295,7 +293,7 @@ class CanopenSystem(ComponentLifecycle):
             self._stop_group(joint, now, event)
 
     def _report_devices(self, now: int) -> None:
-        """Report lost devices and jumps of inputs; bus.yml decides elsewhere whether axes stop."""
+        """Report lost devices and input jumps, as warnings."""
         for node, kind, text in self.devices.take_news():
             self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
 
@@ -316,7 +314,7 @@ class CanopenSystem(ComponentLifecycle):
 
 
 def _then(cause: JointDrive, *, resumable: bool) -> str:
-    """Return the advice after a stop: what to enter, or that the joints are enabled again automatically."""
+    """Return the text after a stop: commands to enter, or that the joints are enabled automatically."""
     if resumable:
         return "; they are enabled again when it is back (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
@@ -327,7 +325,7 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 def _group(
     parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
-    """Add each joint to its stop group; by default one group contains all joints of the robot."""
+    """Assign each joint to its stop group; without `stop_group` all joints of the robot are one group."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))
@@ -336,7 +334,7 @@ def _group(
 
 
 def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
-    """Raise RobotConfigError if two joints command the same axis, because each would overwrite the other."""
+    """Raise RobotConfigError if two joints with commands use the same axis."""
     owners: dict[tuple[int, int], JointDrive] = {}
     for joint in joints:
         owner = owners.setdefault((joint.node.node_id, joint.axis.number), joint)
@@ -348,7 +346,7 @@ def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
 
 
 def _join_motors(joints: Sequence[JointDrive]) -> None:
-    """Make joints of motors with the same controlword partners; RobotConfigError if their stop groups differ."""
+    """Set the partners of joints that share a controlword; RobotConfigError for different stop groups."""
     for joint in (joint for joint in joints if joint.node.plan.motors is not None):
         joint.partners = tuple(other for other in joints if other is not joint and other.node is joint.node)
         if any(other.stop_group is not joint.stop_group for other in joint.partners):
@@ -360,7 +358,7 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:
-    """Create a joint on the node with its `device_name` or `node_id`; RobotConfigError if there is no such node."""
+    """Create the joint on its node (`device_name` or `node_id`); RobotConfigError for an unknown node."""
     name = joint.parameters.get("device_name")
     if name is None and (node_id := joint.parameters.get("node_id")) is not None:
         by_id = {str(node.node_id): key for key, (node, _) in nodes.items()}
@@ -379,7 +377,7 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
 
 
 def _axis_of(joint: ControlJoint) -> int:
-    """Return the number of a joint's axis in its device, from `axis` or `channel`; RobotConfigError if invalid."""
+    """Return the axis number in the device (`axis` or `channel`); RobotConfigError if invalid."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     if not text.isdigit() or int(text) >= AXES:
         raise RobotConfigError(f"joint {joint.name}: axis {text!r}; a device has the axes 0 to {AXES - 1}")

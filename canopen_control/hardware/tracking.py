@@ -1,4 +1,4 @@
-"""Tracking error of a joint with repeated and skipped set-points, feed-forward, and a trapezoidal profile.
+"""Tracking error, feed-forward, and trapezoidal profile of a joint.
 
 A position measured at a SYNC is compared with the set-point that was due at that SYNC, not with the newest one: a drive
 uses a set-point from the SYNC after the RPDO on and reaches it one period later (0x60C2), so that the error of a drive
@@ -37,7 +37,7 @@ _BROKEN_CYCLES: Final = 3.5
 
 
 class FeedForward:
-    """Feed-forward offsets of one axis; `fed` means that a controller has claimed at least one."""
+    """Feed-forward offsets of one axis; `fed` while a controller claims at least one offset."""
 
     def __init__(self, axis: AxisProcessData, commands: Mapping[str, CommandInterface]) -> None:
         self.fed = False
@@ -50,7 +50,7 @@ class FeedForward:
         self._standing_s = 0.0
 
     def claim(self, interfaces: Collection[str]) -> None:
-        """Send the offsets of these command interfaces from now on; the others become zero."""
+        """Send the offsets of these command interfaces from now on, and zero for the others."""
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
         self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
         self.fed = bool(interfaces)
@@ -59,7 +59,7 @@ class FeedForward:
         self.zero()
 
     def refresh(self) -> None:
-        """Update the ranges of the claimed offsets after a change of the scale."""
+        """Update the ranges of the claimed offsets after a scale change."""
         scale = self._axis.scale
         if self._velocity is not None:
             _span(self._velocity, INT32_MAX / abs(scale.vel_to_dev))
@@ -67,7 +67,7 @@ class FeedForward:
             _span(self._effort, INT16_MAX / abs(scale.eff_to_dev))
 
     def refused(self) -> str | None:
-        """Return a text, once, if an offset is not sent because another controller commands it; else None."""
+        """Return a text once if an offset is not sent because another controller commands the offset, else None."""
         if self._foreign == self._reported:
             return None
         self._reported = interface = self._foreign
@@ -78,14 +78,13 @@ class FeedForward:
         )
 
     def zero(self) -> None:
-        """Set the offsets to zero."""
         self._last, self._standing_s = math.nan, 0.0
         for output in self._outputs.values():
             if output is not None:
                 output.set(0)
 
     def follow(self, position: CommandInterface, period: float) -> None:
-        """Send the offsets for this cycle's position; `period` in s."""
+        """Send the offsets that belong to this cycle's position; `period` in s."""
         value = position.value
         if value != self._last:
             self._last, self._standing_s = value, 0.0
@@ -127,7 +126,7 @@ _LEAST: Final = 1  # counts per cycle: the slowest motion
 
 
 class TrapezoidalProfile:
-    """Trapezoidal profile of one axis; `speed` is signed, in counts/s; `limited` tells whether there are limits."""
+    """Trapezoidal profile of one axis; `speed` is signed, in counts/s; `limited` if a limit is finite."""
 
     __slots__ = ("_most", "_rise", "limited", "speed")
 
@@ -136,16 +135,16 @@ class TrapezoidalProfile:
         self.limit(math.inf, math.inf)
 
     def limit(self, most: float, rise: float) -> None:
-        """Set the maximum speed `most` and the maximum acceleration `rise` from the next step on."""
+        """Set the maximum speed and the maximum acceleration from the next step on."""
         self._most, self._rise = most, rise
         self.limited = most < math.inf or rise < math.inf
 
     def rest(self) -> None:
-        """Let the next motion start at speed 0."""
+        """Start the next motion from standstill."""
         self.speed = 0.0
 
     def step(self, way: int, period: float, largest: float = math.inf) -> int:
-        """Return the step of a cycle of `period` s, towards a target at the distance `way` in counts.
+        """Return the counts to move in a cycle of `period` s towards a target `way` counts away.
 
         `largest` is a further speed limit. A step is at least one count, so that the motion ends.
         """
@@ -163,7 +162,7 @@ _NAN: Final = math.nan
 
 
 class TrackingFigures(NamedTuple):
-    """Maximum and RMS tracking error, over `window_s` and since enabling, and numbers of irregular set-points."""
+    """Maximum and RMS tracking error, in the window and since enabling, and counts of irregular set-points."""
 
     window_s: float
     worst: float
@@ -212,7 +211,7 @@ class Tracking:
         self.begin()
 
     def pace(self, period_s: float, *, late: bool = False, factor: float = 1.0) -> None:
-        """Set the cycle time in s, and the factor from errors of the actuator to errors of the joint.
+        """Set the cycle time in s, and the factor from actuator errors to joint errors.
 
         `late` means that a set-point is compared three cycles later instead of two, because SYNC is sent before the
         RPDOs.
@@ -221,24 +220,24 @@ class Tracking:
         self._full = max(1, round(WINDOW_S / period_s))
 
     def begin(self) -> None:
-        """Reset all statistics after the joint was enabled."""
+        """Clear all statistics, because the joint was enabled."""
         self.repeated = self.skipped = 0
         self._worst = self._sum = self._previous_worst = self._previous_sum = self._total_worst = self._total_sum = 0.0
         self._count = self._previous_count = self._total_count = 0
         self.restart()
 
     def restart(self) -> None:
-        """Forget previous set-points, after standstill or a mode change; the statistics remain."""
+        """Clear the previous set-points, but not the statistics, after standstill or a mode change."""
         self._first = self._second = self._third = _NAN
         self._still = _PAUSE + 1
 
     def compare(self, interface: str, *, positions: bool) -> None:
-        """Select the compared interface, "" for none; `positions` enables counting of repeated set-points."""
+        """Select the compared interface, "" for none; `positions` enables the count of repeated set-points."""
         self.interface, self._positions = interface, positions
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Add the set-point of this cycle, and the value that was measured before it; nan for none."""
+        """Add this cycle's set-point and the value measured before; nan for none."""
         last = self._first
         if target == actual and target == last == self._second == self._third:  # no error, as in the cycles before
             self._count += 1
@@ -265,7 +264,7 @@ class Tracking:
             self._still = 0
 
     def skip(self, edges: int) -> None:
-        """Add missed set-points to `skipped`, if the joint moves."""
+        """Count missed set-points while the joint moves."""
         if self.moving:
             self.skipped += edges
 
@@ -275,7 +274,7 @@ class Tracking:
         return self._still <= _PAUSE if self._positions else self._first != 0.0 and self._first == self._first
 
     def figures(self) -> TrackingFigures | None:
-        """Return the statistics, None without samples since the joint was enabled."""
+        """Return the statistics, None if there are no samples since the joint was enabled."""
         total = self._total_count + self._count
         if not total:
             return None
@@ -291,7 +290,7 @@ class Tracking:
         )
 
     def _turn(self) -> None:
-        """Start a new window; the present one becomes the previous one."""
+        """Close the present window and start the next."""
         self._previous_worst, self._previous_sum, self._previous_count = self._worst, self._sum, self._count
         self._total_worst = max(self._total_worst, self._worst)
         self._total_sum += self._sum
