@@ -111,6 +111,6 @@ def test_quirks_of_a_file_that_cannot_be_are_told_with_their_lines(tmp_path):
     told = str(error.value).splitlines()
     assert [line.split(":")[1] for line in told] == ["3", "4", "6", "7"]
     assert "did you mean 'brake_delay'" in told[0]
-    assert "its strength is" in told[1]
+    assert "the strength must be" in told[1]
     assert "exclude each other" in told[2]
-    assert "is there already" in told[3]
+    assert "is given twice" in told[3]

@@ -89,13 +89,13 @@ def read_group(path: Path) -> BusGroup:
 
 def _check(file: BusGroup, _problems: Problems) -> None:
     if not file.robots:
-        file.here.error("robots: name one at least")
+        file.here.error("robots: at least one robot is required")
     if len(file.robots) > 1 and not file.world:
-        file.here.error("world: say in which file it stands where each robot begins")
+        file.here.error("world: several robots need the file with their start poses")
     channels = set[str]()
     for _, _, bus in _buses(file):
         if bus.channel in channels or not bus.nodes:
-            bus.here.error("a bus needs its own channel, and nodes")
+            bus.here.error("a bus needs nodes, and a channel that no other bus uses")
         channels.add(bus.channel)
         for text in bus.nodes:
             if not text.isdigit() or not 1 <= int(text) <= MAX_NODE_ID:

@@ -124,15 +124,17 @@ class NodeMethods:
     def _set_signals(self, request: messages.SetSignals) -> Done:
         node, now = self._node, self._host.reactor.now()
         if node.function is None:
-            device = "a drive" if node.drives else "a device of no profile that is known"
-            raise ConfigError(f"node {node.node_id} ({node.name}) has no signals to set: it is {device}")
+            device = "a drive" if node.drives else "a device without a supported profile"
+            raise ConfigError(f"node {node.node_id} ({node.name}) has no signals, because it is {device}")
         node.function.set_signals(request.values, now)
         node.tick(now)
         return Done()
 
     def _act(self, request: messages.WorldAct) -> Done:
         if not isinstance(self._world, AcceptsEvents):
-            raise ConfigError(f"node {self._node.node_id} is in no world with physics: run the robot with --physics")
+            raise ConfigError(
+                f"node {self._node.node_id} is not in a world with physics; start the robot with --physics"
+            )
         self._world.act(request)
         return Done()
 

@@ -137,7 +137,7 @@ class ParameterFile:
             content = None
         nodes = content.get("nodes") if isinstance(content, dict) and content.get("format") == FORMAT else None
         if not isinstance(nodes, dict) or not all(isinstance(record, dict) for record in nodes.values()):
-            raise ConfigError(f"{self.path} is not a store of virtual drives; name a new file, it will be made")
+            raise ConfigError(f"{self.path} is not a store of virtual drives; use a new file name, the file is created")
         return nodes
 
     def _write(self) -> None:
@@ -278,7 +278,7 @@ def take_personality(node: VirtualNode, like: Personality) -> None:
     if lacking:
         raise ConfigError(
             f"{like.line_of('objects')}: {like.title} has {', '.join(lacking)}, which the EDS of node {node.node_id} "
-            f"({node.name}) lacks; take the EDS of such a drive"
+            f"({node.name}) lacks; use an EDS with these objects"
         )
     if like.modes:
         for drive in node.drives.values():
@@ -320,7 +320,9 @@ def make_devices(
     files = {node_id: eds if eds_files is None else eds_files.get(node_id, eds) for node_id in node_ids}
     ods = {file: read_eds(file, node_ids[0]).od for file in files.values()}
     if UNCONFIGURED in node_ids and not ods[files[UNCONFIGURED]].device.lss_supported:
-        raise ConfigError(f"{files[UNCONFIGURED]}: it has no LSS, so a node without an id (255) could never get one")
+        raise ConfigError(
+            f"{files[UNCONFIGURED]}: LSS is not supported, so a node without an id (255) could never get an id"
+        )
     timeline = () if scenario is None else _timeline(scenario, node_ids)
     world = world or (IndependentPlants() if plant is None else _world(plant))
     for note in world.notes if isinstance(world, ReportsAssumptions) else ():

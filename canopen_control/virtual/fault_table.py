@@ -198,7 +198,7 @@ def parse_fault(text: str) -> tuple[Fault, int]:
         except ValueError:
             delay = -1.0
         if not 0.0 <= delay < 1e6:
-            raise ConfigError(f"fault {text!r}: after @ comes a time in seconds, as in {name}@5s")
+            raise ConfigError(f"fault {text!r}: the text after @ must be a time in seconds, as in {name}@5s")
     return find_fault(name), round(delay * 1e9)
 
 

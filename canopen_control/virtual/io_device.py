@@ -51,7 +51,7 @@ class InputFaults:
     def switch(self, kind: str, *, on: bool, now: int) -> None:
         """Switch a kind of fault on or off; raise ConfigError for an unknown kind."""
         if kind not in KINDS:
-            raise ConfigError(f"no fault of inputs {kind!r}; there are: {', '.join(KINDS)}")
+            raise ConfigError(f"unknown fault of inputs {kind!r}; choose one of: {', '.join(KINDS)}")
         if on:
             self._on.add(kind)
         else:
@@ -121,7 +121,7 @@ class IoDevice:
             if signal is None:
                 raise ConfigError(f"no signal {name!r}{nearest(name, self._signals)}")
             if signal.output:
-                raise ConfigError(f"{name} is an output: what it is the master says")
+                raise ConfigError(f"{name} is an output, which only the master can set")
         self._set.update(values)
         for name in values:
             self._show(self._signals[name], now)
@@ -317,7 +317,7 @@ class SensorDevice:
         names = [*self._inputs, *self.moving]
         for name in values:
             if name in self.signals and name not in self._inputs:
-                raise ConfigError(f"{name} is an output: what it is the master says")
+                raise ConfigError(f"{name} is an output, which only the master can set")
             if name not in names:
                 raise ConfigError(f"no signal {name!r}{nearest(name, names)}")
         self._move(now)
@@ -573,7 +573,7 @@ class Encoder(SensorDevice):
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
         """Set inputs by name; raise ConfigError for position or velocity of an encoder on the shaft of a drive."""
         if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
-            raise ConfigError(f"{led[0]} is that of the shaft it sits on, as the plant file says; move the drive")
+            raise ConfigError(f"{led[0]} follows the shaft of a drive, as defined in the plant file; move that drive")
         super().set_signals(values, now)
 
     def _moves_at(self) -> int | None:

@@ -143,9 +143,9 @@ _WORDS: dict[type, Callable[..., str]] = {
     HeartbeatMissed: _missed,
     NodeIdChanged: lambda event: f"LSS: node id {event.node_id}",
     PdoLeftOff: lambda event: (
-        f"{event.kind} {event.number} stays off: its COB-ID 0x{event.cob_id:03X} is reserved, or has another user"
+        f"{event.kind} {event.number} is disabled: COB-ID 0x{event.cob_id:03X} is reserved or in use"
     ),
-    BitRateActivated: lambda event: f"LSS: bit rate {event.bitrate or 'detected by itself'}",
+    BitRateActivated: lambda event: f"LSS: bit rate {event.bitrate or 'automatic'}",
     FaultSwitched: lambda event: f"fault {event.name} {'on' if event.on else 'off'}",
     QuirkSwitched: lambda event: f"quirk {event.text} {'on' if event.on else 'off'}",
 }

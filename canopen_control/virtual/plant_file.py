@@ -109,7 +109,7 @@ class AxisFile:
         """Report parameters that this kind of plant does not have as errors of the file."""
         fields = {field.name for field in dataclasses.fields(_KINDS[self.kind])} - _STATE  # type: ignore[arg-type] # all are dataclasses
         for name in self.parameters().keys() - fields:
-            self.here.error(f"a plant of kind {self.kind} has no {name}; it has: {', '.join(sorted(fields))}")
+            self.here.error(f"a plant of kind {self.kind} has no {name}; possible: {', '.join(sorted(fields))}")
 
     def make(self) -> Plant:
         return _KINDS[self.kind](**self.parameters())
@@ -261,9 +261,11 @@ def _check(file: WorldFile, _problems: Problems) -> None:
             try:
                 _address(text)
             except ValueError:
-                encoder.here.error(f'{text!r} is not a node: write "5" for node 5, of its `axis` "3" or "3/1"')
+                encoder.here.error(
+                    f'{text!r} is not a node or axis: write "5" for node 5, or "3/1" for axis 1 of node 3'
+                )
     if file.base is not None and file.base.left == file.base.right:
-        file.base.here.error("left and right are two different nodes")
+        file.base.here.error("left and right must be different nodes")
 
 
 def _engine(path: Path) -> World | None:

@@ -137,7 +137,7 @@ class PowerMachine:
         elif command is Command.ENABLE_OPERATION and self.stop_target is not None and self.operational:
             self._resume(now)
         elif command in _RISING and self.state is State.SWITCH_ON_DISABLED:
-            self._ignore("the drive is in SWITCH_ON_DISABLED; controlword 0x0006 comes first")
+            self._ignore("the drive is in SWITCH_ON_DISABLED; send controlword 0x0006 first")
 
     def _begin_from_ready(self, now: int) -> None:
         transition = transition_of(State.READY_TO_SWITCH_ON, Command.SWITCH_ON)
@@ -192,10 +192,10 @@ class PowerMachine:
     def _enable(self, _transition: Transition, now: int) -> None:
         """Perform transition 4, if set-points are accepted and the power stage has supply."""
         if not self.operational:
-            self._ignore(f"the node is {self._nmt.state.name}, and this drive is enabled in OPERATIONAL alone")
+            self._ignore(f"the node is {self._nmt.state.name}; the drive can be enabled only in OPERATIONAL")
         # CiA 402-2, table 22: transition 4 needs the high-level power
         elif not self.voltage.value:
-            self._ignore("its power stage has no supply")
+            self._ignore("the power stage has no supply")
         else:
             self.stop_target, self.halted = None, False
             if not self._mover.powered:
@@ -229,7 +229,7 @@ class PowerMachine:
         # CiA 402-2, table 22: transition 15 is made only when no fault condition is present
         if self.causes:
             codes = ", ".join(f"0x{code:04X}" for code in sorted(self.causes))
-            self._ignore(f"the cause of fault {codes} is still there")
+            self._ignore(f"the cause of fault {codes} persists")
         elif not self.reset_deaf.value:
             self._objects.set(o.ERROR_CODE, 0)
             self.enter(transition.target, now)

@@ -100,7 +100,9 @@ class ServedBus:
                 if node.node_id != UNCONFIGURED:
                     raise NodeIdTaken(node.node_id, self.port.channel) from error
                 self._controls[node] = NodeControl(self._host, node, self.world, with_socket=False)
-                self._log("another drive without a node id has the control socket; this one gets one with its node id")
+                self._log(
+                    "another drive without a node id has the control socket; this drive has none until it gets an id"
+                )
 
     def close(self) -> None:
         if self._host is not None:
@@ -155,7 +157,7 @@ class ServedBus:
             self._controls[node] = NodeControl(host, node, self.world)
         except SocketInUse:
             self._controls[node] = NodeControl(host, node, self.world, with_socket=False)
-            self._log(f"node {node.node_id}: another virtual drive has this id; this one has no control socket")
+            self._log(f"node {node.node_id}: another virtual drive has this id; this node has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
         """Log the first bus event of a kind at once, and further events within 10 s as a summary."""
@@ -308,7 +310,7 @@ class DriveProcess:
         """Wait until the drives stand still by their own reaction to the missing master, then end."""
         if self._lifeline is not None:
             self._reactor.remove_reader(self._lifeline)
-        self._log("", "the parent process is gone; ending when the drives stand still")
+        self._log("", "the parent process has ended; waiting until the drives stand still")
         self._standstill_until = self._reactor.now() + STANDSTILL_NS
         self._check_standstill()
 

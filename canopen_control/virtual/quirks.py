@@ -60,9 +60,9 @@ def parse_quirk(text: str) -> QuirkSetting:
     axis = None
     if at:
         if quirk.axis is None:
-            raise ConfigError(f"quirk {text!r}: {name} is about the node as a whole; omit @{place}")
+            raise ConfigError(f"quirk {text!r}: {name} applies to the whole node; omit @{place}")
         if not place.isdecimal() or int(place) > 7:
-            raise ConfigError(f"quirk {text!r}: after @ comes the number of an axis, 0 to 7")
+            raise ConfigError(f"quirk {text!r}: the text after @ must be an axis number, 0 to 7")
         axis = int(place)
     return QuirkSetting(quirk, _strength(quirk, text, number if equals else None), axis)
 
@@ -82,7 +82,7 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
     if not strength.low <= value <= strength.high:
         kind = "a whole number" if strength.whole else "a number"
         bounds = f"{strength.low:.10g} to {strength.high:.10g} {strength.unit}"
-        raise ConfigError(f"quirk {text!r}: its strength is {kind}, {bounds}")
+        raise ConfigError(f"quirk {text!r}: the strength must be {kind}, {bounds}")
     return value
 
 
@@ -91,10 +91,12 @@ def check_quirks(settings: Sequence[QuirkSetting]) -> None:
     for place, setting in enumerate(settings):
         for earlier in settings[:place]:
             if setting.quirk is earlier.quirk and setting.meets(earlier):
-                raise ConfigError(f"quirk {setting.text!r}: {setting.quirk.name} is there already, as {earlier.text!r}")
+                raise ConfigError(
+                    f"quirk {setting.text!r}: {setting.quirk.name} is given twice, also as {earlier.text!r}"
+                )
             if setting.quirk.group and setting.quirk.group == earlier.quirk.group and setting.meets(earlier):
                 names = f"{earlier.quirk.name} and {setting.quirk.name}"
-                raise ConfigError(f"quirk {setting.text!r}: {names} exclude each other; take one of them")
+                raise ConfigError(f"quirk {setting.text!r}: {names} exclude each other; use only one")
 
 
 def quirks_of(personality: Personality) -> list[str]:
@@ -159,7 +161,7 @@ class QuirkSwitches:
         axes = self._node.drives
         if setting.quirk.axis is not None and not axes:
             raise ConfigError(
-                f"quirk {setting.text!r} is one of drives; node {self._node.node_id} is {self._node.name}"
+                f"quirk {setting.text!r} is only for drives; node {self._node.node_id} is {self._node.name}"
             )
         if setting.axis is not None and setting.axis not in axes:
             problem = f"node {self._node.node_id} has no axis {setting.axis}; it has: {', '.join(map(str, axes))}"

@@ -232,23 +232,23 @@ def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
 def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
     others = ("do", "target", "name", "values", "times", "when")
     if keys := [key for key in others if getattr(step, key) not in ("", ())]:
-        step.here.error(f"{', '.join(keys)}: for a robot, not for drives alone; play it with: canopen-control simulate")
+        step.here.error(f"{', '.join(keys)}: only for a whole robot; use: canopen-control simulate")
     if step.acts():
         return _world_switchings(step, node_ids)
     node_id = step.node if step.node is not None else node_ids[0]
     if step.node is None and len(node_ids) > 1:
-        step.here.error(f"which node? node: one of {', '.join(map(str, node_ids))}")
+        step.here.error(f"node is missing; choose one of {', '.join(map(str, node_ids))}")
     elif node_id not in node_ids:
-        step.here.error(f"there is no node {node_id} in this process; there are: {', '.join(map(str, node_ids))}")
+        step.here.error(f"node {node_id} is not in this process; choose one of {', '.join(map(str, node_ids))}")
     if not step.do and sum(map(bool, (step.fault, step.quirk, step.plant))) != 1:
-        step.here.error("a step has either a fault, a quirk or a plant, or what happens in the world")
+        step.here.error("a step needs exactly one of fault, quirk, plant, or an event in the world")
     step.check_name(step.fault or None, step.quirk or None)
     at_ns, for_ns, plant = step.at_ns, step.for_ns, tuple(step.plant.items())
     first = Switching(at_ns, node_id, step.fault, step.state, step.axis, plant, quirk=step.quirk)
     if for_ns is None:
         return [first]
     if step.plant or not step.state:
-        step.here.error("for: goes with a fault or quirk that is switched on")
+        step.here.error("for: is possible only with a fault or quirk that is switched on")
     return [first, Switching(at_ns + for_ns, node_id, step.fault, on=False, quirk=step.quirk)]
 
 
@@ -256,9 +256,9 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
     """Return the events of a step that disturbs the world, including the end of a blocked joint."""
     acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
-        step.here.error("a step has one of payload, push, block and friction, and no node, fault, quirk or plant then")
+        step.here.error("a step has one of payload, push, block and friction, and then no node, fault, quirk or plant")
     if for_ns is not None and not step.block:
-        step.here.error("for: goes with block, or with a fault or quirk that is switched on")
+        step.here.error("for: is possible only with block, or with a fault or quirk that is switched on")
     switchings = [Switching(at_ns, node_ids[0], act=act) for act in acts]
     if for_ns is not None and step.block:
         switchings.append(Switching(at_ns + for_ns, node_ids[0], act=BlockJoint(joint=step.block, on=False)))

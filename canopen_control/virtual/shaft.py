@@ -214,7 +214,7 @@ def open_shared(path: Path) -> int:
     status = os.fstat(fd)
     problem = ""
     if not stat.S_ISREG(status.st_mode):
-        problem = "it is not a file"
+        problem = "it is not a regular file"
     elif status.st_uid != os.getuid():
         problem = f"it belongs to user id {status.st_uid}, not to yours ({os.getuid()})"
     elif status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
@@ -225,7 +225,7 @@ def open_shared(path: Path) -> int:
     return fd
 
 
-_SHARE: Final = "write a name without / after share: for a file in your own private folder"
+_SHARE: Final = "use a name without / in share: for a file in your private folder"
 
 
 def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:

@@ -61,7 +61,7 @@ def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
     ("words", "sentence"),
     [
         (["5", "brake_dely"], "no quirk 'brake_dely'"),
-        (["5", "brake_delay=99"], "its strength is a number, 0.001 to 60 s"),
+        (["5", "brake_delay=99"], "the strength must be a number, 0.001 to 60 s"),
         (["5", "brake_delay@1"], "node 5 has no axis 1; it has: 0"),
         (["list", "brake_delay"], "quirk list takes no arguments"),
     ],

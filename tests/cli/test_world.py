@@ -92,7 +92,7 @@ def test_without_physics_it_says_what_to_do(world, capsys):
     assert main(["world", "--can", CAN]) == 0
     assert "have no physics" in capsys.readouterr().out
     assert main(["world", "block", "wheel", "--can", CAN]) != 0
-    assert "run the robot with --physics" in capsys.readouterr().err
+    assert "start the robot with --physics" in capsys.readouterr().err
 
 
 def test_without_drives_it_says_how_to_start_them(tmp_path, monkeypatch, capsys):

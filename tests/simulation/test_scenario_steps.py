@@ -63,7 +63,7 @@ steps:
         ("{at: 1s, node: 3, quirk: brake_delay=0.5@7}", "node 3 has no axis 7; it has: 0"),
         ("{at: 1s, node: 3, axis: 1, plant: {load_torque: 0.1}}", "node 3 has no axis 1; it has: 0"),
         ("{at: 1s, node: 3, quirk: brake_dely}", "no quirk 'brake_dely', did you mean 'brake_delay'?"),
-        ("{at: 1s, node: 3, quirk: brake_delay=99}", "its strength is a number, 0.001 to 60 s"),
+        ("{at: 1s, node: 3, quirk: brake_delay=99}", "the strength must be a number, 0.001 to 60 s"),
         ("{at: 1s, do: axis, name: fly}", "name: fly is not an action"),
         ("{at: 1s, do: stop, for: 2s}", "for: does not go with stop"),
         ("{at: 1s, do: stop, values: [2]}", "values: does not go with stop"),

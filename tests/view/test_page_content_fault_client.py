@@ -53,5 +53,5 @@ def test_who_goes_away_while_all_are_asked_is_left_out(left, monkeypatch):
 
 @pytest.mark.usefixtures("left")
 def test_inputs_are_asked_of_the_device_which_may_have_none():
-    with pytest.raises(RemoteError, match="has no signals to set: it is a drive"):
+    with pytest.raises(RemoteError, match="has no signals, because it is a drive"):
         FaultClient(NODES).set_signals("left", {"di0": 1.0})

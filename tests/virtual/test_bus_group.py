@@ -24,8 +24,8 @@ def written(tmp_path, text=GROUP):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("world: hall.yml", "", "say in which file it stands where each robot begins"),
-        ("group-b", "group-a", "a bus needs its own channel"),
+        ("world: hall.yml", "", "several robots need the file with their start poses"),
+        ("group-b", "group-a", "a bus needs nodes, and a channel"),
         ('{"2": EDS}', '{"200": EDS}', "'200' is not a node id: 1 to 127"),
         ("mujoco", "gazebo", "engine"),
         ("plant: b.yml, ", "", "plant"),

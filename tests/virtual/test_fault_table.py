@@ -67,7 +67,7 @@ def test_a_fault_may_carry_its_time():
     assert parse_fault("silent@5s") == (FAULTS["silent"], 5_000_000_000)
     assert parse_fault("silent@0.25") == (FAULTS["silent"], 250_000_000)
     for text in ("silent@", "silent@soon", "silent@-1", "silent@nan", "silent@1e99"):
-        with pytest.raises(ConfigError, match="after @ comes a time"):
+        with pytest.raises(ConfigError, match="after @ must be a time"):
             parse_fault(text)
 
 

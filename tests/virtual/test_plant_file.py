@@ -105,7 +105,7 @@ def test_a_wheel_has_the_plant_of_its_axis_inside(tmp_path):
         ('axes: {"3/9": {kind: lag}}', "'3/9' is not an axis"),
         ('axes: {"3": {kind: rubber}}', "rubber"),
         ('axes: {"3": {kind: lag, time_constant: 0}}', "time_constant"),
-        (BASE.replace("right: 6", "right: 5"), "two different nodes"),
+        (BASE.replace("right: 6", "right: 5"), "must be different nodes"),
         (BASE.replace("wheel_radius: 0.1, ", ""), "wheel_radius"),
         ("engine: none.of.that:make", "cannot be used"),
         ("engine: json", "cannot be used"),

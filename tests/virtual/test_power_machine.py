@@ -138,7 +138,7 @@ def test_what_is_not_obeyed_in_pre_operational_is_told_once_and_what_to_do():
     for word in (6, 7, 15, 15, 15):
         bench.write(0x6040, word)
     assert bench.state == "SWITCHED_ON"
-    told = "controlword 0x000F ignored: the node is PRE_OPERATIONAL, and this drive is enabled in OPERATIONAL alone"
+    told = "controlword 0x000F ignored: the node is PRE_OPERATIONAL; the drive can be enabled only in OPERATIONAL"
     assert ignored(bench) == [told]
     bench.start()
     bench.write(0x6040, 15)
@@ -173,9 +173,9 @@ def test_other_controlwords_that_do_nothing_are_told_too():
     bench.control(0)
     bench.control(0x80)
     assert ignored(bench) == [
-        "controlword 0x000F ignored: the drive is in SWITCH_ON_DISABLED; controlword 0x0006 comes first",
-        "controlword 0x000F ignored: its power stage has no supply",
-        "controlword 0x0080 ignored: the cause of fault 0x4310 is still there",
+        "controlword 0x000F ignored: the drive is in SWITCH_ON_DISABLED; send controlword 0x0006 first",
+        "controlword 0x000F ignored: the power stage has no supply",
+        "controlword 0x0080 ignored: the cause of fault 0x4310 persists",
     ]
 
 

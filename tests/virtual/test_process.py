@@ -235,7 +235,7 @@ def test_without_its_parent_it_ends_at_once_when_nothing_turns(reactor, monkeypa
     reactor.call_later(S, lambda: os.close(write))
     assert drives.run() == 0
     assert reactor.now() < 2.1 * S
-    assert "the parent process is gone" in lines[-1]
+    assert "the parent process has ended" in lines[-1]
     os.close(read)
 
 
@@ -246,7 +246,7 @@ def test_a_parent_that_died_while_it_was_starting_is_noticed(reactor, monkeypatc
     reactor.call_later(10 * S, reactor.stop)
     assert drives.run() == 0
     assert reactor.now() < 2 * S
-    assert any("the parent process is gone" in line for line in lines)
+    assert any("the parent process has ended" in line for line in lines)
     os.close(read)
 
 

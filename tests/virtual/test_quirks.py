@@ -36,16 +36,16 @@ def test_how_a_quirk_is_written(text, value, axis, written):
             "brake_dely",
             "no quirk 'brake_dely', did you mean 'brake_delay'?; see: canopen-control quirk list (faults: fault list)",
         ),
-        ("brake_delay=100", "quirk 'brake_delay=100': its strength is a number, 0.001 to 60 s"),
-        ("brake_delay=soon", "quirk 'brake_delay=soon': its strength is a number, 0.001 to 60 s"),
-        ("brake_delay=nan", "quirk 'brake_delay=nan': its strength is a number, 0.001 to 60 s"),
-        ("one_mode=2.5", "quirk 'one_mode=2.5': its strength is a whole number, 1 to 10 mode"),
+        ("brake_delay=100", "quirk 'brake_delay=100': the strength must be a number, 0.001 to 60 s"),
+        ("brake_delay=soon", "quirk 'brake_delay=soon': the strength must be a number, 0.001 to 60 s"),
+        ("brake_delay=nan", "quirk 'brake_delay=nan': the strength must be a number, 0.001 to 60 s"),
+        ("one_mode=2.5", "quirk 'one_mode=2.5': the strength must be a whole number, 1 to 10 mode"),
         ("remote_never=1", "quirk 'remote_never=1': remote_never has no strength; omit =1"),
-        ("remote_never@x", "quirk 'remote_never@x': after @ comes the number of an axis, 0 to 7"),
-        ("remote_never@8", "quirk 'remote_never@8': after @ comes the number of an axis, 0 to 7"),
+        ("remote_never@x", "quirk 'remote_never@x': the text after @ must be an axis number, 0 to 7"),
+        ("remote_never@8", "quirk 'remote_never@8': the text after @ must be an axis number, 0 to 7"),
         ("", "no quirk ''; see: canopen-control quirk list (faults: fault list)"),
         ("@1", "no quirk ''; see: canopen-control quirk list (faults: fault list)"),
-        ("sdo_late@1", "quirk 'sdo_late@1': sdo_late is about the node as a whole; omit @1"),
+        ("sdo_late@1", "quirk 'sdo_late@1': sdo_late applies to the whole node; omit @1"),
     ],
 )
 def test_what_is_no_quirk_is_one_sentence(text, sentence):
@@ -59,11 +59,11 @@ def test_what_is_no_quirk_is_one_sentence(text, sentence):
     [
         (
             ("remote_never", "remote_when_enabled"),
-            "quirk 'remote_when_enabled': remote_never and remote_when_enabled exclude each other; take one of them",
+            "quirk 'remote_when_enabled': remote_never and remote_when_enabled exclude each other; use only one",
         ),
         (
             ("brake_delay", "brake_delay=1@1"),
-            "quirk 'brake_delay=1@1': brake_delay is there already, as 'brake_delay=0.5'",
+            "quirk 'brake_delay=1@1': brake_delay is given twice, also as 'brake_delay=0.5'",
         ),
     ],
 )
@@ -86,7 +86,7 @@ def test_a_quirk_of_an_axis_that_is_not_there_and_of_a_device_that_is_no_drive()
     with pytest.raises(ConfigError, match=r"^quirk 'remote_never@1': node 5 has no axis 1; it has: 0$"):
         Quirky("remote_never@1")
     module = make_device("eds/generic_cia401.eds", 9)
-    with pytest.raises(ConfigError, match=r"^quirk 'remote_never' is one of drives; node 9 is "):
+    with pytest.raises(ConfigError, match=r"^quirk 'remote_never' is only for drives; node 9 is "):
         switches_of(module).start_with(["remote_never"])
     switches_of(module).start_with(["sdo_late"])
 

@@ -72,15 +72,15 @@ def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
         read(tmp_path, text, (2, 3))
     said = str(caught.value)
     for line, words in (
-        (2, "there is no node 9"),
+        (2, "node 9 is not in this process"),
         (3, "not a time"),
         (4, "did you mean 'silent'"),
-        (5, "either a fault, a quirk or a plant"),
-        (6, "either a fault, a quirk or a plant"),
-        (7, "for: goes with"),
+        (5, "exactly one of fault, quirk, plant"),
+        (6, "exactly one of fault, quirk, plant"),
+        (7, "for: is possible only with"),
         (8, "which node?"),
         (9, "did you mean 'brake_delay'"),
-        (10, "its strength is a number, 0.001 to 60 s"),
+        (10, "the strength must be a number, 0.001 to 60 s"),
     ):
         assert f"scenario.yml:{line}:" in said
         assert words in said
@@ -140,8 +140,8 @@ def test_the_world_acts_too_without_a_node(tmp_path):
     ("step", "words"),
     [
         ("payload: {mass: 5}, friction: 1", "a step has one of payload, push, block and friction"),
-        ("payload: {mass: 5}, fault: silent", "and no node, fault, quirk or plant then"),
-        ("payload: {mass: 5}, for: 1s", "for: goes with block"),
+        ("payload: {mass: 5}, fault: silent", "and then no node, fault, quirk or plant"),
+        ("payload: {mass: 5}, for: 1s", "for: is possible only with block"),
     ],
 )
 def test_what_does_not_go_together_is_told(tmp_path, step, words):
@@ -168,7 +168,7 @@ def test_an_act_is_played_in_the_world_and_told_where_there_is_none():
                 timeline = Timeline(reactor, {node: control}, {5: node}, lines.append)
                 timeline.plan([Switching(S, 5, act=SetGrip(friction=0.5))])
                 reactor.run_for(2 * S)
-        assert [line for line in lines if "scenario: node 5 is in no world with physics" in line] == lines
+        assert [line for line in lines if "scenario: node 5 is not in a world with physics" in line] == lines
         assert len(lines) == told
     assert done == [SetGrip(friction=0.5)]
 
@@ -178,5 +178,5 @@ def test_a_file_of_simulate_that_has_drives_alone_is_played_and_what_needs_a_rob
     path.write_text("for: 5min\nseed: 7\nsteps:\n  - {at: 1s, node: 3, fault: silent, for: 500ms}\n")
     assert [(step.at_ns, step.on) for step in read_scenario(path, [2, 3])] == [(10**9, True), (15 * 10**8, False)]
     path.write_text("steps:\n  - {at: 1s, node: 3, do: stall, when: axis power BRAKING}\n")
-    with pytest.raises(ScenarioError, match=r":2:.*do, when: for a robot, .* canopen-control simulate"):
+    with pytest.raises(ScenarioError, match=r":2:.*do, when: only for a whole robot; .* canopen-control simulate"):
         read_scenario(path, [3])

@@ -76,9 +76,9 @@ def test_it_is_where_the_drive_is_known_to_be_and_until_then_where_it_was(tmp_pa
 
 def test_what_leads_it_cannot_be_set(tmp_path):
     encoder = measured(*worlds(tmp_path))
-    with pytest.raises(ConfigError, match="position is that of the shaft"):
+    with pytest.raises(ConfigError, match="position follows the shaft"):
         put(encoder, position=1.0)
-    with pytest.raises(ConfigError, match="velocity is that of the shaft"):
+    with pytest.raises(ConfigError, match="velocity follows the shaft"):
         put(encoder, velocity=1.0)
 
 
@@ -119,7 +119,7 @@ def test_mistakes_are_told_with_their_line(tmp_path):
     with pytest.raises(WorldError) as caught:
         worlds(tmp_path, text='encoders: {"x": {axis: "3/9", counts_per_revolution: 0}}%s')
     assert "'x' is not a node" in str(caught.value) or "counts_per_revolution" in str(caught.value)
-    with pytest.raises(WorldError, match=r"'3/9' is not a node: write \"5\" for node 5"):
+    with pytest.raises(WorldError, match=r"'3/9' is not a node or axis: write \"5\" for node 5"):
         worlds(tmp_path, text='encoders: {"5": {axis: "3/9", counts_per_revolution: 1}}%s')
     with pytest.raises(ConfigError, match="cannot be shared"):
         ShaftFile(tmp_path / "nowhere" / "shafts").get(3, 0)
