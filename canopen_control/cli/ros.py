@@ -263,7 +263,7 @@ def _echo(graph: Graph, args: argparse.Namespace) -> int:
         count += 1
         print(_text(message, args), *([] if args.json else ["---"]), sep="\n", flush=True)
 
-    graph.subscribe(args.topic, _type_of(graph, args), show)
+    graph.subscribe(args.topic, graph.type_of(args.topic, args.timeout, args.type), show)
     graph.spin(args.seconds or LONGEST_S, lambda: args.once and count)
     if not count:
         raise CanopenError(f"no message came on {args.topic} within {args.seconds:g} s")
@@ -272,7 +272,8 @@ def _echo(graph: Graph, args: argparse.Namespace) -> int:
 
 def _hz(graph: Graph, args: argparse.Namespace) -> int:
     times: collections.deque[float] = collections.deque(maxlen=_WINDOW)
-    graph.subscribe(args.topic, _type_of(graph, args), lambda _: times.append(time.monotonic()))
+    kind = graph.type_of(args.topic, args.timeout, args.type)
+    graph.subscribe(args.topic, kind, lambda _: times.append(time.monotonic()))
     end = time.monotonic() + (args.seconds or LONGEST_S)
     while (remaining := end - time.monotonic()) > 0:
         graph.spin(min(remaining, _REPORT_S))
@@ -329,13 +330,6 @@ def _call(graph: Graph, args: argparse.Namespace) -> int:
     response = graph.call(args.service, full_name(args.type, "srv"), _data(args.data), args.timeout)
     print(_text(response, args))
     return 0
-
-
-def _type_of(graph: Graph, args: argparse.Namespace) -> str:
-    from canopen_control.ros.graph import full_name
-
-    topic_type = graph.type_of(args.topic, args.timeout)
-    return full_name(args.type, "msg") if args.type else topic_type
 
 
 def _data(text: str) -> object:

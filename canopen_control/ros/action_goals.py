@@ -240,7 +240,7 @@ class TrajectorySender:
 
 _WATCH_S: Final = 0.25
 """Interval in s between checks for clients that have left the graph."""
-_CLIENT_GONE: Final = "the action client that sent it is gone"
+_CLIENT_GONE: Final = "the action client that sent the goal has left the ROS graph"
 
 
 class GoalAnswer(Protocol):
@@ -424,7 +424,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     def close(self) -> None:
         """Abort the active goals, whose clients get a result, and destroy the action server."""
         for followed in list(self._goals.values()):
-            self._end(followed, self.failed("the ROS bridge leaves, and the goal ends with it"))
+            self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
         self._ros.call(self._server.destroy)
 
     # ------------------------------------------------------------------------------------------ goals that are followed

@@ -79,7 +79,8 @@ class TwistSubscription:
         published = {publisher.topic_type for publisher in self._ros.node.get_publishers_info_by_topic(self._topic)}
         kinds = [name for name in _TYPES if name in published]
         if len(kinds) > 1:
-            self._ros.warn(self._topic, f"{self._topic} is published as {' and as '.join(kinds)}; {self._type} counts")
+            text = f"{self._topic} is published as {' and as '.join(kinds)}; only {self._type} is received"
+            self._ros.warn(self._topic, text)
         if kinds and self._type not in kinds:
             self._change(kinds[0])
 
@@ -142,7 +143,7 @@ class OdometrySetting(Endpoint):
         fill = success_of(response, reply)
         tilted = [axis for axis in ("z", "roll", "pitch") if getattr(request, axis) != 0.0]
         if tilted:
-            fill(None, f"{self._controller} drives in the plane; {', '.join(tilted)} must be 0")
+            fill(None, f"{self._controller} moves only in the plane; {', '.join(tilted)} must be 0")
         else:
             command = SetOdometry(controller=self._controller, x=request.x, y=request.y, heading=request.yaw)
             self._ros.ask(command, fill)
@@ -222,10 +223,8 @@ class SharedTwist(Endpoint):
             send_twist(self._ros, active[0], message)
             return
         names = ", ".join(base.name for base in active)
-        text = (
-            f"several base controllers ({names}): publish to the one that is meant" if names else "no base controller"
-        )
-        self._ros.warn(self._topic, f"{self._topic}: {text}")
+        several = f"several base controllers ({names}); publish to the twist topic of one of them"
+        self._ros.warn(self._topic, f"{self._topic}: {several if names else 'no base controller is loaded'}")
 
 
 # Topics of steering and mecanum controllers in addition to odometry: `~/tf_odometry` and `~/controller_state`.

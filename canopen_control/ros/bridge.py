@@ -35,8 +35,8 @@ NODE_NAME: Final = "canopen_control_bridge"
 _RETRY_NS: Final = 500_000_000
 _ANSWER_NS: Final = 500_000_000
 _SIM_TIME: Final = (
-    "use_sim_time: stamps follow /clock, and are 0 until a program publishes it; timeouts go by the robot's own time "
-    "(a robot that is simulated publishes /clock itself, which changes nothing of that)"
+    "use_sim_time: stamps are the time on /clock, and 0 until a program publishes /clock; timeouts use the robot's own "
+    "clock. A simulated robot publishes /clock itself."
 )
 _TIMEOUT_S: Final = 2.0  # for the robot's answers
 _ENDING_S: Final = 3.0  # a bridge ends within two seconds of its robot
@@ -62,16 +62,16 @@ def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
     parser = argparse.ArgumentParser(
         prog="python -m canopen_control.ros.bridge", description="Connect a robot to ROS 2."
     )
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.add_argument("--name", help="name of the robot (default: the only running robot)")
     parser.add_argument(
-        "--namespace", default="", help="namespace of all relative names, for several robots in one graph"
+        "--namespace", default="", help="ROS namespace of all relative names, for several robots in one graph"
     )
     parser.add_argument(
         "--rate",
         type=float,
         default=0.0,
         metavar="HZ",
-        help="largest rate of publications in Hz (default: as often as controllers publish)",
+        help="maximum publishing rate in Hz (default: the rates of the controllers)",
     )
     parser.add_argument(
         "--tf", action=argparse.BooleanOptionalAction, default=True, help="publish /tf and /tf_static (default: on)"
@@ -96,8 +96,8 @@ def _claim(robot: str, timeout: float) -> int:
         return claim(runtime_dir() / f"bridge-{robot}-{safe}.lock", timeout)
     except SocketInUse as error:
         raise CanopenError(
-            f"{robot} has a ROS bridge in domain {domain}, process {error.pid or 'unknown'}; end that one first, "
-            f"or give this one another ROS_DOMAIN_ID"
+            f"{robot} already has a ROS bridge in domain {domain}, process {error.pid or 'unknown'}; end that bridge "
+            f"first, or set another ROS_DOMAIN_ID for this one"
         ) from None
 
 

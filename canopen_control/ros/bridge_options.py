@@ -57,7 +57,7 @@ def with_parameters(node: Node, options: BridgeOptions) -> BridgeOptions:
 
 def _checked(options: BridgeOptions) -> BridgeOptions:
     if options.cmd_vel_type not in CMD_VEL_TYPES:
-        raise ConfigError(f"parameter cmd_vel_type is {options.cmd_vel_type!r}; there are: {', '.join(CMD_VEL_TYPES)}")
+        raise ConfigError(f"parameter cmd_vel_type is {options.cmd_vel_type!r}; give one of {', '.join(CMD_VEL_TYPES)}")
     if not 0.0 <= options.rate <= MAX_RATE:
-        raise ConfigError(f"parameter rate is {options.rate:g} Hz: it must be from 0 to {MAX_RATE:g}")
+        raise ConfigError(f"parameter rate is {options.rate:g} Hz; give a rate from 0 to {MAX_RATE:g} Hz")
     return options

@@ -118,15 +118,15 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
     if len(groups) != len(inner):
-        raise ValueError(f"{len(groups)} interface_groups with {len(inner)} interface_values; give as many")
+        raise ValueError(f"{len(groups)} interface_groups with {len(inner)} interface_values; give equal numbers")
     known, outputs = controller.required_command_interfaces, dict[str, float]()
     for group, group_values in zip(groups, inner, strict=True):
         names, values = list(group_values.interface_names), list(group_values.values)
         if len(names) != len(values):
-            raise ValueError(f"{group}: {len(names)} interface_names with {len(values)} values; give as many")
+            raise ValueError(f"{group}: {len(names)} interface_names with {len(values)} values; give equal numbers")
         for name, value in zip((f"{group}/{name}" for name in names), values, strict=True):
             if name not in known:
-                raise ValueError(f"{name!r} is not an output; there are: {', '.join(known) or 'none'}")
+                raise ValueError(f"{name!r} is not an output; the outputs are: {', '.join(known) or 'none'}")
             if name in outputs:
                 raise ValueError(f"{name} is named twice")
             if not math.isfinite(value):
@@ -195,7 +195,7 @@ class PidReferences(Endpoint):
         if all(map(math.isnan, message.values_dot)):
             return values
         if len(controller.reference_interfaces) < 2 * len(dofs):
-            text = "values_dot is not used: there is one of reference_and_state_interfaces; give its derivative too"
+            text = "values_dot is ignored: reference_and_state_interfaces has one interface; add its derivative"
             self._ros.warn(f"{self._topic} values_dot", f"{self._topic}: {text}")
             return values
         return values + _sorted("values_dot", message.values_dot, order, dofs)
@@ -248,8 +248,8 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
         return [names.index(dof) for dof in dofs]
     strange = next((name for name in names if name not in dofs), None)
     if strange is not None:
-        raise ValueError(f"{strange!r} is none of {', '.join(dofs)}")
-    raise ValueError(f"it names {', '.join(names)}; name each of {', '.join(dofs)} once")
+        raise ValueError(f"{strange!r} is not one of {', '.join(dofs)}")
+    raise ValueError(f"dof_names is {', '.join(names)}; give each of {', '.join(dofs)} once")
 
 
 def _sorted(field: str, values: Sequence[float], order: Sequence[int], dofs: Sequence[str]) -> list[float]:

@@ -211,7 +211,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
     def _request_for(self, position: float, effort: float, velocity: float = 0.0) -> SendGripper:
         for field, value in (("position", position), ("max_effort", effort), ("max_velocity", velocity)):
             if value - value != 0.0:  # nan, infinite
-                raise ValueError(f"its {field} is {value}; give finite numbers")
+                raise ValueError(f"{field} is {value}; give finite numbers")
         return SendGripper(
             controller=self._controller,
             position=position,
@@ -230,7 +230,7 @@ class ParallelGripperAction(GripperAction):
     def request(self, goal: RosMessage) -> SendGripper:
         command = goal.command
         if len(command.position) != 1:
-            raise ValueError(f"it has {len(command.position)} positions; give one")
+            raise ValueError(f"the goal has {len(command.position)} positions; give one")
         effort, velocity = (next(iter(numbers), 0.0) for numbers in (command.effort, command.velocity))
         return self._request_for(float(command.position[0]), float(effort), float(velocity))
 

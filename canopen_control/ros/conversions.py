@@ -98,7 +98,7 @@ def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:
     if not all(map(math.isfinite, values)):
         return f"{controller.name}: a value is not finite: {_shown(values)}; the command was dropped"
     if controller.width and len(values) != controller.width:
-        return f"{controller.name} takes {controller.width} values, got {len(values)}; the command was dropped"
+        return f"{controller.name} expects {controller.width} values, got {len(values)}; the command was dropped"
     if not controller.active:
         return f"{controller.name} is {controller.state}; activate it before commanding it"
     return None

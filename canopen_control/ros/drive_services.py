@@ -145,9 +145,9 @@ class DriveServices(Endpoint):
 
         controller = None if joint is None else self._controller(joint)
         if joint is None or controller is None:
-            answer(None, "no active forward controller commands this drive; activate one, it is what takes a target")
+            answer(None, "targets are sent through a forward command controller; activate one that commands this drive")
         elif not math.isfinite(request.target):
-            answer(None, f"the target is not finite: {request.target:g}")
+            answer(None, f"the target is {request.target:g}; give a finite number")
         else:
             joints = {} if self._state is None else self._state.joints
             values = self._targets.command(controller, joint, request.target, joints)

@@ -126,7 +126,7 @@ class DriveTopics(Endpoint):
         address, data = Address(message.index, message.subindex, ""), int(message.data)
         drive = self._view.is_drive or self._view.joints
         if drive and 0x6000 <= address.index < 0xA000 and 0x6000 + (address.index - 0x6000) % _AXIS in _MOVING:
-            self._report(f"{address} moves the drive, and belongs to the controllers; the message was dropped")
+            self._report(f"{address} moves the drive and belongs to the controllers; the message was dropped")
         else:
             self._ros.hand_over(lambda: self._write(address, data))
 
@@ -208,7 +208,7 @@ class ProxyNode(Endpoint):
         views = {view.name: view for view in nodes_of(listing, namespace, layout)}
         view = views.get(node)
         if view is None:
-            self._report(f"no node drives joint {joint!r}, and none has this name; `joint` is one of a node of bus.yml")
+            self._report(f"no node drives joint {joint!r} or has this name; set `joint` to a joint or node of bus.yml")
         elif not self._closed:
             own = self.own_joint()
             moved = () if own is None else (own,)

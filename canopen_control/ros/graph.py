@@ -59,7 +59,7 @@ def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:
     for name, value in data.items():
         path = f"{place}.{name}" if place else str(name)
         if name not in types:
-            raise ConfigError(f"{path}: there is no such field; there are: {', '.join(types)}")
+            raise ConfigError(f"{path} is not a field of the message; the fields are: {', '.join(types)}")
         setattr(message, name, _field_value(value, types[name], class_of, path))
     return message
 
@@ -219,20 +219,20 @@ class Graph:
         own = f"/{self._node.get_name()}/"
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
-    def type_of(self, topic: str, seconds: float) -> str:
-        """Return the type of a topic; CanopenError if it has several types, or does not appear within `seconds`."""
-        return self._only(topic, self._node.get_topic_names_and_types, "topic", seconds)
+    def type_of(self, topic: str, seconds: float, chosen: str | None = None) -> str:
+        """Return the `chosen` type of a topic, by default its only type.
 
-    def _only(self, name: str, names: Callable[[], Names], title: str, seconds: float) -> str:
-        absolute = name if name.startswith("/") else f"/{name}"
+        CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen.
+        """
+        absolute, names = topic if topic.startswith("/") else f"/{topic}", self._node.get_topic_names_and_types
         self.spin(seconds, lambda: absolute in dict(names()))
         types = dict(names()).get(absolute, [])
         if not types:
-            raise CanopenError(
-                f"there is no {title} {absolute}; canopen-control ros {title} list shows which there are"
-            )
+            raise CanopenError(f"there is no topic {absolute}; canopen-control ros topic list lists all topics")
+        if chosen:
+            return full_name(chosen, "msg")
         if len(types) > 1:
-            raise CanopenError(f"{absolute} has several types ({', '.join(types)}); say which one is meant")
+            raise CanopenError(f"{absolute} has several types ({', '.join(types)}); name the type after the topic")
         return types[0]
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], object]) -> None:
@@ -257,7 +257,7 @@ class Graph:
         client = self._node.create_client(service_class, service)
         if not self.spin(seconds, client.service_is_ready):
             raise CanopenError(
-                f"no node serves {service} as {kind}; canopen-control ros service list shows the services"
+                f"no node serves {service} as {kind}; canopen-control ros service list lists all services"
             )
         future = client.call_async(request)
         if not self.spin(seconds, future.done):
@@ -283,7 +283,7 @@ def class_of(name: str) -> type:
     try:
         interface_class: type = interface(name)
     except (ImportError, AttributeError, MissingInterface):
-        raise ConfigError(f"this ROS has no interface {name}") from None
+        raise ConfigError(f"this ROS installation lacks the interface {name}") from None
     return interface_class
 
 
@@ -291,7 +291,7 @@ def _filled(message: Any, data: object) -> Any:  # noqa: ANN401 - a generated cl
     try:
         return fill(message, data, class_of)
     except (TypeError, ValueError, AssertionError, OverflowError) as error:
-        raise ConfigError(f"the message cannot be made: {error}") from error
+        raise ConfigError(f"the message cannot be created: {error}") from error
 
 
 def _sent(publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and a generated class

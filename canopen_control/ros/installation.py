@@ -44,11 +44,11 @@ def require_ros(environment: Mapping[str, str] | None = None) -> None:
         raise ConfigError(f"ROS 2 is not installed: there is no rclpy in this Python; {_HOW}")
     suffixes = importlib.machinery.EXTENSION_SUFFIXES
     if not any((folder / f"{_EXTENSION}{suffix}").exists() for suffix in suffixes):
-        raise ConfigError(f"the rclpy in {folder} is made for another Python than this one; {_HOW}")
+        raise ConfigError(f"the rclpy in {folder} was built for another Python; {_HOW}")
     middleware = environment.get("RMW_IMPLEMENTATION", "")
     if middleware not in ("", WHEEL_RMW) and from_wheels():
         raise ConfigError(
-            f"RMW_IMPLEMENTATION is {middleware}, but the ROS wheels of pip contain {WHEEL_RMW} alone; "
+            f"RMW_IMPLEMENTATION is {middleware}, but the ROS wheels of pip contain only {WHEEL_RMW}; "
             f"unset it, or source a ROS 2 installation that has {middleware}"
         )
 

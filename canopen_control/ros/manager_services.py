@@ -150,7 +150,7 @@ class ControllerManagerServices(Endpoint):
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         """Answer with ok false and log a warning: Python code is loaded once per process."""
-        self._ros.warn("reload", "controller libraries cannot be loaded again while the robot runs; restart it")
+        self._ros.warn("reload", "controllers are loaded once per process; restart the robot to load them again")
         reply(response)
 
     # --------------------------------------------------------------------------------------------------- hardware
@@ -323,12 +323,12 @@ class LifecycleServices(Endpoint):
             reply(response)
 
         if not transitions:
-            done(f"no transition {wanted.id} {wanted.label!r}")
+            done(f"there is no transition {wanted.id} {wanted.label!r}")
         elif self.state in transitions[0].reached:
             response.success = True
             reply(response)
         elif self.state not in transitions[0].sources:
-            done(f"it is {self.state}, which knows no {transitions[0].label}")
+            done(f"{transitions[0].label} is not possible in the state {self.state}")
         else:
             self._actions.get(transitions[0].label, lambda answer: answer(None))(done)
 

@@ -31,7 +31,7 @@ qos_profile_system_default = _qos.qos_profile_system_default
 def in_words(error: Exception) -> str:
     """Return the message of an rclpy exception in one line."""
     text = " ".join(str(error).split())
-    return f"it knows no arguments {text}" if type(error).__name__ == "UnknownROSArgsError" else text
+    return f"unknown arguments: {text}" if type(error).__name__ == "UnknownROSArgsError" else text
 
 
 def start(name: str, namespace: str, arguments: list[str]) -> tuple[Context, Node]:

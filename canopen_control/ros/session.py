@@ -449,7 +449,7 @@ class RosSession:
         self._lacking.update(dict.fromkeys(new, True))
         if new:
             self._publish_event(
-                f"what needs these is left out, which the packages of this host do not have: {', '.join(new)}"
+                f"topics and services of these interfaces are left out, which ROS lacks on this host: {', '.join(new)}"
             )
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
@@ -571,7 +571,7 @@ class RosSession:
             return endpoints_for(self._nodes.of(controller.name, controller.node_options), controller)
         except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses
             reason = str(error).partition("\n")[0].rstrip(":")
-            self._warn(controller.name, f"{controller.name} has no topics, ROS refuses them: {reason}")
+            self._warn(controller.name, f"{controller.name} has no topics, because ROS refuses them: {reason}")
             return []
 
     def _forget(self, name: str) -> None:

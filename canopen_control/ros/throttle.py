@@ -48,7 +48,7 @@ class Refusals:
         if error is None:
             count = self._counts.pop(controller, 0)
             self._reasons.pop(controller, None)
-            return f"{controller} takes commands again, {count} were refused" if count > 1 else None
+            return f"{controller} accepts commands again; {count} were refused" if count > 1 else None
         self._counts[controller] = self._counts.get(controller, 0) + 1
         reason = without_numbers(error)
         if self._reasons.get(controller) == reason:

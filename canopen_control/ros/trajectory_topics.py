@@ -30,7 +30,7 @@ from canopen_control.rpc.messages.trajectory import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from canopen_control.ros.endpoint import Reply, Ros, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading
@@ -99,7 +99,7 @@ def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
     """
     points = trajectory.points
     if len(points) > MAX_POINTS:
-        raise ValueError(f"it has {len(points)} points, and a trajectory has {MAX_POINTS} at most; send fewer")
+        raise ValueError(f"the trajectory has {len(points)} points, and the limit is {MAX_POINTS}; send fewer")
     rest, at, count = iter(points), 0, _points_in_a_piece(trajectory)
     while chunk := list(islice(rest, count)):
         piece = [point_of(element) for element in chunk]
@@ -132,13 +132,15 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 def goal_refusal(goal: RosMessage) -> str | None:
     """Return the reason why a FollowJointTrajectory goal is not supported; None if it is supported."""
-    nobody: dict[str, Callable[[], int]] = {
-        "multi_dof_trajectory": lambda: len(goal.multi_dof_trajectory.points),
-        "component_path_tolerance": lambda: len(goal.component_path_tolerance),
-        "component_goal_tolerance": lambda: len(goal.component_goal_tolerance),
+    lengths = {
+        "multi_dof_trajectory": len(goal.multi_dof_trajectory.points),
+        "component_path_tolerance": len(goal.component_path_tolerance),
+        "component_goal_tolerance": len(goal.component_goal_tolerance),
     }
-    unknown = next((name for name, count in nobody.items() if count()), None)
-    return None if unknown is None else f"it has a {unknown}, which is for joints of several degrees; leave that empty"
+    unknown = next((name for name, length in lengths.items() if length), None)
+    return (
+        None if unknown is None else f"{unknown} is not supported (joints have one degree of freedom); leave it empty"
+    )
 
 
 class TrajectoryTopic(Endpoint):
@@ -239,7 +241,9 @@ class SpeedScalingTopic(Endpoint):
     def _on_message(self, message: RosMessage) -> None:
         factor = message.factor
         if not 0.0 <= factor < math.inf:
-            self._ros.warn(self._topic, f"{self._topic}: {factor:g} is not a factor of a speed; give 0 or more")
+            self._ros.warn(
+                self._topic, f"{self._topic}: a speed scaling of {factor:g} is invalid; give a finite number, 0 or more"
+            )
             return
         request = ScaleTrajectory(controller=self._controller, factor=factor)
         self._ros.hand_over(lambda: self._ros.ask(request, self._on_answer))

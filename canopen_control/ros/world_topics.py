@@ -235,7 +235,7 @@ class SimulationServices(Endpoint):
                 reply(response)
 
             if getattr(request, "steps", 1) not in range(1, MAX_STEPS + 1):
-                answer(None, f"steps is {request.steps}; it is a number of cycles from 1 to {MAX_STEPS}")
+                answer(None, f"steps is {request.steps}; give a number of cycles from 1 to {MAX_STEPS}")
             else:
                 self._ros.ask(asking(request), answer)
 

@@ -100,9 +100,9 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
     [
         (["topic", "echo", "/nobody", "--timeout", "0.5"], 1, "there is no topic /nobody"),
         (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "nothing subscribes to /nobody"),
-        (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed: there is no such field"),
+        (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed is not a field of the message"),
         (["topic", "pub", "/x", TYPE, "{data: ["], 2, "<data>:1"),
-        (["topic", "pub", "/x", "std_msgs/msg/Nothing"], 2, "this ROS has no interface std_msgs/msg/Nothing"),
+        (["topic", "pub", "/x", "std_msgs/msg/Nothing"], 2, "this ROS installation lacks the interface std_msgs"),
         (["param", "get", "/peer", "speed"], 1, "/peer has no parameter speed; see: canopen-control ros param list"),
         (["param", "set", "/peer", "speed", "{a: 1}"], 1, "/peer has no parameter speed"),
         (["param", "set", "/peer", "use_sim_time", "{a: 1}"], 2, "a parameter cannot be {'a': 1}: give true, false"),

@@ -195,7 +195,7 @@ def test_the_death_of_the_client_and_of_the_bridge_stop_the_arm_on_its_way(arm):
         assert send(arm, "orphan", goal_to(arm, end, LONG_S), mortal)
         moving(arm, "orphan", mortal)
         mortal.kill()
-        why = "the goal was cancelled: the action client that sent it is gone"
+        why = "the goal was cancelled: the action client that sent the goal has left the ROS graph"
         assert eventually(lambda: any(why in each for each in events(arm)), 2.0)
     assert at_rest(arm)
     assert abs(positions(arm)[0] - end[0]) > 0.05

@@ -191,6 +191,6 @@ def test_odometry_is_set_by_a_service_in_the_plane_alone(monkeypatch):
     assert (response.success, response.message) == (False, "base is inactive")
     response, asked = given.call("base/set_odometry", z=0.5, pitch=0.1)
     assert (response.success, asked) == (False, [])
-    assert response.message == "base drives in the plane; z, pitch must be 0"
+    assert response.message == "base moves only in the plane; z, pitch must be 0"
     endpoint.close()
     assert given.left == ["base/set_odometry"]

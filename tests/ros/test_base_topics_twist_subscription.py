@@ -64,7 +64,7 @@ def test_without_a_first_type_there_is_nothing_until_somebody_publishes(follow):
 
 def test_it_changes_when_all_of_the_other_type_have_gone_and_between_two_looks(graph, follow):
     assert follow([STAMPED], [STAMPED, PLAIN], [PLAIN], [PLAIN], [PLAIN]) == ["TwistStamped", None, "Twist", None]
-    assert graph.warned == [f"cmd_vel is published as {PLAIN} and as {STAMPED}; {STAMPED} counts"]
+    assert graph.warned == [f"cmd_vel is published as {PLAIN} and as {STAMPED}; only {STAMPED} is received"]
 
 
 def test_the_first_type_holds_until_the_other_one_alone_is_there(follow):

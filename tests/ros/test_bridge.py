@@ -138,8 +138,8 @@ def test_a_second_bridge_of_a_robot_is_refused_and_the_first_goes_on(number):
             output, _ = second.communicate(timeout=ros.TIMEOUT)
         assert second.returncode == 1
         assert output == (
-            f"canopen-control: fake has a ROS bridge in domain {number}, process {first.pid}; "
-            f"end that one first, or give this one another ROS_DOMAIN_ID\n"
+            f"canopen-control: fake already has a ROS bridge in domain {number}, process {first.pid}; "
+            f"end that bridge first, or set another ROS_DOMAIN_ID for this one\n"
         )
         assert first.poll() is None
 
@@ -149,9 +149,7 @@ def test_use_sim_time_is_told_with_what_it_does(number):
         assert ros.eventually(lambda: robot.told)
         process.terminate()
         output, _ = process.communicate(timeout=ros.TIMEOUT)
-    assert output.startswith(
-        "canopen-control: use_sim_time: stamps follow /clock, and are 0 until a program publishes it"
-    )
+    assert output.startswith("canopen-control: use_sim_time: stamps are the time on /clock, and 0 until")
 
 
 def test_parameters_come_from_a_file_and_names_are_remapped(number, tmp_path):
@@ -169,13 +167,13 @@ def test_a_parameter_that_does_not_fit_is_one_sentence(number):
     with ros.FakeRobot(), ros.bridge(number, "--ros-args", "-p", "cmd_vel_type:=Quaternion") as process:
         output, _ = process.communicate(timeout=ros.TIMEOUT)
     assert process.returncode == 1
-    assert output.startswith("canopen-control: parameter cmd_vel_type is 'Quaternion'; there are: auto, Twist")
+    assert output.startswith("canopen-control: parameter cmd_vel_type is 'Quaternion'; give one of auto, Twist")
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--ros-args", "--bogus"], "it knows no arguments ['--bogus']"),
+        (["--ros-args", "--bogus"], "unknown arguments: ['--bogus']"),
         (["--namespace", "9x"], "namespace must not have a token that starts with a number"),
     ],
 )

@@ -66,10 +66,10 @@ def test_a_message_sets_what_it_names_and_ends_with_the_bridge(ros):
 @pytest.mark.parametrize(
     ("parts", "told"),
     [
-        ([("io", ["lamp", "horn"], [1.0])], "io: 2 interface_names with 1 values; give as many"),
-        ([("io", ["lamp"], [1.0, 1.0])], "io: 1 interface_names with 2 values; give as many"),
+        ([("io", ["lamp", "horn"], [1.0])], "io: 2 interface_names with 1 values; give equal numbers"),
+        ([("io", ["lamp"], [1.0, 1.0])], "io: 1 interface_names with 2 values; give equal numbers"),
         ([("io", ["lamp"], [1.0]), ("io", ["bell"], [1.0])],
-         "'io/bell' is not an output; there are: io/lamp, io/horn, valve/open"),
+         "'io/bell' is not an output; the outputs are: io/lamp, io/horn, valve/open"),
         ([("io", ["lamp"], [math.nan])], "io/lamp is nan; give finite numbers"),
         ([("valve", ["open"], [math.inf])], "valve/open is inf; give finite numbers"),
         ([("io", ["lamp"], [1.0]), ("io", ["lamp"], [0.0])], "io/lamp is named twice"),

@@ -75,7 +75,7 @@ class TestReferences:
     def test_derivatives_that_the_controller_does_not_take_are_told_and_left_out(self, ros):
         PidReferences(ros, reading("position"))
         assert self.take(ros, [1.0, 2.0], [0.1, 0.2]) == [[1.0, 2.0]]
-        assert "values_dot is not used" in ros.told[0]
+        assert "values_dot is ignored" in ros.told[0]
 
     @pytest.mark.parametrize(
         ("values", "rates", "names", "told"),
@@ -86,9 +86,9 @@ class TestReferences:
             ([math.inf, 1.0], [], ["left/y", "x"], "values of left/y is inf; give finite numbers"),
             ([1.0, 2.0], [0.1, NAN], [], "values_dot of left/y is nan; give finite numbers"),
             ([1.0, 2.0], [0.1], [], "values_dot has 1 numbers for x, left/y; give 2"),
-            ([1.0, 2.0], [], ["x", "a"], "'a' is none of x, left/y"),
-            ([1.0, 2.0], [], ["x", "x"], "it names x, x; name each of x, left/y once"),
-            ([1.0], [], ["x"], "it names x; name each of x, left/y once"),
+            ([1.0, 2.0], [], ["x", "a"], "'a' is not one of x, left/y"),
+            ([1.0, 2.0], [], ["x", "x"], "dof_names is x, x; give each of x, left/y once"),
+            ([1.0], [], ["x"], "dof_names is x; give each of x, left/y once"),
         ],
     )
     def test_what_is_not_whole_is_dropped_with_the_joints_name(self, ros, values, rates, names, told):

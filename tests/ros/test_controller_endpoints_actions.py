@@ -137,7 +137,7 @@ def test_what_the_robot_refuses_is_refused_and_its_result_says_why(robot, maker)
     [
         ("nan", goal([{**POINT, "positions": [0.0, math.nan]}]), 0, "point 0: the position of b is nan"),
         ("multi", goal(multi_dof_trajectory={"joint_names": ["a"], "points": [{}]}), 0, "multi_dof_trajectory"),
-        ("many", goal([{}]), 20_001, "it has 20001 points"),
+        ("many", goal([{}]), 20_001, "the trajectory has 20001 points"),
     ],
 )
 def test_what_cannot_even_be_sent_to_the_robot_is_refused_with_its_reason(robot, maker, name, data, points, why):
@@ -188,7 +188,7 @@ def test_the_death_of_the_client_ends_its_goal_unless_that_is_to_go_on(arm, robo
             return robot.commands("cancel_trajectory")
 
         assert eventually(cancelled)
-    why = "the action client that sent it is gone"
+    why = "the action client that sent the goal has left the ROS graph"
     assert robot.commands("cancel_trajectory") == [{"controller": "arm", "own": True, "why": why}]
 
 
@@ -199,5 +199,5 @@ def test_the_end_of_the_bridge_ends_its_goals_and_their_clients_are_told(arm, ro
     arm.bridge.terminate()
     status, code, text = result(maker, "last")
     assert (status, code) == (ABORTED, -1)
-    assert text == "the ROS bridge leaves, and the goal ends with it"
+    assert text == "the ROS bridge has ended, which aborts the goal"
     assert arm.bridge.wait(10) == 0

@@ -96,7 +96,7 @@ def test_a_controller_has_the_width_that_it_claims_where_nothing_else_is_known()
     ("values", "sentence"),
     [
         ([1.0, 2.0], None),
-        ([1.0], "forward takes 2 values, got 1; the command was dropped"),
+        ([1.0], "forward expects 2 values, got 1; the command was dropped"),
         ([1.0, math.nan], r"forward: a value is not finite: \[1, nan\]; the command was dropped"),
         ([math.inf] * 20, r"not finite: \[inf, inf, inf, inf, inf, inf, inf, inf, \.\.\.\]"),
     ],

@@ -153,7 +153,7 @@ def test_a_joint_that_is_no_nodes_and_no_node_is_told(ros):
     made(ros, "Proxy", "lift")
     assert ros.services == {}
     assert ros.told == [
-        "io has no topics: no node drives joint 'lift', and none has this name; `joint` is one of a node of bus.yml"
+        "io has no topics: no node drives joint 'lift' or has this name; set `joint` to a joint or node of bus.yml"
     ]
 
 

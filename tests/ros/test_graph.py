@@ -34,7 +34,7 @@ def made(**data):
 @pytest.mark.parametrize(
     ("data", "where"),
     [
-        ({"speed": 1}, r"speed: there is no such field; there are: one, many"),
+        ({"speed": 1}, r"speed is not a field of the message; the fields are: one, many"),
         ({"one": 1}, r"one has fields \(x, name\), not 1"),
         ({"many": [{"x": "fast"}]}, r"many\[0\]\.x is a double, not 'fast'"),
         ({"data": 1.0}, r"data is a list of double, not 1\.0"),
@@ -112,6 +112,7 @@ from canopen_control.ros.graph import open_graph
 from canopen_control.errors import CanopenError
 with open_graph() as graph:
     graph.spin(10.0, lambda: len(dict(graph._node.get_topic_names_and_types()).get("/two", ())) == 2)
+    assert graph.type_of("/two", 1.0, "std_msgs/Bool") == "std_msgs/msg/Bool"
     try:
         graph.type_of("/two", 1.0)
     except CanopenError as error:

@@ -51,7 +51,7 @@ def test_an_rclpy_of_another_python_is_told_by_its_folder(monkeypatch, tmp_path)
     folder.mkdir()
     (folder / "_rclpy_pybind11.cpython-27-vax.so").touch()
     pretend(monkeypatch, folder)
-    with pytest.raises(ConfigError, match=f"the rclpy in {folder} is made for another Python"):
+    with pytest.raises(ConfigError, match=f"the rclpy in {folder} was built for another Python"):
         installation.require_ros({})
 
 

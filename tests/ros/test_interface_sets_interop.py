@@ -124,7 +124,7 @@ def test_controllers_and_hardware_are_listed_and_odometry_goes_on(host):
         services
     )
     if name != "rolling":
-        lacking = "ROS: what needs these is left out, which the packages of this host do not have: "
+        lacking = "ROS: topics and services of these interfaces are left out, which ROS lacks on this host: "
 
         def said():  # all that comes up within a second is one sentence
             return [each["text"] for each in robot.commands("tell") if each["text"].startswith(lacking)]

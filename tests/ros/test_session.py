@@ -256,7 +256,7 @@ def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(
         told = fresh.peer.message("/rosout", lambda message: "not-ros" in message["msg"])["msg"]
     finally:
         del fresh.robot.controllers[-2:]
-    assert told.startswith("not-ros has no topics, ROS refuses them: Invalid node name")
+    assert told.startswith("not-ros has no topics, because ROS refuses them: Invalid node name")
     assert "\n" not in told
 
 

@@ -13,7 +13,7 @@ def test_a_reason_is_told_once_and_the_number_at_the_end():
     assert refusals.answered("base", "not enabled") == "not enabled"
     assert [refusals.answered("base", "not enabled") for _ in range(50)] == [None] * 50
     assert refusals.answered("arm", "not enabled") == "not enabled"
-    assert refusals.answered("base", None) == "base takes commands again, 51 were refused"
+    assert refusals.answered("base", None) == "base accepts commands again; 51 were refused"
     assert refusals.answered("base", None) is None
     assert refusals.answered("base", "not enabled") == "not enabled"
 

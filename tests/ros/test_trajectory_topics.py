@@ -181,7 +181,7 @@ class TestSpeed:
         for factor in (0.5, -1.0, math.nan, math.inf):
             ros.publish(self.TOPIC, made(factor=factor))
         assert [request for request, _ in ros.asked] == [ScaleTrajectory(controller="arm", factor=0.5)]
-        assert [each.partition(": ")[2][:4] for each in ros.told] == ["-1 i", "nan ", "inf "]
+        assert [told.partition("scaling of ")[2][:4] for told in ros.told] == ["-1 i", "nan ", "inf "]
         ros.asked[0][1](None, "STOP is latched")
         assert ros.told[-1] == f"{self.TOPIC}: STOP is latched"
         scaling.close()

@@ -104,7 +104,7 @@ def test_what_is_no_number_is_named_with_its_joint(point, sentence):
 
 def test_too_many_points_are_told_before_anything_is_made_of_them():
     points = [ros_point([0.0, 0.0])] * 100_000
-    with pytest.raises(ValueError, match=f"it has 100000 points, and a trajectory has {MAX_POINTS} at most"):
+    with pytest.raises(ValueError, match=f"the trajectory has 100000 points, and the limit is {MAX_POINTS}"):
         next(pieces_of(trajectory(points)))
 
 
@@ -123,4 +123,4 @@ def test_tolerances_are_those_of_the_goal_and_nan_is_the_parameters():
 )
 def test_what_nobody_follows_is_refused_and_not_left_out(parts, what):
     assert goal_refusal(goal()) is None
-    assert goal_refusal(goal(**parts)) == f"it has a {what}, which is for joints of several degrees; leave that empty"
+    assert goal_refusal(goal(**parts)) == f"{what} is not supported (joints have one degree of freedom); leave it empty"

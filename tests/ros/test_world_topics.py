@@ -49,7 +49,7 @@ def test_what_the_robot_refuses_and_steps_that_are_none_are_told(fresh, call):
     }
     fresh.robot.refusals.clear()
     answer = call("/mujoco_ros2_control_node/step_simulation", "StepSimulation", steps=0)
-    assert answer == {"success": False, "message": "steps is 0; it is a number of cycles from 1 to 1000000"}
+    assert answer == {"success": False, "message": "steps is 0; give a number of cycles from 1 to 1000000"}
     assert fresh.robot.commands("step_simulation")[-1] == {"steps": 1}
 
 

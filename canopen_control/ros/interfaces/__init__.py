@@ -46,8 +46,8 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
     missing = [name for name in names if name not in sys.modules and importlib.util.find_spec(name) is None]
     unknown = [name for name in missing if name not in PACKAGES]
     if unknown:
-        choices = f"those that can be made are {', '.join(PACKAGES)}"
-        raise CanopenError(f"no interfaces of {', '.join(unknown)} are known here; {choices}: install the package")
+        choices = f"packages that can be created: {', '.join(PACKAGES)}"
+        raise CanopenError(f"{', '.join(unknown)} cannot be created; install the package ({choices})")
     if missing:
         factory = _factory()
         for package in missing:
@@ -59,7 +59,7 @@ class MissingInterface(CanopenError):
     """Interface `name` is missing in this ROS installation: its package is absent or another version."""
 
     def __init__(self, name: str) -> None:
-        super().__init__(f"this ROS has no {name}")
+        super().__init__(f"this ROS installation lacks {name}")
         self.name = name
 
 
@@ -165,7 +165,7 @@ def _factory() -> _Factory:
         try:
             _check(factory)
         except Exception as error:
-            raise CanopenError(f"no interfaces can be made for this ROS: {type(error).__name__}: {error}") from error
+            raise CanopenError(f"no interfaces can be created for this ROS: {type(error).__name__}: {error}") from error
         _made.append(factory)
     return _made[0]
 
@@ -200,7 +200,7 @@ def _description_file(name: str) -> Path:
 
 
 def _module(name: str) -> types.ModuleType:
-    module = types.ModuleType(name, "Made at run time, because this package is not installed.")
+    module = types.ModuleType(name, "Created at run time, because this package is not installed.")
     module.__spec__ = importlib.machinery.ModuleSpec(name, None, is_package="." not in name)
     module.__path__ = []
     return module

@@ -182,10 +182,10 @@ def _elements(codec: Codec, kind: FieldType) -> Codec:
 def _put_count(count: int, kind: FieldType, body: bytearray) -> None:
     if kind.shape is Shape.ARRAY:
         if count != kind.capacity:
-            raise ValueError(f"an array of {kind.capacity} elements was given {count}")
+            raise ValueError(f"an array of {kind.capacity} elements cannot have {count}")
         return
     if kind.shape is Shape.BOUNDED_SEQUENCE and count > kind.capacity:
-        raise ValueError(f"a sequence of at most {kind.capacity} elements was given {count}")
+        raise ValueError(f"a sequence of at most {kind.capacity} elements cannot have {count}")
     _put_length(count, body)
 
 
@@ -205,4 +205,4 @@ def _length(body: memoryview, at: int) -> tuple[int, int]:
 
 def _demand(body: memoryview, at: int, length: int) -> None:
     if at + length > len(body):
-        raise ValueError(f"{length} bytes are announced, {max(len(body) - at, 0)} are there")
+        raise ValueError(f"{length} bytes are announced, but only {max(len(body) - at, 0)} follow")

@@ -99,7 +99,7 @@ def message_class(structure: Structure, class_of: Callable[[str], type], support
         "SLOT_TYPES": _SlotTypes(),
         "__field_types__": tuple(field.type for field in fields),
         "__module__": f"{package}.{kind}",
-        "__doc__": f"{structure.name}, made at run time.",
+        "__doc__": f"{structure.name}, created at run time.",
         "__defaults__": {field.name: _default_of(field.type, field.default, class_of) for field in fields},
         "_fields_and_field_types": {field.name: _text_of(field.type) for field in fields},
         **structure.constants,
@@ -120,7 +120,7 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
             load_support = getattr(type(part), _IMPORT)
             load_support()
 
-    contents = {**parts, "__module__": f"{package}.{kind}", "__doc__": f"{name}, made at run time."}
+    contents = {**parts, "__module__": f"{package}.{kind}", "__doc__": f"{name}, created at run time."}
     new_class: type = _metaclass(short, load)(short, (), contents)
     return new_class
 
@@ -153,7 +153,7 @@ def action_class(
         **{word: class_of(f"{name}_{word}") for word in ("Goal", "Result", "Feedback")},
         "Impl": type("Impl", (), carriers),
         "__module__": f"{package}.{kind}",
-        "__doc__": f"{name}, made at run time.",
+        "__doc__": f"{name}, created at run time.",
     }
     new_class: type = _metaclass(short, load)(short, (), contents)
     return new_class

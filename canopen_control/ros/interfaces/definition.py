@@ -110,7 +110,7 @@ def parse(name: str, lines: list[str]) -> list[Structure]:
     words = ("Request", "Response") if kind == "srv" else ("Goal", "Result", "Feedback")
     texts = _split(lines)
     if len(texts) != len(words):
-        raise ValueError(f"{name}: it has {len(texts)} parts between lines of ---, not {len(words)}")
+        raise ValueError(f"{name}: it has {len(texts)} parts separated by ---, not {len(words)}")
     parts = [_structure(f"{name}_{word}", package, text) for word, text in zip(words, texts, strict=True)]
     return _service(name, *parts) if kind == "srv" else _action(name, *parts)
 

@@ -107,7 +107,7 @@ class Callbacks:
         path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
         if not path.exists():
             make = f"cc -O2 -shared -fPIC -o {path} {path.with_name('callbacks.c')}"
-            raise OSError(f"there is no {path.name} for this processor; make it with: {make}")
+            raise OSError(f"there is no {path.name} for this processor; build it with: {make}")
         self._library = keep(ctypes.CDLL(str(path)))
         self._settings = keep(CallbackSettings.in_dll(self._library, "settings"))
         self._settings.put, self._settings.position, self._settings.assign = put, position, assign
@@ -167,7 +167,7 @@ def _find_end(cdr: ctypes.CDLL, position: Any) -> int:  # noqa: ANN401 - as abov
     memory = list((c_size_t * words).from_buffer(array))
     end = ctypes.addressof(raw) + size
     if memory.count(end) != 1 or position(array) != ctypes.addressof(raw):
-        raise RuntimeError("this Fast CDR is laid out in another way than the one known here")
+        raise RuntimeError("the memory layout of this Fast CDR version is not supported")
     return 8 * memory.index(end)
 
 
@@ -471,7 +471,7 @@ class Supports:
 
     def _report_dropped(self) -> None:
         for name in self._libraries.callbacks.newly_dropped():
-            _complain(name, "dropped a message of another layout")
+            _complain(name, "dropped a message with another layout")
 
     # ---------------------------------------------------------------------------------------------- descriptions
 

@@ -56,4 +56,4 @@ except CanopenError as error:
     print(error)
 assert "tf2_msgs" not in sys.modules
 """
-    assert run_ros(code).startswith("no interfaces of nav2_msgs are known here; those that can be made are ")
+    assert run_ros(code).startswith("nav2_msgs cannot be created; install the package (packages that can be created: ")

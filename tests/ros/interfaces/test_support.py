@@ -100,7 +100,7 @@ def test_the_library_needs_no_other_and_allows_no_code_on_the_stack(processor):
 def test_a_processor_without_a_library_is_told_how_to_make_one(monkeypatch):
     monkeypatch.setattr(platform, "machine", lambda: "riscv64")
     with pytest.raises(
-        OSError, match=r"no callbacks_riscv64\.so .* make it with: cc -O2 -shared -fPIC -o .*callbacks\.c"
+        OSError, match=r"no callbacks_riscv64\.so .* build it with: cc -O2 -shared -fPIC -o .*callbacks\.c"
     ):
         support.Callbacks(0, 0, 0, 0)
 
@@ -411,7 +411,7 @@ try:
 except CanopenError as error:
     print(error)
 """
-    assert run_ros(code).startswith("no interfaces can be made for this ROS: ")
+    assert run_ros(code).startswith("no interfaces can be created for this ROS: ")
 
 
 STRANGERS = """
@@ -483,7 +483,7 @@ def test_what_a_stranger_sends_of_another_layout_is_dropped_and_ends_nobody():
         assert server.returncode == 0, complaints
         for name in ("canopen_interfaces/srv/COWrite_Request", "control_msgs/action/FollowJointTrajectory_SendGoal"):
             assert f"{name}" in complaints
-        assert "dropped a message of another layout" in complaints
+        assert "dropped a message with another layout" in complaints
 
 
 BOTH_WAYS = """
