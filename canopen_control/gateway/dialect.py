@@ -62,41 +62,49 @@ LSS_MANUFACTURER, LSS_NODE_ID, LSS_BITRATE, LSS_STORE, LSS_MEDIA = 501, 502, 503
 
 HELP: Final = {
     b"": """
-Every command is one line: [SEQUENCE] [[NET] NODE] COMMAND   # comment
-  r[ead] INDEX SUBINDEX [TYPE]          SDO upload; without TYPE as hex
-  w[rite] INDEX SUBINDEX TYPE VALUE     SDO download
-  start, stop, preop[erational]         NMT commands; node 0: all nodes
-  reset node, reset comm[unication]
-  set network NET, set node NODE        defaults for commands without them
-  set sdo_timeout MS                    time for each SDO answer (500)
-  set sdo_block 0|1                     SDO block transfer (0)
-  help [datatype|lss]                   this text, the types, or the commands of LSS
-  log                                   the events since the last `log`
-  led                                   status LEDs; a gateway has none
-Answers: [SEQUENCE] OK, or a value, or ERROR:0xABORTCODE, or ERROR:NUMBER
-What may move a drive is refused unless the gateway was started with --allow-motion.""",
+Enter one command per line:  "["SEQUENCE"]" [[NET] NODE] COMMAND  # comment
+For example:                 [1] 5 read 0x6041 0 u16
+  r[ead] INDEX SUBINDEX [TYPE]          read an object by SDO; without TYPE as hex bytes
+  w[rite] INDEX SUBINDEX TYPE VALUE     write an object by SDO
+  start | stop | preop[erational]       send the NMT command to NODE (0: all nodes)
+  reset node | reset comm[unication]    send the NMT reset to NODE (0: all nodes)
+  set network NET                       set the default network (no effect: there is only one)
+  set node NODE                         set the default node for commands without NODE
+  set sdo_timeout MS                    set the timeout of SDO answers in ms (default: 500)
+  set sdo_block 0|1                     switch SDO block transfer off or on (default: 0)
+  help [datatype | lss]                 print this text, the data types, or the LSS commands
+  log                                   print the events since the last `log` command
+  led                                   print the status LEDs, which are always off
+The answer is [SEQUENCE] and OK, the value read, ERROR:0xABORTCODE, or ERROR:NUMBER.
+Commands that may move a drive are refused unless the gateway was started with --allow-motion.""",
     b"datatype": """
 b                    boolean
-i8, i16, i32, i64    signed
-u8, u16, u32, u64    unsigned
-x8, x16, x32, x64    unsigned, shown in hexadecimal
-r32, r64             real
-vs                   text; in double quotes where it has blanks, a quote in it doubled
-os, us, d            octets, unicode text, domain: base64
-hex                  bytes in hexadecimal, blanks between them are optional""",
+i8, i16, i32, i64    signed integer
+u8, u16, u32, u64    unsigned integer
+x8, x16, x32, x64    unsigned integer, printed in hexadecimal
+r32, r64             floating-point number
+vs                   visible string; quote it if it has blanks: "two words" (a quote in it is "")
+os, us, d            octet string, unicode string, domain: in base64
+hex                  hexadecimal bytes; blanks between bytes are optional""",
     b"lss": """
-lss_switch_glob 0|1                                all nodes: 0 waiting, 1 configuration
-lss_switch_sel VENDOR PRODUCT REVISION SERIAL      one node: configuration
-lss_set_node 1..127|255                            new node id, 255: none
-lss_conf_bitrate 0 INDEX                           0: 1000, 1: 800, 2: 500, 3: 250, 4: 125,
-                                                   6: 50, 7: 20, 8: 10 kbit/s, 9: automatic
-lss_activate_bitrate DELAY_MS
-lss_store
-lss_inquire_addr [0..3]                            vendor, product, revision, serial
-lss_get_node
-_lss_fastscan [STEP_MS]                            find one node without a node id
+lss_switch_glob 0|1                                switch all nodes to waiting (0) or
+                                                   configuration state (1)
+lss_switch_sel VENDOR PRODUCT REVISION SERIAL      switch one node to configuration state
+lss_set_node 1..127|255                            set the node ID (255: unconfigured)
+lss_conf_bitrate 0 INDEX                           set the bit rate by its index: 0: 1000,
+                                                   1: 800, 2: 500, 3: 250, 4: 125, 6: 50,
+                                                   7: 20, 8: 10 kbit/s, 9: automatic
+lss_activate_bitrate DELAY_MS                      use the new bit rate after the switch delay
+lss_store                                          store node ID and bit rate in the node
+lss_inquire_addr [0..3]                            read the identity, or one part of it: vendor,
+                                                   product, revision, serial
+lss_get_node                                       read the node ID
+_lss_fastscan [STEP_MS]                            find one node without a node ID
 lss_allnodes [STEP_MS [FIRST_NODE STORE [T VENDOR T PRODUCT T REVISION T SERIAL]]]
-                                                   T 0, 1: scan, 2: match""",
+                                                   find all nodes without a node ID, and number
+                                                   them from FIRST_NODE (default: 2); STORE 1
+                                                   stores the node IDs (default: 1); T is
+                                                   0 or 1 to scan a number, 2 to match it""",
 }
 _LEDS: Final = b" CANopen status LEDs: R  G         \r"  # without line feed, as CANopenNode prints LEDs that are off
 
@@ -406,7 +414,8 @@ class GatewayDialect:
             if not self._discarding:
                 return line
             self._discarding = False
-            raise GatewayRefusal(SYNTAX, f"A line has at most {MAX_LINE} bytes.")
+            limits = f"{MAX_LINE} bytes, {MAX_VALUE_LINE} to write a text, hex or base64 value"
+            raise GatewayRefusal(SYNTAX, f"The line is longer than {limits}.")
 
     def _limit(self) -> int:
         return MAX_VALUE_LINE if _LONG_VALUE.match(self._input) else MAX_LINE

@@ -57,14 +57,14 @@ _CHUNK: Final = 1 << 16
 _SEND_S: Final = 5.0  # for a client that does not read
 _LOG_LINES: Final = 200
 
-#: indices to which a write may move a drive, or disable what would stop it
+#: indices to which a write may move a drive, or disable its supervision
 _MOVING: Final = (
     range(0x1005, 0x1008),  # SYNC: set-points are applied with it
-    range(0x100C, 0x100E),  # node guarding: a drive stops when the master is gone
+    range(0x100C, 0x100E),  # node guarding: a drive stops when the master is lost
     range(0x1011, 0x1012),  # restore: other parameters after the next reset
-    range(0x1016, 0x1017),  # consumer heartbeat time, to the same end
+    range(0x1016, 0x1017),  # consumer heartbeat time, likewise
     range(0x1029, 0x102A),  # error behaviour
-    range(0x1400, 0x1C00),  # PDOs: what a drive takes for a target
+    range(0x1400, 0x1C00),  # PDO parameters: the sources of set-points
     range(0x1F51, 0x1F52),  # program control: starts a program
     range(0x6000, 0xA000),  # device profiles: CiA 402 and the outputs of CiA 401
 )
@@ -135,7 +135,7 @@ def motion_reason(request: GatewayRequest) -> str:
     if isinstance(request, NmtOrder):
         return f"NMT commands start and stop drives; {advice}"
     if isinstance(request, LssOrder) and request.verb in _LSS_CHANGES:
-        return f"{request.verb} changes how a node takes part in the network; {advice}"
+        return f"{request.verb} changes the network settings of nodes; {advice}"
     if isinstance(request, WriteOrder) and any(request.index in moving for moving in _MOVING):
         return f"Writing 0x{request.index:04X}:{request.subindex:02X} may move a drive or end its supervision; {advice}"
     return ""
@@ -155,8 +155,13 @@ class _LssConsole:
             return self._leave()
         enters = verb in ("lss_switch_glob", "lss_switch_sel", "_lss_fastscan", "lss_allnodes")
         if enters is self._configuring:
-            other = "a slave is in configuration already; send lss_switch_glob 0 first"
-            raise GatewayRefusal(cia309.INTERNAL_STATE, other if enters else "No slave was switched to configuration")
+            other = "A slave is already in configuration state; send lss_switch_glob 0 first"
+            raise GatewayRefusal(
+                cia309.INTERNAL_STATE,
+                other
+                if enters
+                else "No slave is in configuration state; send lss_switch_sel or lss_switch_glob 1 first",
+            )
         if verb == "lss_allnodes":
             return self._all_nodes(*numbers)
         if verb == "_lss_fastscan":

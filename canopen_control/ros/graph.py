@@ -226,7 +226,7 @@ class Graph:
         """
         absolute, names = topic if topic.startswith("/") else f"/{topic}", self._node.get_topic_names_and_types
         self.spin(seconds, lambda: absolute in dict(names()))
-        types = dict(names()).get(absolute, [])
+        types: list[str] = dict(names()).get(absolute, [])
         if not types:
             raise CanopenError(f"there is no topic {absolute}; canopen-control ros topic list lists all topics")
         if chosen:

@@ -202,7 +202,8 @@ def test_a_line_that_is_too_long_is_one_error_and_the_next_is_served():
     dialect = GatewayDialect()
     pieces = [b"[5] 4 start\n[6] ", *[b"x" * 10_000] * 8, b"\n[7] 4 stop\n"]
     found = [event for piece in pieces for event in events(piece, dialect)]
-    error = b"[5] ERROR:101 #Syntax error. A line has at most 65536 bytes.\r\n"
+    limits = b"65536 bytes, 16777216 to write a text, hex or base64 value"
+    error = b"[5] ERROR:101 #Syntax error. The line is longer than %s.\r\n" % limits
     assert found == [NmtOrder(4, NmtCommand.START), error, NmtOrder(4, NmtCommand.STOP)]
 
 
