@@ -36,5 +36,5 @@ def read_limited(path: Path, limit: int) -> bytes:
         data = file.read(limit + 1)
     if len(data) > limit:
         size = max(path.stat().st_size, len(data))
-        raise ValueError(f"it has {size / 1e6:.1f} MB, {limit / 1e6:g} MB are enough for such a file")
+        raise ValueError(f"it has {size / 1e6:.1f} MB, more than the limit of {limit / 1e6:g} MB")
     return data

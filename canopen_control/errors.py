@@ -160,7 +160,7 @@ class BusNotOpen(InterfaceNotFound):
 
     def __init__(self, name: str, others: Sequence[str] = ()) -> None:
         names = f"open now: {', '.join(others)}" if others else "no local bus is open now"
-        super().__init__(name, f"{names}; canopen-control run and drive make one")
+        super().__init__(name, f"{names}; start one with canopen-control run or canopen-control drive")
         self.args = (f"bus {name}: no program has it open; {self.hint}",)
 
 
@@ -218,7 +218,7 @@ class SdoTimeout(RemoteProtocolError):
 class SdoStopped(SdoTimeout):
     """SDO request to a node in NMT state STOPPED, which answers no SDO (CiA 301, table 38)."""
 
-    hint = "its heartbeat says NMT STOPPED, where a node answers no SDO; `nmt preop` or `nmt start` ends that"
+    hint = "its heartbeat reports NMT STOPPED, in which a node answers no SDO; use `nmt preop` or `nmt start`"
 
     def __init__(self, silence: SdoTimeout) -> None:
         super().__init__(silence.node_id, silence.index, silence.subindex, silence.seconds, silence.name)
@@ -231,7 +231,7 @@ class SdoRestarted(RemoteProtocolError):
         self.index, self.subindex = index, subindex
         super().__init__(
             node_id,
-            f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: the node has restarted in the middle of the "
+            f"{_node(node_id, name)}: 0x{index:04X}:{subindex:02X}: the node restarted during the "
             "transfer; is its supply stable?",
         )
 
@@ -248,7 +248,7 @@ class SdoLengthError(RemoteProtocolError):
         label = f"0x{index:04X}:{subindex:02X}{f' {entry}' if entry else ''}"
         super().__init__(
             node_id,
-            f"{_node(node_id, name)}: {label}: {self.answered}; is this the EDS of the device, and its firmware?",
+            f"{_node(node_id, name)}: {label}: {self.answered}; is this the EDS of the device and its firmware?",
         )
 
 

@@ -249,7 +249,7 @@ class Robot:
             except ValueError as error:
                 raise ConfigError(f"{address.label}: {error}") from None
         if not isinstance(value, bytes):
-            raise ConfigError(f"{address.label} is not in the EDS: its value must be bytes, of the length it has")
+            raise ConfigError(f"{address.label} is not in the EDS, so its value must be bytes of the object's length")
         self.sdo_download(node_id, address.index, address.subindex, value)
 
     def sdo_upload(self, node: str | int, index: int, subindex: int = 0, *, block: bool = True) -> bytes:
@@ -263,7 +263,7 @@ class Robot:
         """Write the bytes of an object; ConfigError for more than `MAX_OBJECT` bytes."""
         reading = self._find_node(node)
         if len(data) > MAX_OBJECT:
-            raise ConfigError(f"{len(data)} bytes are more than the {MAX_OBJECT} that a running robot passes on")
+            raise ConfigError(f"{len(data)} bytes are more than {MAX_OBJECT}, the limit for transfers through a robot")
         request = SdoWrite(node=str(reading.node_id), index=index, subindex=subindex, data=data)
         try:
             self._client().sdo_write(request, _CALL_S + len(data) / _BLOCK_BYTES_PER_S)
@@ -297,7 +297,7 @@ class Robot:
 
     def _client(self) -> RobotClient:
         if not self._open or (self._background is not None and not self._background.running):
-            raise BusError(f"robot {self.name} does not run, or was left: use it in a with block")
+            raise BusError(f"robot {self.name} is not running or was closed; use it in a with block")
         with self._connecting:
             if self._connected is None:
                 self._connected = RobotClient.connect(self.name, _CALL_S)

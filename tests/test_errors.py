@@ -21,7 +21,10 @@ MESSAGES = [
     (errors.InterfaceNotFound("can7", "try can0"), "no CAN interface 'can7'; try can0"),
     (errors.InterfaceNotFound("can7"), "no CAN interface 'can7'"),
     (errors.BusNotOpen("local:x"), "bus local:x: no program has it open; no local bus is open now"),
-    (errors.BusNotOpen("local:x", ["local:a", "local:b"]), "open now: local:a, local:b; canopen-control run"),
+    (
+        errors.BusNotOpen("local:x", ["local:a", "local:b"]),
+        "open now: local:a, local:b; start one with canopen-control run",
+    ),
     (errors.InterfaceDown("can0"), "ip link set can0 up"),
     (
         errors.SdoAbort(3, 0x607A, 0, 0x06020000, "object does not exist", "left"),
@@ -36,7 +39,7 @@ MESSAGES = [
     (errors.SdoStopped(errors.SdoTimeout(3, 0x1000, 0, 1.5)), "`nmt preop`"),
     (
         errors.SdoRestarted(3, 0x1F50, 1, "left"),
-        "node 3 (left): 0x1F50:01: the node has restarted in the middle of the transfer",
+        "node 3 (left): 0x1F50:01: the node restarted during the transfer",
     ),
     (
         errors.SdoLengthError(3, 0x6041, 0, b"\x50", "UNSIGNED16 has 2", "Statusword", "left"),

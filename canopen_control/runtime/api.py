@@ -169,7 +169,7 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
         (component.cleanup if state == "unconfigured" else component.configure)()
     else:
         choices = f"active, {' or '.join(_RESTING)}"
-        raise ControlError(f"hardware component {name} cannot be set {state!r}: {choices}, while the robot runs")
+        raise ControlError(f"a running robot cannot set hardware component {name} to {state!r}; choose {choices}")
     call.reply(ComponentState(component.state.value))
 
 
@@ -244,9 +244,9 @@ class SimulationMethods:
         robot = self._robot
         if robot.cycle.clock.simulated:
             return robot.cycle.clock
-        on_bus = f"{robot.setup.name} has drives on a bus, whose time does not stand" if robot.buses else ""
-        why = on_bus or f"nothing of {robot.setup.name} is simulated, its joints are mocked"
-        raise ControlError(f"{why}; a simulation plugin without drives can be paused, stepped and reset")
+        on_bus = f"{robot.setup.name} has drives on a bus, which cannot be paused" if robot.buses else ""
+        why = on_bus or f"{robot.setup.name} is not simulated, its joints are mocked"
+        raise ControlError(f"{why}; only a simulation plugin without drives can be paused, stepped and reset")
 
     def _state(self) -> Simulation:
         robot, clock = self._robot, self._clock()
@@ -271,15 +271,13 @@ class SimulationMethods:
         elif clock.paused and not call.request.paused:
             self._robot.manager.running.forget(clock.now(), "the simulation was paused; send the command again")
             clock.resume()
-            self._report(
-                "resumed", f"the simulation goes on, {call.who} asked for it; commands from before are forgotten"
-            )
+            self._report("resumed", f"the simulation was resumed by {call.who}; earlier commands were discarded")
         call.reply(self._state())
 
     def _step(self, call: Call[StepSimulation]) -> None:
         clock = self._clock()
         if not clock.paused:
-            raise ControlError("the simulation is not paused, so that it cannot be stepped; pause it first")
+            raise ControlError("the simulation is not paused and cannot be stepped; pause it first")
         clock.step(call.request.steps, self)  # answers the previous request first
         self._stepping = call
 
@@ -297,10 +295,10 @@ class SimulationMethods:
         worlds = self._worlds()
         if not worlds:
             name = self._robot.setup.name
-            raise ControlError(f"simple motors move {name}; physics comes with pip install 'canopen-control[physics]'")
+            raise ControlError(f"simple motors move {name}; for physics: pip install 'canopen-control[physics]'")
         for component in worlds:
             component.act(call.request)
-        self._report("world", f"{_state(call.request)}, {call.who} asked for it")
+        self._report("world", f"{_act_text(call.request)} (by {call.who})")
         call.reply(Done())
 
     def _reset(self, call: Call[ResetSimulation]) -> None:
@@ -313,7 +311,7 @@ class SimulationMethods:
         for name in manager.bases:
             manager.base(name).set_odometry(0.0, 0.0, 0.0)
         robot.truth.align()
-        where = f"key frame {call.request.keyframe}" if call.request.keyframe else "where it began"
+        where = f"key frame {call.request.keyframe}" if call.request.keyframe else "its initial state"
         self._report("reset", f"the simulation was reset to {where} by {call.who}")
         call.reply(self._state())
 
@@ -321,7 +319,7 @@ class SimulationMethods:
         self._robot.report(Event(self._robot.reactor.now(), kind, "", text))
 
 
-def _state(act: WorldAct) -> str:
+def _act_text(act: WorldAct) -> str:
     """Return the event text about a disturbance of the simulation."""
     if isinstance(act, BlockJoint):
         return f"{act.joint} is {'blocked' if act.on else 'released'}"
@@ -434,7 +432,7 @@ class ApiServer(RobotObserver):
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
         ):
-            raise ControlError(f"{MAX_KEPT} clients watch or hold a command already; end one of them")
+            raise ControlError(f"{MAX_KEPT} clients already subscribe or hold a command; end one of them")
 
     # ------------------------------------------------------------------------------------------- what is pushed
 
@@ -517,9 +515,9 @@ class ApiServer(RobotObserver):
     def _require_interface(self, request: messages.CommandController) -> None:
         """Raise ControlError if a request names a command interface that the controller does not use at present."""
         name, manager = request.controller, self._robot.manager
-        takes = manager.get(name).interface if name in manager.states else None
-        if takes is not None and request.interface not in (None, takes):
-            raise ControlError(f"{name} takes a {takes} now and no {request.interface}; nothing was applied")
+        expected = manager.get(name).interface if name in manager.states else None
+        if expected is not None and request.interface not in (None, expected):
+            raise ControlError(f"{name} accepts {expected} at present, not {request.interface}; nothing was applied")
 
     def _twist(self, call: Call[messages.TwistController]) -> None:
         request = call.request
@@ -535,9 +533,9 @@ class ApiServer(RobotObserver):
         if name in manager.states:
             axes = twist_axes_of(manager.get(name))
             if not axes:
-                raise ControlError(f"{name} takes no twist; it is not a base controller, command it by values")
+                raise ControlError(f"{name} accepts no twist, since it is not a base controller; command it by values")
             if request.lateral and _SIDEWAYS not in axes:
-                raise ControlError(f"{name} cannot drive sideways; it takes {' and '.join(axes)}")
+                raise ControlError(f"{name} cannot drive sideways; it accepts {' and '.join(axes)}")
         twist = {"linear.x": request.linear, _SIDEWAYS: request.lateral, "angular.z": request.angular}
         return [twist[axis] for axis in axes]
 
@@ -569,7 +567,7 @@ class ApiServer(RobotObserver):
 
     def _shutdown(self, call: Call[messages.Shutdown]) -> None:
         call.reply(Done())
-        self._robot.shutdown(f"a client asked for it (pid {call.connection.pid})")
+        self._robot.shutdown(f"requested by a client (pid {call.connection.pid})")
 
     def _axis(self, call: Call[messages.AxisRequest]) -> None:
         request = call.request
@@ -591,7 +589,7 @@ class ApiServer(RobotObserver):
         node = "" if request.node == "all" else self._robot.node(str(request.node)).name
         action = f"{request.action} {request.mode}" if request.mode else request.action
         joint = f" ({request.joint})" if request.joint not in (None, node) else ""
-        text = f"{request.source or call.who} asked for {action} of {node or 'all axes'}{joint}"
+        text = f"{request.source or call.who} requested {action} of {node or 'all axes'}{joint}"
         self._robot.report(Event(self._robot.reactor.now(), "axis_asked", node, text))
 
     def _touch_probe(self, call: Call[messages.ReadTouchProbe]) -> None:
@@ -613,14 +611,14 @@ class ApiServer(RobotObserver):
         """Publish a client's message as an event with a text on one line; LocalProtocolError if it is invalid."""
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
-            raise LocalProtocolError(f"tell: a word as kind, and a printable text of 1 to {MAX_TEXT} characters")
-        if (level := _TOLD_LEVELS.get(call.request.level)) is None:
-            raise LocalProtocolError(f"tell: no level {call.request.level!r}; there are: {', '.join(_TOLD_LEVELS)}")
+            raise LocalProtocolError(f"tell: give a word as kind, and a printable text of 1 to {MAX_TEXT} characters")
+        if (level := _CLIENT_LEVELS.get(call.request.level)) is None:
+            raise LocalProtocolError(f"tell: no level {call.request.level!r}; there are: {', '.join(_CLIENT_LEVELS)}")
         self._robot.report(Event(self._robot.reactor.now(), kind, "", text, level))
         call.reply(Done())
 
 
-_TOLD_LEVELS = {"info": Level.INFO, "warning": Level.WARNING}
+_CLIENT_LEVELS = {"info": Level.INFO, "warning": Level.WARNING}
 
 
 def _action(text: str) -> Action:

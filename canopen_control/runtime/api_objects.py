@@ -157,9 +157,9 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
     mapped = next((entry for sent in node.sent for entry in sent.codec.objects if entry[:2] == (index, subindex)), None)
     if output is None or mapped is None:
-        raise ControlError(f"{place} is in none of its RPDOs; map it in bus.yml, or write it by SDO")
+        raise ControlError(f"{place} is not mapped in an RPDO; map it in bus.yml, or write it by SDO")
     if any(index - offset in MOTION for offset in node.plan.axes):
-        raise ControlError(f"{place} moves the drive and belongs to the controllers; command one of them")
+        raise ControlError(f"{place} moves the drive and is written by controllers only; command one of them")
     for joint in robot.joints.values():
         commanded = joint.commands.get(DIGITAL_OUTPUTS)
         if joint.axis.digital_outputs is output and commanded is not None and commanded.owner is not None:
@@ -211,7 +211,7 @@ class ObjectMethods:
         if name not in COMMAND_NAMES:
             raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(COMMAND_NAMES)}")
         for node in list(robot.nodes.values()) if node_name == "all" else [robot.node(node_name)]:
-            self._robot.report(Event(robot.reactor.now(), "nmt_asked", node.name, f"{source} asked for NMT {name}"))
+            self._robot.report(Event(robot.reactor.now(), "nmt_asked", node.name, f"{source} requested NMT {name}"))
             node.command(COMMAND_NAMES[name], robot.reactor.now(), boot=call.request.boot)
             robot.bus_of(node).send_waiting()
         call.reply(Done())
@@ -252,7 +252,9 @@ class ObjectMethods:
         pieces = self._pieces.setdefault(call.connection, bytearray())
         if len(pieces) + len(piece) > MAX_OBJECT:
             del self._pieces[call.connection]
-            raise LocalProtocolError(f"sdo_data: more than {MAX_OBJECT} bytes; write them straight on the bus")
+            raise LocalProtocolError(
+                f"sdo_data: more than {MAX_OBJECT} bytes; end the robot and write the object directly on the bus"
+            )
         pieces += piece
         call.reply(Done())
 
@@ -267,7 +269,7 @@ def _answer_read(call: Call[SdoRead], request: SdoRequest) -> None:
         call.refuse(request.error)
     elif len(request.data) > MAX_OBJECT:
         text = f"0x{request.index:04X}:{request.subindex:02X} has {len(request.data)} bytes, more than {MAX_OBJECT}"
-        call.refuse(LocalProtocolError(f"{text}; end the robot and upload it straight from the bus"))
+        call.refuse(LocalProtocolError(f"{text}; end the robot and read the object directly on the bus"))
     else:
         call.reply(SdoData(request.data))
 

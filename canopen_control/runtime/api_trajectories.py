@@ -144,7 +144,7 @@ class TrajectoryMethods(RobotObserver):
             promise = self._promised.pop(connection)
             if promise.life.holder is connection:
                 self._robot.client_disconnected(
-                    connection, f"has said nothing for {promise.within_ns / 1e9:g} s and is gone"
+                    connection, f"has sent no heartbeat for {promise.within_ns / 1e9:g} s and is gone"
                 )
 
     # ------------------------------------------------------------------------------------------------------ goals
@@ -184,7 +184,7 @@ class TrajectoryMethods(RobotObserver):
     def _end(self, call: Call[TrajectoryEnd]) -> None:
         sent = self._sent.get(call.connection)
         if sent is None:
-            raise ControlError("no goal came on this connection; send_trajectory sends one")
+            raise ControlError("this connection has sent no goal; send one with send_trajectory")
         sent.answer_at_end(call)
 
     def _cancel(self, call: Call[CancelTrajectory]) -> None:
@@ -206,7 +206,7 @@ class TrajectoryMethods(RobotObserver):
 
     def _scale(self, call: Call[ScaleTrajectory]) -> None:
         controller = call.request.controller
-        self._robot.latch.refuse("another speed to", controller)
+        self._robot.latch.refuse("another speed for", controller)
         self._robot.manager.follower(controller).set_speed_scaling(call.request.factor)
         call.reply(Done())
 
@@ -320,7 +320,7 @@ class GripperMethods:
     def _end(self, call: Call[GripperEnd]) -> None:
         sent = self._sent.get(call.connection)
         if sent is None:
-            raise ControlError("no goal came on this connection; send_gripper sends one")
+            raise ControlError("this connection has sent no goal; send one with send_gripper")
         sent[1].answer_at_end(call)
 
     def _cancel(self, call: Call[CancelGripper]) -> None:

@@ -86,12 +86,12 @@ def axes_of(
     """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if there is no axis."""
     axes = tuple(joints)
     if name == "all" and nodes and not axes:
-        raise ControlError("no node drives a joint: there is no axis")
+        raise ControlError("no node drives a joint, so there is no axis")
     if name != "all":
         node = find_node(nodes, name)
         axes = tuple(joint for joint in joints if joint.node is node)
         if not axes:
-            raise ControlError(f"{node.who} drives no joint: it has no axis that could be used")
+            raise ControlError(f"{node.who} drives no joint, so it has no axis")
     selected = tuple(joint for joint in axes if only is None or joint.joint == only)
     if only is not None and not selected:
         names = ", ".join(joint.joint for joint in axes) or "none"
@@ -103,8 +103,8 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
     """Add the joints that share a base or a controlword; also return a sentence about the added joints or ""."""
     complete = with_partners(joints)
     notes = [
-        f"{' and '.join(each.joint for each in (joint, *joint.partners))} are motors behind one controlword: "
-        f"{action.value} is for all of them"
+        f"{' and '.join(each.joint for each in (joint, *joint.partners))} share one controlword: "
+        f"{action.value} applies to all of them"
         for joint in joints
         if any(partner not in joints for partner in joint.partners)
     ]
@@ -114,7 +114,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
             continue
         complete += [joint for joint in base.joints if joint not in complete]
         names = " and ".join(dict.fromkeys(joint.node.name for joint in base.joints))
-        notes.append(f"{base.name} moves {names} together: {action.value} is for all of them")
+        notes.append(f"{base.name} moves {names} together: {action.value} applies to all of them")
     return tuple(complete), "; ".join(notes)
 
 
@@ -169,7 +169,7 @@ class PendingAxisRequest:
             cause += f"; {joint.stopped_by}"
         if self._action is Action.HOME and joint.reference.result:
             cause = f"; {joint.reference.result}{cause}"
-        return f"{node.who}: {self._action.value} not reached, it is {name} ({word}){cause}"
+        return f"{node.who}: {self._action.value} not reached, the drive is {name} ({word}){cause}"
 
 
 class ProbeReading:

@@ -314,8 +314,8 @@ class RobotCore:
             return None
         names = ", ".join(dict.fromkeys(silent))
         if not any(bus.config.master.sync_period for bus in self.buses.values()):
-            return f"no TPDO has brought the statusword of {names}: no SYNC is sent; set sync_period in bus.yml"
-        return f"no TPDO has brought the statusword of {names}; see: canopen-control trace --service pdo"
+            return f"no TPDO with the statusword of {names} was received: no SYNC is sent; set sync_period in bus.yml"
+        return f"no TPDO with the statusword of {names} was received; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
         """Open the bus channels before `start`, to note boot-up messages of the nodes; BusError if that fails."""
@@ -363,7 +363,7 @@ class RobotCore:
         self.manager.running.forget(self.cycle.clock.now(), f"the robot is stopping ({why})")
         self._release_all(now)
         if not self.pacer.running:  # the cycle has not started, so it cannot finish the stop
-            self._end("has stopped before it began")
+            self._end("was stopped before it started")
 
     def close(self) -> None:
         """Stop the cycle and close the buses at once, without stopping the drives; pending requests fail."""

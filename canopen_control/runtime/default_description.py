@@ -105,7 +105,7 @@ def unmoved_drives(
     free = dict[str, str]()
     for joint, node, _, problem in _free(buses, description, control or ControllersFile()):
         free[node.name] = problem or (
-            f"it takes targets by itself, as on a bus without controllers: axis enable {node.name}, command {joint}"
+            f"it has its own controller, as on a bus without controllers; use axis enable {node.name}, command {joint}"
         )
     for bus in buses.values():
         for node in bus.nodes.values():
@@ -129,7 +129,7 @@ def _free(
             for joint, node, axis in _axes(bus):
                 if node.ros.driver and not _is_named(node, description):
                     lack = _uncontrolled(bus.plans[node.name], axis)
-                    clash = f"it is a proxy, since {joint!r} is a joint, a part or a controller too; rename the node"
+                    clash = f"it is a proxy, since a joint, part or controller is also named {joint!r}; rename the node"
                     yield joint, node, axis, lack or (clash if joint in names else "")
 
 
@@ -206,16 +206,15 @@ def _untargeted(plan: NodePlan, axis: int) -> str:
         return ""
     place, speed = (axis_index(index, axis) for index in (TARGET_POSITION, TARGET_VELOCITY))
     return (
-        f"no RPDO carries a target: it is watched and answers SDO and NMT, and cannot be enabled; map 0x{place:04X} "
-        f"or 0x{speed:04X} in bus.yml to move it"
+        f"no RPDO carries a target: it is supervised, with access by SDO and NMT, but cannot be enabled; "
+        f"map 0x{place:04X} or 0x{speed:04X} in bus.yml to move it"
     )
 
 
 def _refuse_doubles(path: str, joints: Iterable[tuple[str, NodeConfig, int]]) -> None:
     owners: dict[str, str] = {}
     doubled = [
-        f"{path}:{node.line}: {node.name} has an axis {name!r}, which is one of {owners[name]} too; "
-        "change channel_names"
+        f"{path}:{node.line}: {node.name} has an axis {name!r}, and so has {owners[name]}; change channel_names"
         for name, node, _ in joints
         if name in owners or owners.setdefault(name, node.name) != node.name
     ]

@@ -84,7 +84,7 @@ class DriveEnableStatus(EnableStatus):
         drives = [joints[name] for name in dict.fromkeys(interface.joint for interface in waiting) if name in joints]
         text = enable_hint(drives) or ", ".join(interface.name for interface in waiting)
         kind = NotYetEnabled if all(map(is_rising, drives)) else NotEnabled
-        return kind(f"{text}; a command that comes before is refused and not kept")
+        return kind(f"{text}; an earlier command is refused and not kept")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
         drives = {
@@ -160,7 +160,7 @@ def stop_summary(joints: Iterable[JointDrive]) -> str:
     """Return the power states of the drives at the end of a run as text, "" without drives."""
     states = [(joint.node.name, joint.state) for joint in joints]
     parts = [
-        f"{name} has power still ({state.name.replace('_', ' ')}): cut its supply if it moves"
+        f"{name} still has power ({state.name.replace('_', ' ')}): cut its supply if it moves"
         for name, state in states
         if state in POWERED_STATES and state is not None
     ]
@@ -196,14 +196,14 @@ def return_hint(absent: Iterable[RemoteNode]) -> str:
     nodes = list(dict.fromkeys(absent))
     names = [node.name for node in nodes if node.is_taken_out]
     if names:
-        return f"give back what was taken out: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
+        return f"start what was stopped: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
     return f"wait for {', '.join(node.name for node in nodes)}"
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
     """Return how many set-points moving axes have missed since they were enabled, as text; "" for none."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
-    return f"; set-points that moving axes did not get since they were enabled: {', '.join(missed)}" if missed else ""
+    return f"; set-points that moving axes missed since they were enabled: {', '.join(missed)}" if missed else ""
 
 
 # Nodes without axes whose loss must stop the robot, such as an I/O module that bus.yml calls required or mandatory.
@@ -290,7 +290,7 @@ class MandatoryNodes(RobotObserver):
             joint.stopped_by = f"stopped since {why}"
         if moving:
             names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {why}; to go on when it is back: canopen-control axis enable all"
+            text = f"stopping {names}: {why}; to continue after its return: canopen-control axis enable all"
             self._report(Event(now, "stop", node.name, text, Level.ERROR))
 
 
@@ -346,9 +346,9 @@ class StopLatch:
             os.replace(fresh, self._path)
         except OSError as error:
             consequence = (
-                "the next run will be latched still" if self.by is None else "the next run will not be latched"
+                "the next run will still be latched" if self.by is None else "the next run will not be latched"
             )
-            text = f"the STOP latch cannot be kept in {self._path}: {error.strerror or error}; {consequence}"
+            text = f"the STOP latch cannot be saved in {self._path}: {error.strerror or error}; {consequence}"
             self._report(Event(now, "latch_not_kept", "", text, Level.ERROR))
 
     @property
@@ -364,7 +364,7 @@ class StopLatch:
         """Latch STOP and report that; does nothing if already latched."""
         if self.by is None:
             self.by = by
-            text = f"STOP by {by}, latched: nothing moves before it is released"
+            text = f"STOP was latched by {by}: nothing moves before it is released"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
             self._write_file(now)
 

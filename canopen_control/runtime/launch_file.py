@@ -161,7 +161,7 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     used = reading.take(path, own, 0)
     launched = reading.launched
     if not launched.files and not reading.uncertainties:
-        reading.uncertainties.append(f"{path}: no file of a robot is named in it")
+        reading.uncertainties.append(f"{path}: it names no file of a robot")
     launched.arguments |= further
     launched.known = tuple(own_arguments)
     launched.idle = tuple(f"{name}:={value}" for name, value in own.items() if name not in used | set(obeyed))
@@ -248,7 +248,7 @@ class _Reading:
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.uncertainties.append(
-                f"{place}: {path.name} is not read beside {first.name}; put its parameters into that file"
+                f"{place}: {path.name} is ignored, since {first.name} is read; move its parameters into {first.name}"
             )
 
     def _report_unread(self, launch: LaunchFile) -> None:
@@ -257,13 +257,11 @@ class _Reading:
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [(line, expression) for line, expression in launch.computed if _concerns_robot(expression)]
         for line, expression in computed:
-            self.uncertainties.append(
-                f"{launch.path}:{line}: {expression} is computed, which only running it would show"
-            )
+            self.uncertainties.append(f"{launch.path}:{line}: {expression} is computed at run time, and unknown here")
         for name in dict.fromkeys(absent):
             self.uncertainties.append(
-                f"{launch.path}: package {name!r} is nowhere to be found; source its workspace, or add the folder that "
-                "holds it to ROS_PACKAGE_PATH"
+                f"{launch.path}: package {name!r} was not found; source its workspace, or add its parent folder to "
+                "ROS_PACKAGE_PATH"
             )
 
 

@@ -104,12 +104,12 @@ def read_python(source: str, path: str) -> PythonLaunch:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         line = getattr(error, "lineno", None) or 1
-        raise RobotConfigError(f"{path}:{line}: no Python: {getattr(error, 'msg', None) or error}") from error
+        raise RobotConfigError(f"{path}:{line}: not valid Python: {getattr(error, 'msg', None) or error}") from error
     reader = _Reader(tree)
     try:
         reader.read()
     except RecursionError as error:
-        raise RobotConfigError(f"{path}: its expressions nest too deep to be read") from error
+        raise RobotConfigError(f"{path}: its expressions are nested too deeply") from error
     return reader.launch
 
 

@@ -22,7 +22,7 @@ def read_yaml_launch(source: str, path: str) -> Element:
     document.problems.raise_if_any(RobotConfigError)
     launch = document.get("launch")
     if launch is None or launch.kind != "sequence":
-        raise RobotConfigError(f"{path}: no launch file: it has no list under the key `launch`")
+        raise RobotConfigError(f"{path}: not a launch file, since the key `launch` has no list")
     return _with_entities(Element("launch", {}, _place(launch)), launch)
 
 

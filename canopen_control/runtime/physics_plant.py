@@ -104,7 +104,7 @@ def check_physics(setup: RobotSetup) -> None:
         option = "--real" if setup.real else "--mock"
         raise RobotConfigError(f"--physics is for virtual drives; omit {option}")
     if setup.files.bus_alone:
-        raise RobotConfigError(f"--physics: {setup.files.bus} has no description, so that there is nothing to move")
+        raise RobotConfigError(f"--physics: {setup.files.bus} has no description, so nothing can be moved")
     for channel in setup.channels.values():
         if not may_host_virtual_drives(channel):
             raise RobotConfigError(f"--physics: real drives may be on {channel}; use --can local:NAME, or vcan0")

@@ -52,7 +52,7 @@ class RealTime:
 
     def _enter(self, priority: int | None) -> None:
         if (priority is not None or self._cpu is not None) and not sys.platform.startswith("linux"):
-            raise RobotConfigError("--realtime and --cpu need Linux; leave them out")
+            raise RobotConfigError("--realtime and --cpu require Linux; omit them")
         words = []
         if self._cpu is not None:
             self._try_pin(self._cpu)
@@ -87,7 +87,7 @@ class RealTime:
             os.sched_setaffinity(0, {cpu})
         except (OSError, ValueError, OverflowError):
             processors = ", ".join(map(str, sorted(self._processors)))
-            raise RobotConfigError(f"--cpu {cpu}: this process may run on the processors {processors}") from None
+            raise RobotConfigError(f"--cpu {cpu}: choose a processor that this process may use: {processors}") from None
         os.sched_setaffinity(0, self._processors)
 
     def _schedule(self, priority: int) -> None:
@@ -100,7 +100,7 @@ class RealTime:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         except OSError as error:
-            raise _refused(f"no real-time priority {priority}", error, priority) from None
+            raise _refused(f"real-time priority {priority} cannot be set", error, priority) from None
         self._undo.callback(os.sched_setscheduler, 0, *before)
 
     def _lock_memory(self, priority: int) -> None:
@@ -160,7 +160,7 @@ def _refused(request: str, error: OSError, priority: int) -> ConfigError:
     else:
         user = pwd.getpwuid(os.geteuid()).pw_name
         allow = (
-            f"for this shell type: sudo prlimit --pid $$ --rtprio={priority} --memlock=unlimited   For good, and from "
+            f"for this shell type: sudo prlimit --pid $$ --rtprio={priority} --memlock=unlimited   Permanently, from "
             f"the next login on: printf '{user} - rtprio {priority}\\n{user} - memlock unlimited\\n' | "
             "sudo tee /etc/security/limits.d/canopen_control.conf"
         )

@@ -107,7 +107,8 @@ class NodeSync:
 
     sender = "a node of the bus (sync_producer: other)"
     correction = (
-        "the cycle goes on by its own clock, and drives that wait for SYNC stand; let a node produce it (0x1005)"
+        "the cycle continues by its own clock, and drives that wait for SYNC do not move; "
+        "enable SYNC production in a node (0x1005)"
     )
 
     def start(self, period_us: int) -> None:
@@ -184,7 +185,9 @@ class ExternalSync:
             why = str(error)
         if not self._silent:
             self._silent = True
-            self._report(Event(now, "sync_lost", "", f"no SYNC comes from {self._task.sender}; {why}", Level.WARNING))
+            self._report(
+                Event(now, "sync_lost", "", f"no SYNC is received from {self._task.sender}; {why}", Level.WARNING)
+            )
 
     def close(self) -> None:
         """Stop the SYNC task; a second call does nothing."""
@@ -200,7 +203,7 @@ _SIMULATED_NS: Final = 250_000_000  # virtual drives in other processes wait for
 _FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
 _LONGEST_NS: Final = 20_000_000  # longest cycle in which the port need not be read
-_LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while it carried nothing")
+_LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while the bus had failed")
 
 
 def is_simulated(channel: str) -> bool:
@@ -490,7 +493,7 @@ class RobotBus:
         self._report(Event(now, f"bus_{kind}", "", f"bus {self.name} ({self.channel}): {event.text}", level))
         if event.kind in _FAILURES:
             self._carries_nothing = self._was_silent = True
-            self.network.bus_failed(f"bus {self.name} carries nothing: {event.text}", now)
+            self.network.bus_failed(f"no frame can be sent or received on bus {self.name}: {event.text}", now)
         elif event.kind in _RETURNS:
             self._carries_nothing = False
             self.network.bus_back(now)
@@ -499,7 +502,7 @@ class RobotBus:
         """Report lost frames with the reason, at most once a second, and after the recovery of a failed bus."""
         if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
             return
-        kind, why = ("bus_queue_full", "its queue was full") if not self._was_silent else _LOST_WHILE_SILENT
+        kind, why = ("bus_queue_full", "the send queue was full") if not self._was_silent else _LOST_WHILE_SILENT
         text = f"bus {self.name} ({self.channel}): a frame was lost, {why}"
         self._report(Event(now, kind, "", text, Level.WARNING, count=lost - self._lost_frames))
         self._was_silent = False

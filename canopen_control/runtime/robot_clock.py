@@ -84,8 +84,8 @@ def step_words(moved_ns: int) -> str:
     """Return a sentence about a step of this computer's clock and the effect on stamps."""
     way = "forward" if moved_ns > 0 else "back"
     return (
-        f"this computer's clock was set {way} by {abs(moved_ns) / 1e9:.3f} s; stamps are judged by the new time, and "
-        "those of samples leap with it"
+        f"this computer's clock was set {way} by {abs(moved_ns) / 1e9:.3f} s; stamps of commands are compared with "
+        "the new time, and stamps of samples change by this step"
     )
 
 
@@ -123,7 +123,7 @@ class RobotClock:
     @property
     def hint(self) -> str | None:
         """Sentence that the simulation is paused, with the command to resume; None if running."""
-        return "the simulation is paused; let it go on with: canopen-control world play" if self.paused else None
+        return "the simulation is paused; resume it: canopen-control world play" if self.paused else None
 
     # -- requests of users
 
@@ -134,12 +134,12 @@ class RobotClock:
     def resume(self) -> None:
         """Resume the paused clock; a pending step request fails."""
         if self.paused:
-            self._end("the simulation goes on: the steps that were left are no longer wanted")
+            self._end("the simulation was resumed, and the remaining steps were cancelled")
             self.paused, self._resumed, self._steps = False, True, 0
 
     def step(self, count: int, request: StepRequest) -> None:
         """Execute `count` cycles while paused; `request` is notified after the last cycle, or if replaced."""
-        self._end("other steps were asked for")
+        self._end("the steps were replaced by another request")
         self._steps, self._request = count, request
 
     def end(self) -> None:

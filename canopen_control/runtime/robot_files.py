@@ -87,8 +87,8 @@ def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
     for values in (channels, answers, worlds):
         if len(set(values.values())) > 1:
             arguments = ", ".join(f"{name}:={words[name]}" for name in values)
-            advice = "give one, or each bus its --can BUS=CHANNEL" if values is channels else "give one of them"
-            raise RobotConfigError(f"{arguments}: these contradict each other; {advice}")
+            advice = "give one of them, or --can BUS=CHANNEL for each bus" if values is channels else "give one of them"
+            raise RobotConfigError(f"{arguments}: these arguments contradict each other; {advice}")
     channel, real, world = (next(iter(values), "") for values in (channels, answers, worlds))
     return AskedHardware(
         channels.get(channel, ""),
@@ -211,7 +211,7 @@ def find_robot(
     missing += _irregular((main, control, described, *more.values()))
     foreign = next((word for word in words if word not in hardware.names), None)
     if alone and foreign and launched is None:
-        missing.append(f"{main} is a bus without a description, so it has no arguments; omit {foreign}:=")
+        missing.append(f"{main} is a bus without a description and accepts no arguments; omit {foreign}:=")
     if missing or (no_bus and (more or bus is not None)):
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
@@ -301,8 +301,8 @@ def _refuse_unheeded(idle: Iterable[str]) -> None:
     for word in idle:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
             raise RobotConfigError(
-                f"{word} reaches neither the description nor a file of this robot, so it would choose nothing; leave "
-                "it away and give --mock, --real with --can CHANNEL, or none of these for virtual drives"
+                f"{word} is used neither by the description nor by a file of this robot, so it has no effect; omit "
+                "it and give --mock, or --real with --can CHANNEL, or none of these for virtual drives"
             )
 
 
@@ -312,7 +312,7 @@ def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
     for word in words:
         name, is_pair, value = word.partition(":=")
         if not is_pair or not _ARGUMENT.fullmatch(name):
-            raise RobotConfigError(f"{word!r} is not an argument of the description; those are NAME:=VALUE")
+            raise RobotConfigError(f"{word!r} is not an argument of the form NAME:=VALUE")
         arguments[name] = value
     return arguments
 
@@ -353,7 +353,7 @@ def _folder(config: str) -> Path:
             return package_folder / rest
     names = ", ".join(data_names("config"))
     raise RobotConfigError(
-        f"no robot {config!r}: neither a folder nor one of the bundled ones ({names}) nor a ROS package that is "
+        f"no robot {config!r}: it is neither a folder nor a bundled robot ({names}) nor a ROS package that is "
         "sourced or in ROS_PACKAGE_PATH"
     )
 
@@ -486,7 +486,7 @@ def _irregular(paths: Iterable[Path]) -> Iterator[str]:
     """Yield an error text for every path that is not a regular file; opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
-            yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, no file"
+            yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, not a file"
 
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
@@ -496,7 +496,7 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
     for name, path in buses.items():
         if not _BUS_NAME.fullmatch(name) or name == MAIN_BUS:
             missing.append(
-                f"{path}: {name!r} is not a name for a further bus: letters, digits, _ and -, not {MAIN_BUS!r}"
+                f"{path}: {name!r} is not a valid name of a bus: use letters, digits, _ and -, but not {MAIN_BUS!r}"
             )
     return buses
 

@@ -73,7 +73,7 @@ class DemoMotion:
         robot = self._robot
         if robot.commander not in (None, SOURCE):
             robot.report(
-                Event(robot.reactor.now(), "demo", "", f"{robot.commander} commands now; the demo motion ends")
+                Event(robot.reactor.now(), "demo", "", f"{robot.commander} commands the robot; the demo motion ends")
             )
             return
         if robot.state in (RobotState.STOPPING, RobotState.STOPPED):
@@ -135,7 +135,8 @@ class ProgramErrors:
             return
         self._reported.add(place)
         text = (
-            f"a fault of this program at {place}: {type(error).__name__}: {error}; the robot goes on, please report it"
+            f"an error in this program at {place}: {type(error).__name__}: {error}; the robot continues; "
+            "please report the error"
         )
         self._report(Event(self._now(), "program_error", "", text, Level.ERROR))
 
@@ -288,7 +289,7 @@ class RunSession(RobotObserver):
 
     def _on_orphaned(self, lifeline: int) -> None:
         self.reactor.remove_reader(lifeline)
-        self.robot.shutdown("the program that started it is gone")
+        self.robot.shutdown("its parent program has ended")
 
     def close(self) -> None:
         """End child processes and release all resources; a second call does nothing."""
@@ -306,7 +307,7 @@ class RunSession(RobotObserver):
         self._true_pose.start()
         gc.freeze()  # the objects created by booting stay as well
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
-            text = "nothing moves by itself on a bus without controllers: axis enable NODE, then command NODE VALUE"
+            text = "a bus without controllers has no demo motion; use axis enable NODE, then command NODE VALUE"
             self.robot.report(Event(self.reactor.now(), "demo", "", text))
         elif self.options.motion:
             manager = self.robot.manager

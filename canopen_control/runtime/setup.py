@@ -97,8 +97,8 @@ class RobotSetup:
             which = " ".join(f"--can {name}=can{at}" for at, name in enumerate(self.unplaced))
             example = "--can can0" if self.unplaced == (BUS_NAME,) else which
             raise RobotConfigError(
-                f"{option}: where are the drives? Say it with {example} (or vcan0, pcan:PCAN_USBBUS1@500000, ...); "
-                "canopen-control bus lists the interfaces of this computer"
+                f"{option}: where are the drives? Give their channel with {example} "
+                "(or vcan0, pcan:PCAN_USBBUS1@500000, ...); canopen-control bus lists the interfaces of this computer"
             )
 
     @property
@@ -170,7 +170,7 @@ class RobotSetup:
         return min(self.controllers.update_rate, cycle) if "update_rate" in self.controllers.manager_lines else cycle
 
 
-_IDLE = "reaches neither the description nor a file of this robot; it has no effect here"
+_IDLE = "is used neither by the description nor by a file of this robot, so it has no effect"
 _OTHERS = (SyncSender.KERNEL, SyncSender.NODE)
 
 
@@ -338,9 +338,9 @@ def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str
     if not configured or PluginKind.SIMULATION in kinds:
         return []
     return [
-        f"{control.path}: use_sim_time has no effect: nothing of this robot is simulated, so its stamps are this "
-        "computer's time; start the other nodes without it, or the bridge with --ros-args -p use_sim_time:=true where "
-        "a program publishes /clock"
+        f"{control.path}: use_sim_time has no effect: no part of this robot is simulated, so its stamps are this "
+        "computer's time; start the other nodes without use_sim_time or, if a program publishes /clock, the bridge "
+        "with --ros-args -p use_sim_time:=true"
     ]
 
 
@@ -349,13 +349,13 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
     owner: dict[str, str] = {}
     first = next(iter(buses.values()), None)
     differing = [
-        f"{bus.path}: sync_period is {bus.master.sync_period} and that of {first.path} {first.master.sync_period}; "
-        "all buses of a robot have one SYNC period"
+        f"{bus.path}: sync_period is {bus.master.sync_period}, but {first.master.sync_period} in {first.path}; "
+        "all buses of a robot must have the same SYNC period"
         for bus in buses.values()
         if first is not None and bus.master.sync_period != first.master.sync_period
     ]
     doubled = [
-        f"{bus.path}:{node.line}: a node named {node.name} is in {owner[node.name]} too; rename one"
+        f"{bus.path}:{node.line}: a node named {node.name} is also in {owner[node.name]}; rename one of them"
         for bus in buses.values()
         for node in bus.nodes.values()
         if owner.setdefault(node.name, bus.path) != bus.path
@@ -371,7 +371,7 @@ def _require_bus(
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             raise RobotConfigError(
                 f"{files.controllers.parent} has no bus.yml, and {tag.name} at {description.path}:{tag.place.line} "
-                "moves CANopen drives; write one or give --bus, or run it with --mock"
+                "moves CANopen drives; write a bus.yml, give --bus, or use --mock"
             )
 
 
@@ -400,8 +400,8 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
             raise RobotConfigError(f"--kernel-sync: {config.path} has no sync_period, so that there is no SYNC to send")
         if parse_channel(channels[name]).kind is not ChannelKind.SOCKETCAN:
             raise RobotConfigError(
-                f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}, where this program does it; "
-                "omit the option, or use a SocketCAN interface such as --can vcan0"
+                f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}; "
+                "omit the option, so that this program sends SYNC, or use a SocketCAN interface such as --can vcan0"
             )
 
 
@@ -421,7 +421,7 @@ def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> 
     for bus, channel in channels.items():
         if (other_bus := next(bus_name for bus_name in channels if channels[bus_name] == channel)) != bus:
             raise RobotConfigError(
-                f"the buses {other_bus} and {bus} are both on {channel}; give one another with --can {bus}="
+                f"the buses {other_bus} and {bus} are both on {channel}; give one another channel with --can {bus}="
             )
     return channels
 
@@ -445,7 +445,7 @@ def started_controllers(
     parts = [part for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
     commanded = any(part.command_interfaces for part in parts)
     if not names and all(map(is_broadcaster, types.values())) and (commanded or not types):
-        raise RobotConfigError(f"{files.controllers}: no controller but broadcasters; nothing could command the robot")
+        raise RobotConfigError(f"{files.controllers}: it has only broadcasters, so nothing can command the robot")
     moving = [name for name, type_name in types.items() if moves_joints(type_name)]
     beside = [name for name in types if name not in moving]
     return tuple(dict.fromkeys([*beside, *(names or moving[:1])]))

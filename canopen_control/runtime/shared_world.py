@@ -61,12 +61,12 @@ def read_shared(world: Path) -> list[SharedRobot]:
     description = read_world_description(world)
     if not description.robots and world.suffix.lower() in SDF_SUFFIXES:
         raise RobotConfigError(
-            f"{world}: an SDF world has no robots here; run one in it: run ROBOT --physics --world {world}, or name it "
-            "by `sdf:` in a world file with `robots:`"
+            f"{world}: an SDF world names no robots; run one robot in it: run ROBOT --physics --world {world}, or name "
+            "the SDF file by `sdf:` in a world file with `robots:`"
         )
     if not description.robots:
         raise RobotConfigError(
-            f"{world}: it names no robots; write `robots:`, or run one in it: run ROBOT --physics --world FILE"
+            f"{world}: it names no robots; write `robots:`, or run one robot in it: run ROBOT --physics --world FILE"
         )
     robots, problems = [], []
     for start in description.robots:
@@ -175,7 +175,7 @@ class SharedRun:
             self._failed = f"{robot.name} ended with exit code {returncode}"
             running = ", ".join(self._running)
             if running:
-                self._say(f"{self._failed}; its drives stop, {running} goes on; start it again with: {again}")
+                self._say(f"{self._failed}; its drives stop, {running} continues; start it again with: {again}")
         if not self._running:
             self._end()
 

@@ -83,7 +83,7 @@ def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> 
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _conflicting(setup, manager, name)) else []
         switch = " ".join((f"canopen-control controller switch --activate {name}", *options))
-        raise ControlError(f"{name} is {state}, so it takes no command; activate it: {switch}")
+        raise ControlError(f"{name} is {state}, so it accepts no command; activate it: {switch}")
 
 
 def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> list[str]:

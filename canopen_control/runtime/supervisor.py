@@ -253,12 +253,12 @@ class Supervisor:
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
         run.child_failed(
-            f"process {child.name} (pid {child.pid}) was not ready within {seconds:g} s; it said: {last_output}; "
-            "is the machine too busy?"
+            f"process {child.name} (pid {child.pid}) was not ready within {seconds:g} s; its last output: "
+            f"{last_output}; is the machine too busy?"
         )
 
     def _without_recorder(self, child: Child) -> None:
-        text = "the flight recorder is not ready; what happens before it is will not be in a recording"
+        text = "the flight recorder is not ready; events before it is ready are not recorded"
         self._report(Event(self._reactor.now(), "no_recorder", "", text, Level.WARNING))
         self._arrived(child)
 
@@ -277,7 +277,7 @@ class Supervisor:
         if silent is not self._recorder_silent:
             self._recorder_silent = silent
             process = f"process {child.name} (pid {child.pid})"
-            text = f"{process} is silent: it hangs or was stopped, and what happens now is not recorded"
+            text = f"{process} is silent: it hangs or was stopped, and nothing is recorded"
             event = Event(now, "recorder_silent", "", text, Level.WARNING)
             self._report(event if silent else Event(now, "recorder_back", "", f"{process} records again"))
         self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
@@ -414,7 +414,7 @@ class Supervisor:
             if child in children:
                 children.remove(child)
         how = f"was ended by signal {-returncode}" if returncode < 0 else f"ended with exit code {returncode}"
-        last_output = f"; it said: {' | '.join(lines[-3:])}" if lines else ""
+        last_output = f"; its last output: {' | '.join(lines[-3:])}" if lines else ""
         if returncode == _USAGE and child in self._awaited and self._world is not None and child is self._world[0]:
             self.refused = True
             self._wait_no_more()
@@ -470,7 +470,7 @@ class Restarts:
         """Count an unexpected end; return the decision about a restart as text, and set `given_up` if negative."""
         if len(self._times) == MOST and now - self._times[0] < WINDOW_NS:
             self.given_up = True
-            return f"given up: it has been started again {MOST} times within a minute"
+            return f"it is not restarted, because it was restarted {MOST} times within a minute"
         self._times.append(now)
         recent = sum(now - time_ns < WINDOW_NS for time_ns in self._times)
-        return f"it is started again ({recent} of {MOST} times a minute)"
+        return f"it is restarted ({recent} of {MOST} times a minute)"

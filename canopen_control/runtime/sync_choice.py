@@ -136,13 +136,13 @@ class SyncChoice:
         """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not affected."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
-        return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
+        return f"{self.words}; {self.joints} time their motion by SYNC, and a late SYNC causes a jerk: {_REMEDY}"
 
 
 _COMES = {SyncSender.PROGRAM: "comes from this program", SyncSender.NODE: "comes from a node of the bus"}
 _REMEDY = (
-    "the kernel sends it evenly on a SocketCAN interface (sync_producer: auto or kernel), a node that produces it does "
-    "too (sync_producer: other); else run it with --realtime"
+    "let the kernel send SYNC on a SocketCAN interface (sync_producer: auto or kernel), or a node (sync_producer: "
+    "other), or use --realtime"
 )
 
 
@@ -164,14 +164,14 @@ def choose_sync(
     why_not = _no_interface(channel)
     if master.sync_producer == "auto":
         why_not = _reason_against(config, axes) or why_not
-        setting = f"{joints} time their motion by it"
+        setting = f"{joints} time their motion by SYNC"
     return SyncChoice(SyncSender.PROGRAM if why_not else SyncSender.KERNEL, why_not or setting, joints)
 
 
 def _no_interface(channel: str) -> str | None:
     if parse_channel(channel).kind is ChannelKind.SOCKETCAN:
         return None
-    return f"the kernel can send it on SocketCAN interfaces alone, and {channel} is none"
+    return f"the kernel can send SYNC only on SocketCAN interfaces, and {channel} is not one"
 
 
 def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
@@ -182,5 +182,5 @@ def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None
         return "sync_order: last"
     name = next((axis.node.name for axis in axes if not is_supervised(config, axis.node.name)), None)
     if name is not None:
-        return f"the kernel would send it on while this program hangs, and {name} is watched by no heartbeat"
+        return f"the kernel would continue to send SYNC while this program hangs, and nothing would stop {name}"
     return None

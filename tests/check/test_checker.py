@@ -187,8 +187,10 @@ def test_several_buses_are_checked_each_for_itself_and_together(tmp_path):
     text = (config / "bus.yml").read_text()
     (config / "bus_arm.yml").write_text(text.replace("sync_period: 20000", "sync_period: 10000"))
     errors = texts(check(config), Severity.ERROR)
-    assert any("bus_arm.yml" in error and "all buses of a robot have one SYNC period" in error for error in errors)
-    assert sum("a node named left_drive is in" in error for error in errors) == 1
+    assert any(
+        "bus_arm.yml" in error and "all buses of a robot must have the same SYNC period" in error for error in errors
+    )
+    assert sum("a node named left_drive is also in" in error for error in errors) == 1
 
 
 def test_peer_merge_and_the_difference_to_it_are_told(tmp_path):
@@ -220,7 +222,7 @@ def test_a_robot_on_drives_needs_one(tmp_path):
     (error,) = texts(check(config), Severity.ERROR)
     assert re.fullmatch(
         rf".*: error: {config} has no bus\.yml, and \w+ at .*robby\.urdf\.xacro:\d+ moves CANopen drives; "
-        "write one or give --bus, or run it with --mock",
+        "write a bus.yml, give --bus, or use --mock",
         error,
     )
     assert check(config, mock=True).passes()

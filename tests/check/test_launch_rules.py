@@ -129,7 +129,7 @@ def test_what_is_no_xml_or_python_is_told(tmp_path):
         "base.launch.py:1: warning: it has no function generate_launch_description, for which ros2 launch looks"
     )
     (text,) = told(tmp_path, "import launch\nx = (", name="base.launch.py")
-    assert text == "base.launch.py:2: error: no Python: '(' was never closed"
+    assert text == "base.launch.py:2: error: not valid Python: '(' was never closed"
     (text,) = found(find_robot("robby"), launch=tmp_path / "none.launch")
     assert "cannot be read" in text
 

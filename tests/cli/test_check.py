@@ -74,7 +74,7 @@ def test_a_caret_stands_below_the_mistake(tmp_path, capsys):
 
 def test_without_a_robot_it_says_what_to_name(capsys):
     assert main(["check", "no-such-robot"]) == 2
-    assert "neither a folder nor one of the bundled ones" in capsys.readouterr().err
+    assert "it is neither a folder nor a bundled robot" in capsys.readouterr().err
 
 
 def test_one_option_accepts_drives_that_nothing_would_stop_and_tells_which(tmp_path, capsys):

@@ -85,7 +85,7 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--kernel-sync"], "--kernel-sync: the kernel cannot send SYNC on local:robby"),
         (["robby", "--kernel-sync", "--can", "pcan:PCAN_USBBUS1"], "a SocketCAN interface such as --can vcan0"),
         (["robby", "--kernel-sync", "--mock"], "--kernel-sync: there is no bus"),
-        (["robby", "--mock", "--cpu", "4000"], "--cpu 4000: this process may run on the processors"),
+        (["robby", "--mock", "--cpu", "4000"], "--cpu 4000: choose a processor that this process may use:"),
         (["robby", "--can", "nonsense"], "nonsense"),
         (["robby", "--world", "hall.yml"], "--world is of a robot with physics"),
         (["robby", "--physics", "--world", "none.sdf"], "none.sdf: cannot be read: No such file or directory"),

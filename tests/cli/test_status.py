@@ -390,7 +390,7 @@ def test_events_stand_above_the_live_table_in_the_order_in_which_they_came(monke
             yield sample_of(STATE)
             yield warning("flight recording: a.zip", level="info", kind="flight")
             yield sample_of(STATE)
-            yield warning("stopping: a client asked for it", level="info", kind="stopping")
+            yield warning("stopping: requested by a client", level="info", kind="stopping")
             yield sample_of(STATE)  # the robot's own process prints from here on
             yield warning("node lost", level="error")
 

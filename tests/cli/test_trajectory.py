@@ -150,7 +150,7 @@ def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_bra
             os.kill(player.pid, signal.SIGCONT)
         told = player.communicate(timeout=10)[1]
     assert player.returncode == 1
-    assert "trajectory has said nothing for 2 s and is gone" in told
+    assert "trajectory has sent no heartbeat for 2 s and is gone" in told
     assert eventually(lambda: all(abs(each.velocity) < 1e-6 for each in arm.status().joints.values()))
     assert abs(positions(arm)[0]) < abs(ENDS[0]) - 0.01
 

@@ -25,4 +25,4 @@ def test_a_base_that_can_drives_sideways_and_another_one_says_that_it_cannot(cap
         assert joints["front_left_wheel_joint"].position < 0 < joints["front_right_wheel_joint"].position
     with running(controllers=[BASE]):
         assert main(["twist", BASE, "0", "0", "--lateral", "0.2", "--once"]) == 1
-    assert f"{BASE} cannot drive sideways; it takes linear.x and angular.z" in capsys.readouterr().err
+    assert f"{BASE} cannot drive sideways; it accepts linear.x and angular.z" in capsys.readouterr().err

@@ -77,7 +77,7 @@ def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
     bench.robot.shutdown("a test")
     bench.until(lambda: bench.texts("stopped"), ms=16_000)
     assert bench.texts("stopped") == [
-        "robby has stopped, left_drive has power still (OPERATION ENABLED): cut its supply if it moves"
+        "robby has stopped, left_drive still has power (OPERATION ENABLED): cut its supply if it moves"
     ]
 
 

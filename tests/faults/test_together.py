@@ -129,7 +129,7 @@ def test_a_verb_for_one_wheel_is_for_the_base_while_its_controller_holds_it(roll
     answers = []
     told = bench.robot.axis(action, "left_drive", answers.append)
     assert told == (
-        f"robby_base_controller moves left_drive and right_drive together: {action.value} is for all of them"
+        f"robby_base_controller moves left_drive and right_drive together: {action.value} applies to all of them"
     )
     assert bench.texts("together") == [told]
     bench.until(lambda: answers, ms=8000)

@@ -95,7 +95,7 @@ def test_what_is_asked_of_one_wheel_is_for_both(robot, apart):
     made.run(1)
     assert ends == [None]
     assert states(made) == {State.OPERATION_ENABLED}
-    words = "left and right are motors behind one controlword: enable is for all of them"
+    words = "left and right share one controlword: enable applies to all of them"
     assert any(words in event.sentence for event in made.events)
     made.command("vel", 4.0, 4.0, seconds=5)
     made.run(0.5)

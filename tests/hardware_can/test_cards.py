@@ -161,7 +161,7 @@ def test_the_kernels_sync_goes_over_the_wire_comes_back_and_leads_the_cycle(stag
     times = [when for when, _ in hears.of(SYNC)][since:]
     gaps = [after - before for before, after in itertools.pairwise(times)]
     assert statistics.median(gaps) == pytest.approx(scaled(0.02), rel=0.02)
-    assert not robby.told("no SYNC comes from the kernel")
+    assert not robby.told("no SYNC is received from the kernel")
     assert robby.status().state == "running"
     robby.end()
     count = len(hears.of(SYNC))

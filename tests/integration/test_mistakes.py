@@ -167,7 +167,7 @@ def test_requests_that_a_robot_refuses(stage):
         (["command", "robby_forward_controller", 1], 1, "takes 2 values.*got 1; nothing was applied"),
         (["command", "robby_base_controller", 1, 1], 1, "robby_base_controller is unloaded.*switch --activate"),
         (["command", "robby_bas_controller", 1, 1], 2, "no controller 'robby_bas_controller' is loaded"),
-        (["twist", "robby_forward_controller", 1, 1], 1, "robby_forward_controller takes no twist"),
+        (["twist", "robby_forward_controller", 1, 1], 1, "robby_forward_controller accepts no twist"),
         (
             ["axis", "enable", "middle_drive"],
             2,

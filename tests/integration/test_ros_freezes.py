@@ -183,9 +183,9 @@ def test_controllers_are_loaded_switched_and_unloaded_again_and_again(loop, kind
 @pytest.mark.parametrize("hangs", [signal.SIGSTOP, signal.SIGUSR2], ids=["stopped", "planted_deadlock"])
 def test_a_bridge_that_hangs_is_killed_and_a_new_one_serves(loop, robby, hangs):
     assert loop(CALL, "made", robby.domain, 4) > 0
-    restarts = robby.robot.out.count("process ros: it is started again")
+    restarts = robby.robot.out.count("process ros: it is restarted")
     pid = robby.stage.pid_of("canopen_control.ros.bridge")
     os.kill(pid, hangs)
     robby.robot.until(f"process ros (pid {pid}) has not answered for")
-    assert eventually(lambda: robby.robot.out.count("process ros: it is started again") > restarts, 20)
+    assert eventually(lambda: robby.robot.out.count("process ros: it is restarted") > restarts, 20)
     assert loop(CALL, "made", robby.domain, 4) > 0

@@ -197,7 +197,7 @@ def test_namespace_and_remappings_of_bus_yml_hold_on_the_running_robot(scene, ca
     assert {"/arm/right_drive/init", "/two/right_drive/halt", "/arm/left_drive/init"}.isdisjoint(names("services"))
     scene.peer.order("subscribe", topic="/arm/nmt", of="std_msgs/msg/String", qos="latched")
     assert scene.peer.message("/arm/nmt") == {"data": "START"}
-    together = "robby_base_controller moves left_drive and right_drive together: {} is for all of them"
+    together = "robby_base_controller moves left_drive and right_drive together: {} applies to all of them"
     for path, verb in (("/arm/right_drive/disable", "disable"), ("/arm/begin", "enable")):
         assert call(path) == {"success": True, "message": together.format(verb)}
 

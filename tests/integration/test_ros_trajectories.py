@@ -178,10 +178,10 @@ def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_the_next_one_takes
     assert not any("has said nothing" in each for each in events(arm))
     os.kill(bridge, signal.SIGSTOP)
     # Its connection is silent for 3 s, or what watches it has ended it by then: the goal ends either way.
-    ends = ("ros has said nothing for 3 s and is gone", "ros is gone, and its command with it")
+    ends = ("ros has sent no heartbeat for 3 s and is gone", "ros is gone, and its command with it")
     assert eventually(lambda: any(end in each for each in events(arm) for end in ends), 8.0), events(arm)
     assert at_rest(arm)
-    arm.robot.until("process ros: it is started again")
+    arm.robot.until("process ros: it is restarted")
     assert abs(positions(arm)[0] - end[0]) > 0.05
     with ros.Peer(arm.domain, "--interfaces") as late:  # others hold the server that was killed for alive a while
         assert send(arm, "after it", goal_to(arm, near(1)), late)

@@ -103,7 +103,7 @@ def test_ctrl_c_while_the_drives_start_ends_it(stopped_drives):
     for pid in drives:
         os.kill(pid, signal.SIGCONT)
     assert robot.wait() == 0
-    assert "early has stopped before it began" in robot.out
+    assert "early was stopped before it started" in robot.out
 
 
 @pytest.mark.rest

@@ -168,7 +168,7 @@ def test_shutdown_ends_the_robot_and_returns_when_it_has(stage, robot):
     program, _, _ = robot
     assert stage.call("shutdown").wait() == 0
     assert program.wait(1.0) == 0, program
-    assert "stopping: a client asked for it" in program.out
+    assert "stopping: requested by a client" in program.out
     assert "no robot is running" in stage.call("status").err
 
 

@@ -259,7 +259,7 @@ def test_a_node_that_boots_in_the_middle_of_a_transfer_is_not_waited_for():
     with (
         OnBus("memory:restarting", cores=(device,)),
         DirectBus.open("memory:restarting", timeout_s=1000.0) as bus,
-        pytest.raises(SdoRestarted, match="node 9: 0x1F50:01: the node has restarted in the middle of the transfer"),
+        pytest.raises(SdoRestarted, match="node 9: 0x1F50:01: the node restarted during the transfer"),
     ):
         bus.write(9, 0x1F50, 1, bytes(20_000), block=True)
 

@@ -72,10 +72,11 @@ def test_recover_resets_the_fault_and_does_not_enable(fresh, call):
 
 
 def test_a_trigger_that_was_done_to_the_whole_base_says_so(fresh, call):
-    fresh.robot.answers["axis"] = {"text": "base moves left_drive and right_drive together: halt is for all of them"}
+    together = "base moves left_drive and right_drive together: halt applies to all of them"
+    fresh.robot.answers["axis"] = {"text": together}
     assert call("/left_drive/halt") == {
         "success": True,
-        "message": "base moves left_drive and right_drive together: halt is for all of them",
+        "message": together,
     }
 
 

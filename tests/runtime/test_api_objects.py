@@ -122,7 +122,7 @@ def test_what_is_written_travels_in_the_rpdo_of_the_next_cycle_and_stays(robot):
 
 @pytest.mark.parametrize("index", [0x6040, 0x6060, 0x607A, 0x60FF, 0x6071, 0x6042])
 def test_what_moves_the_drive_is_the_controllers_alone(robot, index):
-    with pytest.raises(ControlError, match="moves the drive and belongs to the controllers"):
+    with pytest.raises(ControlError, match="moves the drive and is written by controllers only"):
         write_mapped(robot.robot, robot.one, index, 0, bytes(2))
     robot.run(100)
     assert robot.robot.state.value == "running"
@@ -130,7 +130,11 @@ def test_what_moves_the_drive_is_the_controllers_alone(robot, index):
 
 @pytest.mark.parametrize(
     ("index", "data", "words"),
-    [(0x6083, "00000000", "none of its RPDOs"), (0x6041, "0000", "none of its RPDOs"), (OUTPUTS, "00", "4 bytes")],
+    [
+        (0x6083, "00000000", "is not mapped in an RPDO"),
+        (0x6041, "0000", "is not mapped in an RPDO"),
+        (OUTPUTS, "00", "4 bytes"),
+    ],
 )
 def test_what_no_rpdo_could_carry_is_refused_before_the_cycle_meets_it(robot, index, data, words):
     with pytest.raises(ControlError, match=words):
@@ -185,7 +189,7 @@ def test_who_subscribes_to_pdos_gets_everything_first_and_then_what_changes(api)
     assert other.messages() == []
     other.ask("pdo_write", node="drive_one", index=0x60FE, subindex=1, data=base64_of("00000300"))
     assert (
-        "belongs to the controllers"
+        "written by controllers only"
         in other.ask("pdo_write", node=2, index=0x6040, data=base64_of("0f00"))["error"]["message"]
     )
     api.run(20)
@@ -266,5 +270,5 @@ def test_the_events_say_who_has_taken_a_node_out(client, robby):
         assert client.ask("nmt", node="left_drive", command="preop", **source)["result"] == {}
     told = [event for event in robby.robot.events.recent if event.kind == "nmt_asked"]
     assert [event.node for event in told] == ["left_drive", "left_drive"]
-    assert told[0].text == "view asked for NMT preop"
+    assert told[0].text == "view requested NMT preop"
     assert told[1].text.startswith("client ")

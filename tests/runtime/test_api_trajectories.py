@@ -101,7 +101,9 @@ def test_a_sender_that_falls_silent_is_gone_though_its_connection_stands(arm_of_
         client_of_api_gripper.ask("trajectory_heartbeat")
     assert arm_of_api_gripper.texts("goal_aborted") == []
     arm_of_api_gripper.run(700)
-    assert any("has said nothing for 0.5 s and is gone" in text for text in arm_of_api_gripper.texts("goal_aborted"))
+    assert any(
+        "has sent no heartbeat for 0.5 s and is gone" in text for text in arm_of_api_gripper.texts("goal_aborted")
+    )
 
 
 @pytest.mark.rest
@@ -136,7 +138,7 @@ def test_a_goal_that_cannot_be_is_refused(client_of_api_gripper, wrong, words):
 
 
 def test_without_a_goal_nothing_has_an_end(client_of_api_gripper):
-    assert "no goal came on this connection" in client_of_api_gripper.ask("gripper_end")["error"]["message"]
+    assert "this connection has sent no goal" in client_of_api_gripper.ask("gripper_end")["error"]["message"]
 
 
 ARM = "arm_controller"
@@ -247,10 +249,10 @@ def test_a_sender_that_promised_a_heartbeat_and_falls_silent_is_gone_though_its_
     assert client.next()["result"] == {
         "state": "aborted",
         "error_code": -1,
-        "text": "test has said nothing for 0.5 s and is gone, so the command of test was taken back; "
+        "text": "test has sent no heartbeat for 0.5 s and is gone, so the command of test was taken back; "
         "send it again once the joints are enabled",
     }
-    assert "test has said nothing for 0.5 s and is gone, and its command with it" in arm.texts("commander_gone")[0]
+    assert "test has sent no heartbeat for 0.5 s and is gone, and its command with it" in arm.texts("commander_gone")[0]
     arm.run(1000)
     where = positions(arm)
     assert all(abs(a) < abs(b) - 0.01 for a, b in zip(where, ENDS, strict=True))

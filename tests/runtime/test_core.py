@@ -84,7 +84,7 @@ def test_skipped_edges_are_caught_up_in_time_up_to_a_bound_and_told_with_what_th
     assert max(later[0] - sooner[0] for sooner, later in itertools.pairwise(seen)) == (1 + edges) * PERIOD
     (event,) = [each for each in bench.events if each.kind == "cycle_missed"]
     assert event.count == edges
-    cost = f"set-points that moving axes did not get since they were enabled: left_wheel_joint {edges}"
+    cost = f"set-points that moving axes missed since they were enabled: left_wheel_joint {edges}"
     assert cost in event.text
     assert bench.joint(LEFT).tracking.skipped == edges
 

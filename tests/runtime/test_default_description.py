@@ -201,7 +201,7 @@ def with_spare(folder, driver="ros2_canopen::Cia402Driver", name="spare"):
 def test_a_robot_may_have_a_drive_that_takes_targets_beside_its_joints(tmp_path):
     config = with_spare(tmp_path)
     told = [each.text for each in check(config, controllers=["velocity"]).findings if "spare" in each.text]
-    assert any("it takes targets by itself" in each and "axis enable spare, command spare" in each for each in told)
+    assert any("it has its own controller" in each and "axis enable spare, command spare" in each for each in told)
     robot = AloneBench("mixed", config=config, drives=(2, 3, 9), controllers=["velocity"])
     try:
         robot.start()
@@ -247,7 +247,7 @@ def test_a_drive_beside_the_others_that_need_not_be_there_stops_and_keeps_none_o
     ("how", "why"),
     [
         ({"driver": "ros2_canopen::ProxyDriver"}, "it is a proxy, and cannot be enabled"),
-        ({"name": "velocity"}, "it is a proxy, since 'velocity' is a joint, a part or a controller too"),
+        ({"name": "velocity"}, "it is a proxy, since a joint, part or controller is also named 'velocity'"),
     ],
 )
 def test_one_that_is_to_be_none_or_whose_name_is_taken_is_a_proxy(tmp_path, how, why):
@@ -311,9 +311,7 @@ def test_two_axes_of_one_name_are_refused_with_their_node(tmp_path):
     config = write_two_axis_drive(tmp_path)
     bus = config / "bus.yml"
     bus.write_text(bus.read_text().replace("{node_id: 2}", "{node_id: 2, channel_names: [arm, arm]}"))
-    with pytest.raises(
-        RobotConfigError, match=r"bus.yml:\d+: drive_one has an axis 'arm', which is one of drive_one too"
-    ):
+    with pytest.raises(RobotConfigError, match=r"bus.yml:\d+: drive_one has an axis 'arm', and so has drive_one"):
         read_robot(find_robot(str(config)))
     assert len(errors(check(config))) == 1
 

@@ -448,7 +448,7 @@ def test_a_robot_that_waits_for_tpdos_without_sync_says_so(bench):
     robby.robot.start()
     robby.run(3000)
     assert robby.robot.state is RobotState.STARTING
-    assert "statusword of left_drive, right_drive: no SYNC is sent; set sync_period" in robby.robot.hint
+    assert "statusword of left_drive, right_drive was received: no SYNC is sent; set sync_period" in robby.robot.hint
 
 
 def test_a_robot_that_waits_for_a_node_which_does_not_boot_names_it(bench):
@@ -514,7 +514,7 @@ def test_a_controller_that_is_only_in_the_file_says_how_to_switch(bench):
     with pytest.raises(ControlError) as refused:
         robby.robot.command("robby_base_controller", [0.1, 0.0], "test")
     assert str(refused.value) == (
-        "robby_base_controller is unloaded, so it takes no command; activate it: canopen-control controller switch "
+        "robby_base_controller is unloaded, so it accepts no command; activate it: canopen-control controller switch "
         "--activate robby_base_controller --deactivate robby_forward_controller"
     )
     robby.robot.switch(["robby_base_controller"], [FORWARD], strict=True)

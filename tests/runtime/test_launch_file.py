@@ -106,7 +106,7 @@ def test_a_launch_file_alone_may_name_everything_but_the_bus(tmp_path):
     ("old", "new", "why"),
     [
         ('PACKAGE = "robby_bringup"', "PACKAGE = name()", r"robby\.launch\.py:\d+: a command is computed"),
-        ("FindPackageShare(PACKAGE)", 'FindPackageShare("far")', "package 'far' is nowhere to be found; source its"),
+        ("FindPackageShare(PACKAGE)", 'FindPackageShare("far")', "package 'far' was not found; source its"),
     ],
 )
 def test_why_a_launch_file_gives_no_description_is_told(tmp_path, old, new, why):
@@ -123,7 +123,7 @@ def test_one_that_computes_the_names_of_its_files_says_which(tmp_path):
     ):
         find_robot(None, launch=str(launch))
     launch.write_text("def generate_launch_description():\n    return []\n")
-    with pytest.raises(RobotConfigError, match=r"--controllers.*a\.launch\.py: no file of a robot is named in it"):
+    with pytest.raises(RobotConfigError, match=r"--controllers.*a\.launch\.py: it names no file of a robot"):
         find_robot(None, launch=str(launch))
 
 
@@ -246,7 +246,7 @@ def test_real_hardware_is_obeyed_and_needs_a_channel(tmp_path, word):
         (["use_real_hardware:=maybe"], {}, "write use_real_hardware:=true"),
         (["can_interface_name:=can0"], {"can": ["vcan0"]}, "contradicts --can vcan0"),
         (["can_interface_name:=can0", "channel:=can1"], {}, "contradict each other"),
-        (["use_fake_hardware:=false"], {}, "would choose nothing"),
+        (["use_fake_hardware:=false"], {}, "so it has no effect"),
     ],
 )
 def test_what_cannot_be_obeyed_is_refused(tmp_path, words, options, why):
@@ -256,7 +256,7 @@ def test_what_cannot_be_obeyed_is_refused(tmp_path, words, options, why):
 
 def test_an_argument_that_reaches_nothing_is_told(tmp_path):
     told = [text for _, _, text in read(tmp_path, "gui:=true").notices]
-    assert any(text.startswith("gui:=true reaches neither") for text in told)
+    assert any(text.startswith("gui:=true is used neither") for text in told)
     assert not any("mock:=false" in text for _, _, text in read(tmp_path / "b", "mock:=false").notices)
 
 
@@ -418,7 +418,7 @@ def test_a_second_file_of_parameters_is_a_doubt_with_its_line(sources):
     path.write_text(text.replace("parameters=[", f"parameters=[{str(second)!r}, ", 1))
     (doubt,) = launched_robot(path, {}).uncertainties
     line = next(number for number, each in enumerate(path.read_text().splitlines(), 1) if "--param-file" in each) - 1
-    assert doubt.startswith(f"{path}:{line}: rrbot.yaml is not read beside more.yaml; put its parameters into")
+    assert doubt.startswith(f"{path}:{line}: rrbot.yaml is ignored, since more.yaml is read; move its parameters into")
 
 
 def test_a_launch_file_that_names_no_description_says_so_and_not_that_a_folder_is_missing(sources):

@@ -162,7 +162,7 @@ def test_names_that_double_each_other_end_too():
 
 @pytest.mark.parametrize(("source", "line"), [("def f(:\n", 1), ("x = 1\n  y = 2\n", 2), ("a\0b", 1)])
 def test_what_is_no_python_says_where(source, line):
-    with pytest.raises(RobotConfigError, match=rf"x\.launch\.py:{line}: no Python: "):
+    with pytest.raises(RobotConfigError, match=rf"x\.launch\.py:{line}: not valid Python: "):
         read_python(source, "x.launch.py")
 
 

@@ -87,10 +87,10 @@ def test_a_robot_is_launched_by_it(tmp_path):
 @pytest.mark.parametrize(
     ("source", "words"),
     [
-        ("controller_manager:\n  ros__parameters: {}\n", "no list under the key `launch`"),
-        ("launch: {}\n", "no list under the key `launch`"),
+        ("controller_manager:\n  ros__parameters: {}\n", "the key `launch` has no list"),
+        ("launch: {}\n", "the key `launch` has no list"),
         ("launch: [\n", "x.launch.yaml:2:1"),
-        ("", "no list under the key `launch`"),
+        ("", "the key `launch` has no list"),
     ],
 )
 def test_another_file_is_refused(source, words):

@@ -103,7 +103,7 @@ def test_the_processor_is_taken_by_pin_and_given_back_to_a_child_and_at_the_end(
 @LINUX
 @pytest.mark.parametrize("cpu", [-1, 4000, 1 << 40])
 def test_a_processor_that_is_not_there_is_refused_with_those_that_are(cpu: int) -> None:
-    with pytest.raises(ConfigError, match=f"--cpu {cpu}: this process may run on the processors 0"):
+    with pytest.raises(ConfigError, match=f"--cpu {cpu}: choose a processor that this process may use: 0"):
         RealTime(None, cpu)
 
 
@@ -117,7 +117,7 @@ def test_a_refused_priority_tells_the_command_for_this_shell_and_gives_back_what
     monkeypatch.setattr(os, "geteuid", lambda: 1)
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(RealTime, "_lock_memory", lambda *_: None)
-    with pytest.raises(ConfigError, match=r"no real-time priority 40 .Operation not permitted.") as caught:
+    with pytest.raises(ConfigError, match=r"real-time priority 40 cannot be set .Operation not permitted.") as caught:
         RealTime(40, min(os.sched_getaffinity(0)))
     assert "sudo prlimit --pid $$ --rtprio=40 --memlock=unlimited" in str(caught.value)
     assert "/etc/security/limits.d" in str(caught.value)
@@ -168,7 +168,7 @@ def test_other_systems_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     RealTime(None).close()
     for priority, cpu in ((40, None), (None, 0)):
-        with pytest.raises(ConfigError, match="need Linux"):
+        with pytest.raises(ConfigError, match="require Linux"):
             RealTime(priority, cpu)
 
 

@@ -65,12 +65,12 @@ def test_what_is_lost_while_the_bus_carries_nothing_is_told_as_that_and_once_whe
     bench.bus.restart("master")
     bench.run(2000)
     (lost,) = [event for event in bench.events if event.kind == "bus_frames_lost"]
-    assert lost.sentence == f"bus can (memory:bus5): a frame was lost, while it carried nothing ({master.lost} times)"
+    assert lost.sentence == f"bus can (memory:bus5): a frame was lost, while the bus had failed ({master.lost} times)"
     assert bench.texts("bus_queue_full") == []
     master.lost += 3
     bench.run(2000)
     (full,) = [event for event in bench.events if event.kind == "bus_queue_full"]
-    assert full.sentence == "bus can (memory:bus5): a frame was lost, its queue was full (3 times)"
+    assert full.sentence == "bus can (memory:bus5): a frame was lost, the send queue was full (3 times)"
     bench.close()
 
 

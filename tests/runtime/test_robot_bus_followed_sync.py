@@ -102,7 +102,7 @@ def test_sync_that_is_not_heard_is_told_once_and_set_up_again_while_the_cycle_go
     bench.run(2000)
     assert bench.robot.pacer.count - count == pytest.approx(100, abs=2)
     assert bench.texts("sync_lost") == [
-        "no SYNC comes from the kernel; bus can: the kernel does not send SYNC: No such device"
+        "no SYNC is received from the kernel; bus can: the kernel does not send SYNC: No such device"
     ]
     assert not any(node.ready and not node.stale for node in bench.robot.nodes.values()), (
         "its drives have fallen silent"
@@ -154,8 +154,8 @@ def test_the_first_sync_of_a_node_that_has_to_boot_is_waited_for_and_its_absence
     assert told == []
     sync.tick(5300 * MS)
     assert [event.text for event in told] == [
-        "no SYNC comes from a node of the bus (sync_producer: other); the cycle goes on by its own clock, and drives "
-        "that wait for SYNC stand; let a node produce it (0x1005)"
+        "no SYNC is received from a node of the bus (sync_producer: other); the cycle continues by its own clock, and "
+        "drives that wait for SYNC do not move; enable SYNC production in a node (0x1005)"
     ]
     sync.close()
 

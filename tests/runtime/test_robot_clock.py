@@ -72,9 +72,9 @@ def test_who_asked_for_steps_is_told_once_when_they_are_done_or_left(made):
     assert made.answers == [None]
     made.clock.step(500, made)
     made.clock.step(1, made)
-    assert made.answers == [None, "other steps were asked for"]
+    assert made.answers == [None, "the steps were replaced by another request"]
     made.clock.resume()
-    assert "no longer wanted" in made.answers[-1]
+    assert "remaining steps were cancelled" in made.answers[-1]
     made.clock.pause()
     made.clock.step(3, made)
     made.clock.end()

@@ -64,20 +64,20 @@ def test_what_is_no_regular_file_is_refused_and_never_opened(tmp_path, name):
     names = {"bus.yml", "ros2_controllers.yaml", "x.urdf"} - {name}
     folder = robot(tmp_path / "r", *names)
     os.mkfifo(folder / name)
-    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a pipe or a device, no file"):
+    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a pipe or a device, not a file"):
         find_robot(str(folder))
     (folder / name).unlink()
     (folder / name).mkdir()
-    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a folder, no file"):
+    with pytest.raises(RobotConfigError, match=f"{re.escape(str(folder / name))} is a folder, not a file"):
         find_robot(str(folder))
     if name.startswith("bus"):
-        with pytest.raises(RobotConfigError, match="is a folder, no file"):
+        with pytest.raises(RobotConfigError, match="is a folder, not a file"):
             find_buses(str(folder))
 
 
 def test_a_device_is_no_file_of_a_robot(tmp_path):
     folder = robot(tmp_path / "r", "ros2_controllers.yaml", "x.urdf")
-    with pytest.raises(RobotConfigError, match="/dev/zero is a pipe or a device, no file"):
+    with pytest.raises(RobotConfigError, match="/dev/zero is a pipe or a device, not a file"):
         find_robot(str(folder), bus="/dev/zero")
 
 
@@ -163,9 +163,9 @@ def test_the_bus_that_a_hardware_plugin_names_is_read_where_nothing_else_names_o
 @pytest.mark.parametrize("name", ["bus_can.yml", "bus_a b.yml", "bus_.yml"])
 def test_a_further_bus_needs_a_name_that_a_channel_may_have(tmp_path, name):
     folder = robot(tmp_path / "r", "bus.yml", name, "ros2_controllers.yaml", "x.urdf")
-    with pytest.raises(RobotConfigError, match="is not a name for a further bus"):
+    with pytest.raises(RobotConfigError, match="is not a valid name of a bus"):
         find_robot(str(folder))
-    with pytest.raises(RobotConfigError, match="is not a name for a further bus"):
+    with pytest.raises(RobotConfigError, match="is not a valid name of a bus"):
         find_buses(str(folder))
 
 
@@ -216,7 +216,7 @@ def test_an_argument_names_the_world_from_here_or_in_the_package_of_the_launch_f
     with pytest.raises(RobotConfigError) as caught:
         find_robot(str(folder), arguments=["world:=none.sdf"])
     assert str(caught.value) == "world:=none.sdf: there is no file none.sdf"
-    with pytest.raises(RobotConfigError, match=r"a:=x\.sdf, b:=y\.sdf: these contradict each other"):
+    with pytest.raises(RobotConfigError, match=r"a:=x\.sdf, b:=y\.sdf: these arguments contradict each other"):
         find_robot(str(folder), arguments=["a:=x.sdf", "b:=y.sdf"])
 
 
@@ -226,7 +226,7 @@ def test_arguments_of_the_description_are_pairs(tmp_path):
     assert files.arguments == {"prefix": "c", "side": ""}
     assert files.mappings(mock=True) == {"use_mock_hardware?": "true", "prefix": "c", "side": ""}
     for word in ("prefix=a", ":=a", "a b:=c", "x"):
-        with pytest.raises(RobotConfigError, match="is not an argument of the description; those are NAME:=VALUE"):
+        with pytest.raises(RobotConfigError, match="is not an argument of the form NAME:=VALUE"):
             find_robot(str(folder), arguments=[word])
 
 
@@ -292,5 +292,5 @@ def test_several_descriptions_are_named(package):
 def test_a_bus_alone_has_no_arguments(tmp_path):
     folder = robot(tmp_path / "r", "bus.yml")
     assert find_robot(str(folder)).bus_alone
-    with pytest.raises(RobotConfigError, match="a bus without a description, so it has no arguments; omit side:="):
+    with pytest.raises(RobotConfigError, match="a bus without a description and accepts no arguments; omit side:="):
         find_robot(str(folder), arguments=["side:=left"])

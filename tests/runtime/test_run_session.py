@@ -115,7 +115,7 @@ def test_what_ends_it_before_it_began_ends_it():
     session.robot.join()
     session.reactor.call_soon(lambda: session.robot.shutdown("a test"))
     session.reactor.run()
-    assert [event.text for event in session.robot.events.take()][-1] == "early has stopped before it began"
+    assert [event.text for event in session.robot.events.take()][-1] == "early was stopped before it started"
     session.robot.start()
     assert not session.robot.pacer.running
     session.close()

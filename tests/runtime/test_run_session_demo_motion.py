@@ -34,7 +34,7 @@ def test_the_first_command_of_anyone_else_ends_it_for_good(robby):
     assert robby.velocity(RIGHT) == pytest.approx(3.0, rel=0.01)
     robby.run(5000)
     assert robby.speed(RIGHT) == 0
-    assert robby.texts("demo") == ["ros commands now; the demo motion ends"]
+    assert robby.texts("demo") == ["ros commands the robot; the demo motion ends"]
 
 
 def test_it_waits_while_the_robot_is_in_fault_and_never_enables(robby):

@@ -91,10 +91,10 @@ def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path
     path = config / "bus_right.yml"
     text = path.read_text()
     path.write_text(text.replace("sync_period: 20000", "sync_period: 10000"))
-    with pytest.raises(RobotConfigError, match="all buses of a robot have one SYNC period"):
+    with pytest.raises(RobotConfigError, match="all buses of a robot must have the same SYNC period"):
         read_robot(find_robot(str(config)))
     path.write_text(text.replace("right_drive:", "left_drive:"))
-    with pytest.raises(RobotConfigError, match=r"bus_right\.yml:\d+: a node named left_drive is in .*bus\.yml too"):
+    with pytest.raises(RobotConfigError, match=r"bus_right\.yml:\d+: a node named left_drive is also in .*bus\.yml"):
         read_robot(find_robot(str(config)))
 
 
@@ -129,7 +129,7 @@ def test_use_sim_time_without_a_simulation_is_told_to_do_nothing(tmp_path, where
     head = f"{where}:\n  ros__parameters:\n"
     folder = copy_robby(tmp_path, controllers={head: f"{head}    use_sim_time: true\n"})
     (note,) = [each for each in read_robot(find_robot(str(folder))).notes if "use_sim_time has" in each]
-    assert "so its stamps are this computer's time; start the other nodes without it, or the bridge with" in note
+    assert "if a program publishes /clock, the bridge with" in note
     assert not [each for each in read_robot(ROBBY).notes if "use_sim_time" in each]
 
 

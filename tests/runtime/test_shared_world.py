@@ -85,7 +85,7 @@ def test_two_robots_share_a_world_one_dies_alone_and_nothing_is_left(tmp_path, m
         pids = [int(line.split()[0]) for line in _processes() if "--as hall_b" in line]
         os.kill(pids[0], signal.SIGKILL)
         line = next(line for line in run.stdout if "hall_b ended" in line)
-        assert "its drives stop, hall_a goes on; start it again with: canopen-control run robby --as hall_b" in line
+        assert "its drives stop, hall_a continues; start it again with: canopen-control run robby --as hall_b" in line
         assert "robot-hall_a" in [f"robot-{each}" for each in list_sockets("robot")]
         run.send_signal(signal.SIGINT)
         assert run.wait(20) == 1  # a robot failed

@@ -86,8 +86,8 @@ def test_a_bridge_that_is_killed_is_started_again_three_times_a_minute(superviso
         )
     assert len(set(pids)) == 4
     told = [each.text for each in supervisor.events if each.kind == "restart"]
-    assert told[0] == "process ros: it is started again (1 of 3 times a minute)"
-    assert told[3] == "process ros: given up: it has been started again 3 times within a minute"
+    assert told[0] == "process ros: it is restarted (1 of 3 times a minute)"
+    assert told[3] == "process ros: it is not restarted, because it was restarted 3 times within a minute"
     supervisor.reactor.run_for(SECOND)
     assert "ros" not in supervisor.pids
 
@@ -99,7 +99,7 @@ def test_a_recorder_that_is_killed_is_started_again_and_missing_meanwhile(superv
     first = supervisor.pids["flight"]
     os.kill(first, signal.SIGKILL)
     assert supervisor.reactor.run_until(lambda: bool(supervisor.missing), 20 * SECOND)
-    assert "started again (1 of 3" in supervisor.missing["flight"]
+    assert "is restarted (1 of 3" in supervisor.missing["flight"]
     assert supervisor.reactor.run_until(lambda: "flight" in supervisor.pids, 20 * SECOND)
     assert supervisor.pids["flight"] != first
     assert supervisor.missing == {}
@@ -130,7 +130,10 @@ def test_a_client_that_was_started_before_is_let_in_and_started_again_without_a_
         return [event.text for event in supervisor.events if event.kind == "process_ended"]
 
     assert supervisor.reactor.run_until(lambda: len(ends()) == 2, 20 * SECOND)
-    assert [text.partition("exit code ")[2] for text in ends()] == ["5; it said: b'\\n'", "5; it said: False"]
+    assert [text.partition("exit code ")[2] for text in ends()] == [
+        "5; its last output: b'\\n'",
+        "5; its last output: False",
+    ]
 
 
 def test_a_client_that_ended_at_its_gate_is_told_of(supervisor):
@@ -264,7 +267,7 @@ def test_a_drive_that_is_not_ready_in_time_is_named_with_what_it_said(supervisor
     supervisor.when_ready(SimpleNamespace(children_ready=lambda: pytest.fail("it began"), child_failed=failed.append))
     assert supervisor.reactor.run_until(lambda: bool(failed), 20 * SECOND)
     (text,) = failed
-    assert re.match(r"process drive-\w+ \(pid \d+\) was not ready within 3 s; it said: ", text)
+    assert re.match(r"process drive-\w+ \(pid \d+\) was not ready within 3 s; its last output: ", text)
     assert "on my way" in text or "nothing yet" in text
 
 
@@ -409,15 +412,15 @@ def test_a_client_that_ends_by_itself_is_not_called_silent(supervisor, answering
 def test_three_times_a_minute_and_not_once_more():
     restarts = Restarts()
     said = [restarts.died(number * 1_000_000_000) for number in range(MOST)]
-    assert said[0] == "it is started again (1 of 3 times a minute)"
-    assert said[-1] == "it is started again (3 of 3 times a minute)"
+    assert said[0] == "it is restarted (1 of 3 times a minute)"
+    assert said[-1] == "it is restarted (3 of 3 times a minute)"
     assert not restarts.given_up
-    assert restarts.died(5_000_000_000).startswith("given up")
+    assert restarts.died(5_000_000_000).startswith("it is not restarted")
     assert restarts.given_up
 
 
 def test_who_dies_now_and_then_is_never_given_up():
     restarts = Restarts()
     for number in range(50):
-        assert restarts.died(number * (WINDOW_NS // 2)).startswith("it is started again")
+        assert restarts.died(number * (WINDOW_NS // 2)).startswith("it is restarted")
     assert not restarts.given_up

@@ -119,5 +119,5 @@ def test_a_command_to_a_controller_that_is_not_active_is_raised_and_one_to_drive
     robot.command(FORWARD, 1.0, 1.0)
     robot.run(0.2)
     robot.command("robby_base_controller", 0.1, 0.0)
-    with pytest.raises(ControlError, match="takes no command; activate it"):
+    with pytest.raises(ControlError, match="accepts no command; activate it"):
         robot.run(0.2)
