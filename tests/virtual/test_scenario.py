@@ -78,7 +78,7 @@ def test_every_mistake_is_told_at_once_with_its_line(tmp_path):
         (5, "exactly one of fault, quirk, plant"),
         (6, "exactly one of fault, quirk, plant"),
         (7, "for: is possible only with"),
-        (8, "which node?"),
+        (8, "node is missing"),
         (9, "did you mean 'brake_delay'"),
         (10, "the strength must be a number, 0.001 to 60 s"),
     ):
