@@ -93,8 +93,8 @@ class ParameterFile:
         device = _device(node)
         if record.get("device") != device:
             raise ConfigError(
-                f"{self.path}: what is stored for node {node.node_id} is of device {record.get('device')}, this one is "
-                f"{device} (vendor, product); take another --store file"
+                f"{self.path}: the values stored for node {node.node_id} are of device {record.get('device')}, not of "
+                f"{device} (vendor, product); use another --store file"
             )
         if node.lss is not None and isinstance(record.get("bitrate"), int):
             node.lss.stored_bitrate = record["bitrate"]
@@ -176,7 +176,7 @@ def _address(name: str) -> Address:
 
 
 IDENTITY = (0x286, 0x4F6)  # 0x1018:01 and :02
-_MICROSTEPS, _FULL_STEPS, _SWITCHES, _ENABLE_DELAY = 0x2000, 0x2001, 0x2005, 0x200A
+_MICROSTEPS, _SWITCHES, _ENABLE_DELAY = 0x2000, 0x2005, 0x200A
 _BOTH_DISABLED = 3
 _MOVING, _NEGATIVE = 1 << 14, 1 << 15
 

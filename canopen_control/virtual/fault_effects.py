@@ -45,11 +45,11 @@ def _each(action: Callable[[VirtualDrive, bool, int], None]) -> Switch:
     return turn
 
 
-def _breaks(seam: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Switch:
+def _injects(point: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Switch:
     """Return a switch that sets an injection point of every axis to `value`."""
 
     def action(drive: VirtualDrive, on: bool, _now: int) -> None:
-        seam(drive).switch(on, value)
+        point(drive).switch(on, value)
 
     return _each(action)
 
@@ -117,7 +117,8 @@ def stubborn_fault(node: VirtualNode, on: bool, now: int) -> None:
         _last(drive, on, now, 0x8120, ErrorRegister.COMMUNICATION, stubborn=True)
 
 
-def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
+@_each
+def power_stage_off(drive: VirtualDrive, on: bool, now: int) -> None:
     """Switch the supply of an axis's power stage off, or on again."""
     if on:
         drive.power.lose_voltage(now)
@@ -125,29 +126,34 @@ def power_stage(drive: VirtualDrive, on: bool, now: int) -> None:
         drive.power.voltage.clear()
 
 
-def undervoltage(drive: VirtualDrive, on: bool, now: int) -> None:
+@_each
+def supply_low(drive: VirtualDrive, on: bool, now: int) -> None:
     """Switch the supply of the power stage off with an undervoltage fault, or on again."""
     drive.power.voltage.switch(on, False)
     _last(drive, on, now, 0x3220, ErrorRegister.VOLTAGE)
 
 
-def hand_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
+@_each
+def shaft_moved(drive: VirtualDrive, _on: bool, now: int) -> None:
     """Displace the shaft and the demand by 500 counts, as if moved by hand."""
     drive.mover.displace(500.0, now)
 
 
-def position_jump(drive: VirtualDrive, _on: bool, _now: int) -> None:
+@_each
+def count_lost(drive: VirtualDrive, _on: bool, _now: int) -> None:
     """Shift the encoder count by a million."""
     drive.objects.units.lose_counts(1_000_000.0)
 
 
-def position_near_wrap(drive: VirtualDrive, _on: bool, _now: int) -> None:
+@_each
+def count_wraps(drive: VirtualDrive, _on: bool, _now: int) -> None:
     """Shift the encoder count to 1000 below the end of the 32-bit range."""
     units = drive.objects.units
     units.lose_counts(units.zero - drive.mover.plant.position + 0x7FFFFC17)
 
 
-def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
+@_each
+def limit_switch(drive: VirtualDrive, on: bool, now: int) -> None:
     """Activate the positive limit switch at the present position, or deactivate the switch."""
     if on:
         drive.mover.switches.close_positive(drive.mover.plant.position)
@@ -156,7 +162,8 @@ def switch_hit(drive: VirtualDrive, on: bool, now: int) -> None:
         drive.mover.switches.open_positive()
 
 
-def no_switches(drive: VirtualDrive, on: bool, _now: int) -> None:
+@_each
+def switches_gone(drive: VirtualDrive, on: bool, _now: int) -> None:
     """Move limit and home switches out of reach of homing, or back."""
     drive.mover.switches.place(reachable=not on)
 
@@ -185,7 +192,8 @@ def _undefined(_word: int) -> int:
     return 0x0001
 
 
-def no_state(drive: VirtualDrive, on: bool, _now: int) -> None:
+@_each
+def status_undefined(drive: VirtualDrive, on: bool, _now: int) -> None:
     """Show the undefined statusword 0x0001 while the fault is on."""
     statusword = drive.readings.statusword
     changes = tuple(change for change in statusword.changes if change is not _undefined)
@@ -231,38 +239,30 @@ def program_lost(node: VirtualNode, on: bool, now: int) -> None:
     node.power_on(now)
 
 
-def _breaks_program(seam: Callable[[ProgramArea], InjectionPoint[T]], value: T) -> Switch:
+def _injects_in_program(point: Callable[[ProgramArea], InjectionPoint[T]], value: T) -> Switch:
     """Return a switch that sets an injection point of the program area to `value`."""
 
     def turn(node: VirtualNode, on: bool, _now: int) -> None:
         if node.program is not None:
-            seam(node.program).switch(on, value)
+            point(node.program).switch(on, value)
 
     return turn
 
 
-program_damaged: Switch = _breaks_program(lambda area: area.damages, True)
-flash_failing: Switch = _breaks_program(lambda area: area.fails_at, 1024)
-flash_slow: Switch = _breaks_program(lambda area: area.erase_ns, 12 * _S)
-served_in_preop: Switch = _breaks(lambda drive: drive.power.serves_preop, True)
-status_undefined: Switch = _each(no_state)
-mode_frozen: Switch = _breaks(lambda drive: drive.modes.stuck, True)
-local_control: Switch = _breaks(lambda drive: drive.readings.statusword.remote, False)
-warning: Switch = _breaks(lambda drive: drive.readings.statusword.warning, True)
-ack_missing: Switch = _breaks(lambda drive: drive.readings.statusword.suppressed, 1 << 12)
-ack_stuck: Switch = _breaks(lambda drive: drive.readings.statusword.forced, 1 << 12)
-reached_stuck: Switch = _breaks(lambda drive: drive.readings.statusword.forced, 1 << 10)
-fault_on_enable: Switch = _breaks(lambda drive: drive.power.fault_on_enable, 0x5441)
-reset_deaf: Switch = _breaks(lambda drive: drive.power.reset_deaf, True)
-inverted: Switch = _breaks(lambda drive: drive.readings.inverted, True)
-homing_failing: Switch = _breaks(lambda drive: drive.modes.homing.fails, True)
-power_stage_off: Switch = _each(power_stage)
-supply_low: Switch = _each(undervoltage)
-shaft_moved: Switch = _each(hand_moved)
-count_lost: Switch = _each(position_jump)
-count_wraps: Switch = _each(position_near_wrap)
-limit_switch: Switch = _each(switch_hit)
-switches_gone: Switch = _each(no_switches)
+program_damaged: Switch = _injects_in_program(lambda area: area.damages, True)
+flash_failing: Switch = _injects_in_program(lambda area: area.fails_at, 1024)
+flash_slow: Switch = _injects_in_program(lambda area: area.erase_ns, 12 * _S)
+served_in_preop: Switch = _injects(lambda drive: drive.power.serves_preop, True)
+mode_frozen: Switch = _injects(lambda drive: drive.modes.stuck, True)
+local_control: Switch = _injects(lambda drive: drive.readings.statusword.remote, False)
+warning: Switch = _injects(lambda drive: drive.readings.statusword.warning, True)
+ack_missing: Switch = _injects(lambda drive: drive.readings.statusword.suppressed, 1 << 12)
+ack_stuck: Switch = _injects(lambda drive: drive.readings.statusword.forced, 1 << 12)
+reached_stuck: Switch = _injects(lambda drive: drive.readings.statusword.forced, 1 << 10)
+fault_on_enable: Switch = _injects(lambda drive: drive.power.fault_on_enable, 0x5441)
+reset_deaf: Switch = _injects(lambda drive: drive.power.reset_deaf, True)
+inverted: Switch = _injects(lambda drive: drive.readings.inverted, True)
+homing_failing: Switch = _injects(lambda drive: drive.modes.homing.fails, True)
 over_temperature: Switch = lasting_fault(0x4310, ErrorRegister.TEMPERATURE)
 short_circuit: Switch = lasting_fault(0x2320, ErrorRegister.CURRENT)
 following_error: Switch = lasting_fault(0x8611, ErrorRegister.DEVICE_PROFILE)
@@ -287,7 +287,7 @@ def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 _MUX = struct.Struct("<BHB")
-_ABORT, _SEGMENTS = 0x80, (0x00, 0x10)
+_ABORT = 0x80
 
 
 # -- kinds of frames

@@ -63,9 +63,8 @@ class InputFaults:
         """Return the level shown for an input line whose true level is `value`."""
         return value if "stuck" not in self._on else self._frozen.setdefault(name, value)
 
-    def value(self, name: str, value: float, full_scale: float, now: int) -> float:
+    def value(self, name: str, value: float, full_scale: float) -> float:
         """Return the value shown for an input whose true value is `value`."""
-        del now
         if "stuck" in self._on:
             value = self._frozen.setdefault(name, value)
         if "jump" in self._on:
@@ -95,110 +94,148 @@ _TRIGGERS: Final = 0x07  # upper, lower, delta: without 0x6421
 _CHANNELS = 32  # of one subindex of 0x6422
 
 
-class IoDevice:
+class TerminalDevice:
+    """Base class of the virtual devices other than drives: signals, input faults and error values of the outputs.
+
+    `outside` has the true values of the inputs by name. `moving` has names and units of inputs that change others over
+    time.
+    """
+
+    moving: Mapping[str, str] = {}  # name to unit
+
+    def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
+        self.store, self._outbox, self.clock = store, outbox, clock
+        self.signals = {signal.name: signal for signal in signals}
+        self.inputs = {name: signal for name, signal in self.signals.items() if not signal.output}
+        self.outside: dict[str, float] = {}
+        self.faults, self.overloaded = InputFaults(), False
+
+    def set_signals(self, values: Mapping[str, float], now: int) -> None:
+        for name in values:
+            if name in self.signals and name not in self.inputs:
+                raise ConfigError(f"{name} is an output, which only the master can set")
+            if name not in self.signals and name not in self.moving:
+                raise ConfigError(f"no signal {name!r}{nearest(name, [*self.signals, *self.moving])}")
+        self.tick(now)
+        self.outside.update(values)
+        self.show_all()
+
+    def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
+        self.faults.switch(kind, on=on, now=now)
+        self.show_all()
+
+    def number(self, address: Address, default: float = 0) -> float:
+        """Return the number in an object, `default` if the object is missing or not numeric."""
+        value = self.store.values.get(address, default)
+        return value if isinstance(value, int | float) else default
+
+    def show_all(self) -> None:
+        """Update the objects of all inputs."""
+
+    def scale_written(self, _entry: Entry, _value: Value) -> None:
+        """Update the objects of all inputs after a change of scaling or polarity."""
+        self.show_all()
+
+    def power_on(self, now: int) -> None:  # noqa: ARG002 - a device with timers needs the time
+        self.show_all()
+
+    def connection_lost(self, now: int) -> None:
+        self.fail(now)
+
+    def communication_stopped(self, now: int) -> None:
+        self.fail(now)
+
+    def tick(self, now: int) -> None:
+        if self.faults.due(now):
+            self.show_all()
+
+    def next_deadline(self) -> int | None:
+        return self.faults.next_deadline()
+
+    def fail(self, _now: int) -> None:
+        """Set the outputs whose error mode is active to their error values."""
+        take_error_values(self.store, [signal.address for signal in self.signals.values() if signal.output])
+        self._outbox.values_changed()
+
+
+class IoDevice(TerminalDevice):
     """Digital and analogue inputs and outputs of an I/O module (CiA 401)."""
 
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
-        self._store, self._outbox, self._clock = store, outbox, clock
-        self._signals = {signal.name: signal for signal in signals}
-        self._set: dict[str, float] = {}  # true values of the inputs, by name
+        super().__init__(store, outbox, clock, signals)
         self._reference: dict[Address, float] = {}  # an analogue input at its last event
         self._fired: set[Address] = set()
-        self.faults, self.overloaded = InputFaults(), False
-        self._inputs = {signal.address for signal in self._signals.values() if not signal.output}
+        self._addresses = {signal.address for signal in self.inputs.values()}
         for sub in store.od.subindices(_SOURCE):
             if sub:
                 store.on_read(_SOURCE, sub, lambda sub=sub: self._take_source(sub))  # type: ignore[misc]
         self._sources: dict[int, int] = {}
         watched = {index for index in (_IN_POLARITY,) if (index, 1) in store.od}
-        store.on_write(watched, self._polarity_written)
+        store.on_write(watched, self.scale_written)
 
     # -- from outside
 
-    def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        for name in values:
-            signal = self._signals.get(name)
-            if signal is None:
-                raise ConfigError(f"no signal {name!r}{nearest(name, self._signals)}")
-            if signal.output:
-                raise ConfigError(f"{name} is an output, which only the master can set")
-        self._set.update(values)
-        for name in values:
-            self._show(self._signals[name], now)
-
     def describe(self) -> tuple[SignalState, ...]:
-        return tuple(self._state_of(signal) for signal in self._signals.values())
+        return tuple(self._state_of(signal) for signal in self.signals.values())
 
     def _state_of(self, signal: Signal) -> SignalState:
         if not signal.output:
-            return SignalState(signal.name, self._set.get(signal.name, 0.0))
+            return SignalState(signal.name, self.outside.get(signal.name, 0.0))
         if self.overloaded:
             return SignalState(signal.name, 0.0, output=True)
-        raw = self._number(signal.address)
+        raw = self.number(signal.address)
         if signal.bit is not None:
-            raw = int(raw) ^ self._store.number(_OUT_POLARITY, signal.subindex)
+            raw = int(raw) ^ self.store.number(_OUT_POLARITY, signal.subindex)
         return SignalState(signal.name, signal.value(raw, signal.factor), output=True)
 
-    def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        self.faults.switch(kind, on=on, now=now)
-        self._show_all(now)
+    def show_all(self) -> None:
+        for signal in self.inputs.values():
+            self._show(signal)
 
-    def _show_all(self, now: int) -> None:
-        for signal in self._signals.values():
-            if not signal.output:
-                self._show(signal, now)
-
-    def _show(self, signal: Signal, now: int) -> None:
+    def _show(self, signal: Signal) -> None:
         """Update the object of an input from the line, and check whether the change is an event."""
-        before = self._number(signal.address)
-        outside = self._set.get(signal.name, 0.0)
+        before = self.number(signal.address)
+        outside = self.outside.get(signal.name, 0.0)
         if signal.bit is not None:
             raw: float = self._bits(signal, before, self.faults.line(signal.name, outside))
         else:
-            raw = self._held(signal, self.faults.value(signal.name, outside, self._full_scale(signal), now))
+            raw = self._held(signal, self.faults.value(signal.name, outside, self._full_scale(signal)))
         if raw == before:
             return
-        self._store.set(*signal.address, raw)
+        self.store.set(*signal.address, raw)
         fires = self._digital_event if signal.bit is not None else self._analogue_event
         if fires(signal, before, raw):
             self._fired.add(signal.address)
         self._outbox.values_changed()
 
-    def _number(self, address: Address) -> float:
-        value = self._store.values[address]
-        return value if isinstance(value, int | float) else 0
-
     def _bits(self, signal: Signal, before: float, line: float) -> int:
         """Return a digital input object after a change of one line, with the polarity 0x6002."""
         mask = 1 << (signal.bit or 0)
-        shown = bool(line) != bool(self._store.number(_IN_POLARITY, signal.subindex) & mask)
+        shown = bool(line) != bool(self.store.number(_IN_POLARITY, signal.subindex) & mask)
         return int(before) | mask if shown else int(before) & ~mask
 
     def _held(self, signal: Signal, value: float) -> float:
         """Return the value of an analogue input, rounded and clamped to the range of an integer object."""
-        kind = self._store.od[signal.address].data_type
+        kind = self.store.od[signal.address].data_type
         return min(max(round(value), kind.minimum), kind.maximum) if kind.is_integer else value
 
     def _full_scale(self, signal: Signal) -> float:
-        kind = self._store.od[signal.address].data_type
+        kind = self.store.od[signal.address].data_type
         return float(kind.maximum) if kind.is_integer else 1.0
-
-    def _polarity_written(self, _entry: Entry, _value: Value) -> None:
-        self._show_all(self._clock.now)
 
     # -- events
 
     def _digital_event(self, signal: Signal, before: float, after: float) -> bool:
-        if signal.index != DIGITAL_INPUTS[0] or not self._store.number(_DIGITAL_ENABLE, 0, 1):
+        if signal.index != DIGITAL_INPUTS[0] or not self.store.number(_DIGITAL_ENABLE, 0, 1):
             return signal.index != DIGITAL_INPUTS[0]
         old, new, sub = int(before), int(after), signal.subindex
-        number = self._store.number
+        number = self.store.number
         edges = number(_ANY, sub, 0xFF) & (old ^ new)
         edges |= number(_RISING, sub, 0) & new & ~old | number(_FALLING, sub, 0) & old & ~new
         return bool(edges)
 
     def _analogue_event(self, signal: Signal, before: float, after: float) -> bool:
-        store, sub = self._store, signal.subindex
+        store, sub = self.store, signal.subindex
         if not store.number(AI_ENABLE, 0, 1):
             return False
         triggers = store.number(_TRIGGER, sub, _TRIGGERS)
@@ -224,25 +261,13 @@ class IoDevice:
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO is sent when the node becomes OPERATIONAL; analogue inputs wait until 0x6423 is set."""
         analogue = [address for address in mapped if address[0] in ANALOGUE_INPUTS]
-        return not analogue or len(analogue) < len(mapped) or bool(self._store.number(AI_ENABLE, 0, 1))
+        return not analogue or len(analogue) < len(mapped) or bool(self.store.number(AI_ENABLE, 0, 1))
 
     def passes(self, changed: Collection[Address]) -> bool:
-        return any(address not in self._inputs or address in self._fired for address in changed)
+        return any(address not in self._addresses or address in self._fired for address in changed)
 
     def tpdos_checked(self) -> None:
         self._fired.clear()
-
-    # -- outputs
-
-    def connection_lost(self, now: int) -> None:
-        self._fail(now)
-
-    def communication_stopped(self, now: int) -> None:
-        self._fail(now)
-
-    def _fail(self, _now: int) -> None:
-        take_error_values(self._store, [signal.address for signal in self._signals.values() if signal.output])
-        self._outbox.values_changed()
 
     # -- life
 
@@ -250,14 +275,7 @@ class IoDevice:
         self._fired.clear()
         self._sources.clear()
         self._reference.clear()
-        self._show_all(now)
-
-    def tick(self, now: int) -> None:
-        if self.faults.due(now):
-            self._show_all(now)
-
-    def next_deadline(self) -> int | None:
-        return self.faults.next_deadline()
+        super().power_on(now)
 
 
 _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
@@ -287,42 +305,27 @@ def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
 _NS: Final = 1e9
 
 
-class SensorDevice:
-    """Base class of the virtual sensors; `moving` has names and units of inputs that change others over time."""
+class SensorDevice(TerminalDevice):
+    """Base class of the virtual sensors."""
 
-    moving: Mapping[str, str] = {}  # name to unit
     begins_with: Mapping[str, float] = {}
     same_values: Mapping[int, tuple[int, ...]] = {}  # object to those that show the same in another format
     step_ns = 10_000_000  # period in which values that change over time are updated
 
     def __init__(self, store: VirtualStore, outbox: NodeOutbox, clock: NodeClock, signals: Iterable[Signal]) -> None:
-        self.store, self._outbox, self.clock = store, outbox, clock
-        self.signals = {signal.name: signal for signal in signals}
-        self._inputs = {name: signal for name, signal in self.signals.items() if not signal.output}
+        super().__init__(store, outbox, clock, signals)
         self.outside = {
             name: channel.value(self.number(channel.address), self.gain(channel))
-            for name, channel in self._inputs.items()
+            for name, channel in self.inputs.items()
         }
         self.outside.update(dict.fromkeys(self.moving, 0.0))
-        self.outside.update({name: begin for name, begin in self.begins_with.items() if name in self._inputs})
-        self.faults, self.overloaded = InputFaults(), False
+        self.outside.update({name: begin for name, begin in self.begins_with.items() if name in self.inputs})
         self._statuses = {signal.status for signal in self.signals.values()}
         self._moved_at: int | None = None
         scaled_by = {address[0] for signal in self.signals.values() for address in signal.needs}
-        store.on_write(scaled_by, self._scale_written)
+        store.on_write(scaled_by, self.scale_written)
 
     # -- from outside
-
-    def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        names = [*self._inputs, *self.moving]
-        for name in values:
-            if name in self.signals and name not in self._inputs:
-                raise ConfigError(f"{name} is an output, which only the master can set")
-            if name not in names:
-                raise ConfigError(f"no signal {name!r}{nearest(name, names)}")
-        self._move(now)
-        self.outside.update(values)
-        self.show_all(now)
 
     def describe(self) -> tuple[SignalState, ...]:
         signals = [SignalState(name, self.outside[name], unit=unit) for name, unit in self.moving.items()]
@@ -334,16 +337,7 @@ class SensorDevice:
                 signals.append(SignalState(name, self.outside[name], unit=signal.unit))
         return tuple(signals)
 
-    def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        self.faults.switch(kind, on=on, now=now)
-        self.show_all(now)
-
     # -- from values to objects
-
-    def number(self, address: Address, default: float = 0) -> float:
-        """Return the number in an object, `default` if the object is missing or not numeric."""
-        value = self.store.values.get(address, default)
-        return value if isinstance(value, int | float) else default
 
     def gain(self, signal: Signal) -> float:
         """Return the physical units per raw count, from the scaling objects of the device."""
@@ -358,12 +352,11 @@ class SensorDevice:
         kind = self.store.od[signal.address].data_type
         return abs(self.gain(signal)) * (float(kind.maximum) if kind.is_integer else 100.0)
 
-    def show_all(self, now: int) -> None:
-        """Update the objects and the status of all values."""
-        for name, signal in self._inputs.items():
+    def show_all(self) -> None:
+        for name, signal in self.inputs.items():
             if signal.address in self._statuses:
                 continue
-            value = self.faults.value(name, self.outside[name], self.full_scale(signal), now)
+            value = self.faults.value(name, self.outside[name], self.full_scale(signal))
             self._show(signal, value)
 
     def _show(self, signal: Signal, value: float) -> None:
@@ -387,28 +380,12 @@ class SensorDevice:
     def cut_off(self, signal: Signal, by: float) -> None:
         """Handle a raw value that exceeds the range of the object by `by`, 0 if in range."""
 
-    def _scale_written(self, _entry: Entry, _value: Value) -> None:
-        self.show_all(self.clock.now)
-
     # -- life
-
-    def power_on(self, now: int) -> None:
-        self.show_all(now)
-
-    def connection_lost(self, now: int) -> None:
-        self._fail(now)
-
-    def communication_stopped(self, now: int) -> None:
-        self._fail(now)
-
-    def _fail(self, _now: int) -> None:
-        take_error_values(self.store, [signal.address for signal in self.signals.values() if signal.output])
-        self._outbox.values_changed()
 
     def tick(self, now: int) -> None:
         moved = self._move(now)
         if self.faults.due(now) or moved:
-            self.show_all(now)
+            self.show_all()
 
     def next_deadline(self) -> int | None:
         deadlines = [deadline for deadline in (self.faults.next_deadline(), self._moves_at()) if deadline is not None]
@@ -491,7 +468,7 @@ class BatteryDevice(SensorDevice):
 class Charger(SensorDevice):
     """Battery charger (CiA 419), which receives battery data and a requested current."""
 
-    def _fail(self, _now: int) -> None:
+    def fail(self, _now: int) -> None:
         """Set the requested current to zero when communication is lost, because the battery may be disconnected."""
         requested = self.signals.get("charge_current_requested")
         if requested is not None and requested.output:
@@ -525,7 +502,7 @@ class Encoder(SensorDevice):
         self._shift = 0.0  # of the preset, in steps
         self._world: ShaftWorld | None = None  # with the shaft of this node
         self._node_id = 0
-        store.on_write([_OPERATION], self._scale_written)
+        store.on_write([_OPERATION], self.scale_written)
         store.on_write([_PRESET], self._preset_written)
         store.on_write([_TIMER], self._timer_written)
 
@@ -558,7 +535,7 @@ class Encoder(SensorDevice):
         signal = self.signals.get("position")
         if signal is not None and isinstance(value, int):
             self._shift = value - self._counted(self.outside["position"], self.gain(signal))
-            self.show_all(self.clock.now)
+            self.show_all()
 
     def _timer_written(self, _entry: Entry, value: Value) -> None:
         """Copy the cyclic timer 0x6200 to the event timer of TPDO 1, like encoders with both objects."""
@@ -612,7 +589,7 @@ class Inclinometer(SensorDevice):
             for signal in self.signals.values()
             for index in (signal.index, *self.same_values[signal.index])
         ]
-        store.on_write([axis + place for axis in axes for place in (1, 4)], self._scale_written)
+        store.on_write([axis + place for axis in axes for place in (1, 4)], self.scale_written)
         store.on_write([axis + 2 for axis in axes], self._preset_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
@@ -630,4 +607,4 @@ class Inclinometer(SensorDevice):
             raw = round(super().raw_of(signal, self.outside[signal.name], self.gain(signal)))
             raw = -raw if int(self.number((axis + 1, 0))) & self._INVERT else raw
             self.store.set(axis + 3, 0, value - raw)
-            self.show_all(self.clock.now)
+            self.show_all()

@@ -42,12 +42,12 @@ from canopen_control.virtual.node_outbox import PdoLeftOff
 from canopen_control.virtual.object_store import refuse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from canopen_control.cia402.motors import MotorMap
     from canopen_control.frame import CanFrame
     from canopen_control.od.model import Address, Entry, Value
-    from canopen_control.virtual.device_model import DeviceModel
+    from canopen_control.virtual.device_model import DeviceFunction, DeviceModel
     from canopen_control.virtual.node_outbox import NodeClock, NodeOutbox
     from canopen_control.virtual.object_store import Guard, VirtualStore
 
@@ -342,19 +342,6 @@ _CONTROLWORD, _SET_POINT = 1, 2  # flags: what an RPDO wrote to an axis
 _NO_EVENTS = frozenset((o.STATUSWORD, o.MODES_OF_OPERATION_DISPLAY, o.ERROR_CODE))  # change without motion
 
 
-class EventGate(Protocol):
-    """Interface of a device that decides which changes of objects trigger TPDOs."""
-
-    def starts(self, mapped: Collection[Address]) -> bool:
-        """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
-
-    def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes of these objects are an event that triggers a TPDO."""
-
-    def tpdos_checked(self) -> None:
-        """Discard the pending events, because all TPDOs have been checked for changes."""
-
-
 class PdoExchange:
     """RPDOs and TPDOs of a node.
 
@@ -382,7 +369,7 @@ class PdoExchange:
         self.rpdos = {number: MappedRpdo(number) for number in self.records.numbers(RPDO)}
         self.tpdos = {number: MappedTpdo(number) for number in self.records.numbers(TPDO)}
         self.has_event_pdos = False
-        self.gate: EventGate | None = None
+        self.function: DeviceFunction | None = None  # decides which changes trigger TPDOs
         self.outgoing: tuple[deque[CanFrame], ...] = ()
         self._event_tpdos: list[MappedTpdo] = []
         self._valid_tpdos: list[MappedTpdo] = []
@@ -493,9 +480,9 @@ class PdoExchange:
         """Start all PDOs when the node becomes OPERATIONAL."""
         for rpdo in self.rpdos.values():
             rpdo.consumer.start()
-        gate = self.gate
+        function = self.function
         for tpdo in self.tpdos.values():
-            tpdo.producer.start(now, shows=gate is None or gate.starts(tpdo.mapped))
+            tpdo.producer.start(now, shows=function is None or function.starts(tpdo.mapped))
 
     def stop(self) -> None:
         """Stop all PDOs when the node leaves OPERATIONAL."""
@@ -653,14 +640,14 @@ class PdoExchange:
 
     def send_changed(self, now: int) -> None:
         """Send the event-driven TPDOs with changed values, unless the device function suppresses them."""
-        gate = self.gate
+        function = self.function
         for tpdo in self._event_tpdos:
             before = tpdo.last
             differs = tpdo.producer.running and tpdo.sample() != before
-            if differs and (gate is None or gate.passes(tpdo.changed_since(before))):
+            if differs and (function is None or function.passes(tpdo.changed_since(before))):
                 tpdo.producer.changed(now)
-        if gate is not None:
-            gate.tpdos_checked()
+        if function is not None:
+            function.tpdos_checked()
 
     def tick(self, now: int) -> None:
         self.input.tick(now)

@@ -124,7 +124,7 @@ class PowerMachine:
     def obey(self, command: Command, now: int) -> None:
         """Execute a command in the present state; no effect if the table has no transition for the command."""
         if command is Command.ENABLE_OPERATION and self.running:
-            return  # as in every cycle
+            return  # a cyclic RPDO repeats the controlword
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
             return  # a transition is in progress; the controlword is read again at its end
         # CiA 402-2, table 22: a command without a transition in this state has no effect
@@ -133,7 +133,7 @@ class PowerMachine:
             self._begin(transition, now)
         elif command is Command.ENABLE_OPERATION and self.state is State.READY_TO_SWITCH_ON:
             # CiA 402-2, table 24: 0x000F in READY TO SWITCH ON makes transitions 3 and 4
-            self._begin_from_ready(now)  # 3 and 4 in one write
+            self._begin_from_ready(now)
         elif command is Command.ENABLE_OPERATION and self.stop_target is not None and self.operational:
             self._resume(now)
         elif command in _RISING and self.state is State.SWITCH_ON_DISABLED:
@@ -162,9 +162,9 @@ class PowerMachine:
     def _perform(self, transition: Transition, now: int) -> None:
         before = self.state
         if before not in transition.sources:
-            return  # something else happened during its delay
+            return  # another transition happened during the delay
         self.act_of(transition.number)(transition, now)
-        # A command kept during a delay, or 0x0F in READY_TO_SWITCH_ON, continues here.
+        # A command that arrived during a delay, or 0x0F in READY TO SWITCH ON, continues here.
         command = command_of(self.controlword, self.controlword)
         if self.state is not before and self.state is State.SWITCHED_ON and command is Command.ENABLE_OPERATION:
             self.obey(command, now)
@@ -190,7 +190,6 @@ class PowerMachine:
                 self.enter(transition.target, now)
 
     def _enable(self, _transition: Transition, now: int) -> None:
-        """Perform transition 4, if set-points are accepted and the power stage has supply."""
         if not self.operational:
             self._ignore(f"the node is {self._nmt.state.name}; the drive can be enabled only in OPERATIONAL")
         # CiA 402-2, table 22: transition 4 needs the high-level power
@@ -207,8 +206,7 @@ class PowerMachine:
                 self.fault(self.fault_on_enable.value, now)
 
     def _enable_again(self, transition: Transition, now: int) -> None:
-        """Perform transition 16, if 0x605A (5 to 8) stays in QUICK STOP ACTIVE."""
-        # CiA 402-2, table 22: transition 16 is possible only where 0x605A stays in QUICK STOP ACTIVE
+        # CiA 402-2, table 22: transition 16 is possible only if 0x605A (5 to 8) stays in QUICK STOP ACTIVE
         if self._option(o.QUICK_STOP_OPTION).final_state is State.QUICK_STOP_ACTIVE:
             self._enable(transition, now)
 
@@ -225,7 +223,6 @@ class PowerMachine:
         self._stop_as(option.reaction, option.final_state, now)
 
     def _reset_fault(self, transition: Transition, now: int) -> None:
-        """Perform transition 15, if no cause of a fault persists."""
         # CiA 402-2, table 22: transition 15 is made only when no fault condition is present
         if self.causes:
             codes = ", ".join(f"0x{code:04X}" for code in sorted(self.causes))
@@ -342,13 +339,8 @@ class PowerMachine:
             self.enter_fault(code, now)
 
 
-_MS = 1_000_000
-
-
-_LOWEST, _HIGHEST = -0x7FFFFFFF, 0x7FFFFFFF
-
-
-FOLLOWING_ERROR = 0x8611
+_LOWEST, _HIGHEST = -0x7FFFFFFF, 0x7FFFFFFF  # at or beyond these values 0x607D is not a limit
+FOLLOWING_ERROR = 0x8611  # EMCY
 
 
 class DriveLimits:

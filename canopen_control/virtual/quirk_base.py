@@ -139,9 +139,7 @@ class QuirkHooks:
     def guard(self, indices: Iterable[int], judge: Judge) -> None:
         """Check writes to `indices` by `judge`, which gets the previous check as the last argument."""
         store = self.node.store
-        for index in indices:
-            if index not in {entry.index for entry in store.od}:
-                continue
+        for index in {entry.index for entry in store.od}.intersection(indices):
             present, by_values = store.guard_of(index)
             self.later(partial(store.set_guard, index, present, by_values=by_values))
             store.set_guard(index, _checked(judge, present))
@@ -152,10 +150,9 @@ class QuirkHooks:
         if not store.has(index, subindex):
             return
         source = store.source_of(index, subindex)
+        read = source or partial(store.values.__getitem__, (index, subindex))
         self.later(partial(store.set_source, index, subindex, source))
-        store.set_source(
-            index, subindex, partial(_viewed, view, source or partial(_stored, store.values, index, subindex))
-        )
+        store.set_source(index, subindex, lambda: view(read()))
 
     def preset(self, index: int, subindex: int, value: Value) -> None:
         """Set a value now and after every reset, until the quirks are undone."""
@@ -211,14 +208,6 @@ def _checked(judge: Judge, present: Guard | None) -> Guard:
 
 def _unchanged(_entry: Entry, value: Value) -> Value:
     return value
-
-
-def _viewed(view: Callable[[Any], Value], source: Callable[[], Value]) -> Value:
-    return view(source())
-
-
-def _stored(values: dict[tuple[int, int], Value], index: int, subindex: int) -> Value:
-    return values[index, subindex]
 
 
 def _not_mapped(indices: tuple[int, ...], entry: Entry, value: Value, before: Guard) -> Value:

@@ -8,6 +8,7 @@ motor.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import json
@@ -26,7 +27,7 @@ from canopen_control.rpc.messages.drive import BasePose
 from canopen_control.virtual.plant import LoadedPlant, World
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from canopen_control.virtual.plant import Plant
     from canopen_control.virtual.trajectory import DemandCurve
@@ -109,9 +110,9 @@ class DiffBase:
         self._last[wheel] = (max(time_ns, last[0]), way)
         return way - last[1]
 
-    def _advance(self, remaining: float, right: float) -> None:
+    def _advance(self, left: float, right: float) -> None:
         """Advance the pose along an arc by the distances of the left and right wheel."""
-        way, turn = 0.5 * (remaining + right), (right - remaining) / self.separation
+        way, turn = 0.5 * (left + right), (right - left) / self.separation
         half = 0.5 * turn
         chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
         self.x += chord * math.cos(self.heading + half)
@@ -140,43 +141,50 @@ class DiffBase:
         self._next = (left, right)
 
 
-class SharedBase:
-    """`DiffBase` that several processes share through the file at `path`, guarded by a lock on that file.
+class SharedFile:
+    """File at `path` that several processes share; opened at the first use, which may raise ConfigError."""
 
-    The file has the complete state as JSON, readable for other programs. ConfigError is raised if it cannot be opened.
-    """
-
-    def __init__(self, separation: float, path: Path) -> None:
-        self._base = DiffBase(separation)
+    def __init__(self, path: Path) -> None:
         self._path = path
         self._file: int | None = None
 
-    def report(self, wheel: int, points: Sequence[Point]) -> None:
-        fd = self._open()
-        fcntl.flock(fd, fcntl.LOCK_EX)
+    @contextlib.contextmanager
+    def locked(self, operation: int) -> Iterator[int]:
+        """Hold a lock (`fcntl.LOCK_SH` or `fcntl.LOCK_EX`) on the file; the value is the file descriptor."""
+        if self._file is None:
+            self._file = open_shared(self._path)
+        fcntl.flock(self._file, operation)
         try:
+            yield self._file
+        finally:
+            fcntl.flock(self._file, fcntl.LOCK_UN)
+
+    def close(self) -> None:
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+class SharedBase(SharedFile):
+    """`DiffBase` that several processes share through a file with the complete state as JSON."""
+
+    def __init__(self, separation: float, path: Path) -> None:
+        super().__init__(path)
+        self._base = DiffBase(separation)
+
+    def report(self, wheel: int, points: Sequence[Point]) -> None:
+        with self.locked(fcntl.LOCK_EX) as fd:
             self._read(fd)
             self._base.report(wheel, points)
             data = json.dumps(self._base.dump()).encode()
             os.pwrite(fd, data, 0)
             os.ftruncate(fd, len(data))
-        finally:
-            fcntl.flock(fd, fcntl.LOCK_UN)
 
     def pose(self) -> BasePose:
         """Return the pose that results from the reports of all processes."""
-        fd = self._open()
-        fcntl.flock(fd, fcntl.LOCK_SH)
-        try:
+        with self.locked(fcntl.LOCK_SH) as fd:
             self._read(fd)
-        finally:
-            fcntl.flock(fd, fcntl.LOCK_UN)
         return self._base.pose()
-
-    def _open(self) -> int:
-        if self._file is None:
-            self._file = open_shared(self._path)
-        return self._file
 
     def _read(self, fd: int) -> None:
         """Load the state in the file; an incomplete file, left by a killed process, resets the state."""
@@ -186,11 +194,6 @@ class SharedBase:
                 self._base.load(content)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             self._base = DiffBase(self._base.separation)
-
-    def close(self) -> None:
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
 
 
 def shared_path(text: str) -> Path:
@@ -283,51 +286,41 @@ class WheelPlant:
 
     @property
     def velocity(self) -> float:
-        """Velocity of the motor in counts/s."""
         return self.inner.velocity
 
     @velocity.setter
     def velocity(self, value: float) -> None:
-        """Set the velocity of the inner plant."""
         self.inner.velocity = value
 
     @property
     def torque(self) -> float:
-        """Torque of the motor in per mille of the rated torque."""
         return self.inner.torque
 
     @torque.setter
     def torque(self, value: float) -> None:
-        """Set the torque of the inner plant."""
         self.inner.torque = value
 
     @property
     def stiff(self) -> bool:
-        """Whether the inner plant is stiff."""
         return self.inner.stiff
 
     @stiff.setter
     def stiff(self, value: bool) -> None:
-        """Set whether the inner plant is stiff."""
         self.inner.stiff = value
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move with the inner plant, which follows the demand."""
         standing = demand.end_ns <= start_ns and not demand.final_velocity and demand.final_position == self.position
         quiet = standing and self.stiff and not self.velocity
         self._move(lambda start, end: self.inner.follow(demand, start, end), start_ns, end_ns, quiet=quiet)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move with the inner plant, driven by a torque in per mille."""
         self._move(lambda start, end: self.inner.apply_torque(torque, start, end), start_ns, end_ns, quiet=False)
 
     def release(self, start_ns: int, end_ns: int) -> None:
-        """Move with the inner plant without power."""
         quiet = self.stiff and not self.velocity
         self._move(self.inner.release, start_ns, end_ns, quiet=quiet)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Set the feed-forward of the inner plant's control loops."""
         self.inner.feed_forward(velocity, torque)
 
     def _move(self, move: Callable[[int, int], None], start_ns: int, end_ns: int, *, quiet: bool) -> None:
@@ -400,42 +393,21 @@ def load_counts(plant: Plant) -> float:
     return inner.load_position if isinstance(inner, LoadedPlant) and inner.backlash else inner.position
 
 
-class ShaftFile:
-    """File with shaft positions by node-ID and axis, shared by processes; ConfigError if it cannot be opened."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._file: int | None = None
+class ShaftFile(SharedFile):
+    """File with shaft positions by node-ID and axis, shared by several processes."""
 
     def put(self, node_id: int, axis: int, counts: float) -> None:
         """Write a shaft position in motor counts to the file."""
-        fd = self._open()
-        fcntl.flock(fd, fcntl.LOCK_EX)
-        try:
-            os.pwrite(fd, _SLOT.pack(1, counts), self._place(node_id, axis))
-        finally:
-            fcntl.flock(fd, fcntl.LOCK_UN)
+        with self.locked(fcntl.LOCK_EX) as fd:
+            os.pwrite(fd, _SLOT.pack(1, counts), _slot(node_id, axis))
 
     def get(self, node_id: int, axis: int) -> float | None:
         """Return a shaft position in motor counts, None if the file has no value yet."""
-        fd = self._open()
-        fcntl.flock(fd, fcntl.LOCK_SH)
-        try:
-            data = os.pread(fd, _SLOT.size, self._place(node_id, axis))
-        finally:
-            fcntl.flock(fd, fcntl.LOCK_UN)
+        with self.locked(fcntl.LOCK_SH) as fd:
+            data = os.pread(fd, _SLOT.size, _slot(node_id, axis))
         content, counts = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))
         return float(counts) if content == 1 and math.isfinite(counts) else None
 
-    def close(self) -> None:
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
 
-    def _place(self, node_id: int, axis: int) -> int:
-        return (node_id * _AXES + axis) * _SLOT.size
-
-    def _open(self) -> int:
-        if self._file is None:
-            self._file = open_shared(self._path)
-        return self._file
+def _slot(node_id: int, axis: int) -> int:
+    return (node_id * _AXES + axis) * _SLOT.size

@@ -324,7 +324,8 @@ class VirtualNode:
         self.lss = self._make_lss() if od.device.lss_supported else None
         self.routing = self._routes()
         self._add_drives(plant)
-        self.function = self.error_control.function = self.pdos.gate = make_function(od, store, outbox, self.clock)
+        self.function = make_function(od, store, outbox, self.clock)
+        self.error_control.function = self.pdos.function = self.function
         self._lay_out()
 
     def _make_lss(self) -> NodeLss:

@@ -5,13 +5,13 @@ import pytest
 from canopen_control.conformance.check import CheckTouch, is_of_clause
 from canopen_control.conformance.html_report import DEVIATIONS
 from canopen_control.conformance.run import CHECKS, choose, run_checks
-from canopen_control.virtual.fault_effects import power_stage, undervoltage
+from canopen_control.virtual.fault_effects import power_stage_off, supply_low
 from canopen_control.virtual.quirks import QUIRKS
 
 SITUATIONS = {  # in which a quirk shows: the check is skipped in others, or has nothing to find
-    "mains_awaited": lambda node: power_stage(node.drives[0], True, node.clock.now),
+    "mains_awaited": lambda node: power_stage_off(node, True, node.clock.now),
     "inputs_shifted": lambda node: node.drives[0].mover.switches.close_positive(0.0),
-    "fault_returns": lambda node: undervoltage(node.drives[0], True, node.clock.now),
+    "fault_returns": lambda node: supply_low(node, True, node.clock.now),
 }
 NOT_FOUND = {"sto_switched_on"}  # shows only when the power stage is switched off by hand while it is enabled
 

@@ -106,5 +106,5 @@ def test_what_does_not_fit_is_ignored_and_told_and_another_device_refused(tmp_pa
     ]
     record["device"] = [1, 2]
     path.write_text(json.dumps({"format": "canopen_control store 1", "nodes": {"5": record}}))
-    with pytest.raises(ConfigError, match="take another --store file"):
+    with pytest.raises(ConfigError, match="use another --store file"):
         bench(path)

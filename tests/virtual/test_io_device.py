@@ -197,17 +197,17 @@ def test_an_angle_is_inverted_and_preset():
 
 def test_a_healthy_input_shows_what_is_there_and_never_wakes():
     faults = InputFaults()
-    assert faults.value("a", 5.0, 100.0, 0) == faults.line("a", 5.0) == 5.0
+    assert faults.value("a", 5.0, 100.0) == faults.line("a", 5.0) == 5.0
     assert (faults.next_deadline(), faults.due(10**12)) == (None, False)
 
 
 def test_a_stuck_input_keeps_what_it_showed_first_until_it_is_mended():
     faults = InputFaults()
     faults.switch("stuck", on=True, now=0)
-    assert [faults.value("a", each, 100.0, 0) for each in (1.0, 2.0)] == [1.0, 1.0]
+    assert [faults.value("a", each, 100.0) for each in (1.0, 2.0)] == [1.0, 1.0]
     assert [faults.line("b", each) for each in (0.0, 1.0)] == [0.0, 0.0]
     faults.switch("stuck", on=False, now=0)
-    assert faults.value("a", 2.0, 100.0, 0) == 2.0
+    assert faults.value("a", 2.0, 100.0) == 2.0
 
 
 def test_noise_stays_within_its_share_changes_and_is_the_same_each_time():
@@ -220,7 +220,7 @@ def test_noise_stays_within_its_share_changes_and_is_the_same_each_time():
             now = faults.next_deadline()
             assert faults.due(now)
             assert not faults.due(now)
-            course.append(faults.value("a", 0.0, 1000.0, now))
+            course.append(faults.value("a", 0.0, 1000.0))
         courses.append(course)
     assert courses[0] == courses[1]
     assert max(map(abs, courses[0])) <= NOISE * 1000.0
@@ -230,7 +230,7 @@ def test_noise_stays_within_its_share_changes_and_is_the_same_each_time():
 def test_a_jump_adds_a_quarter_and_lines_do_not_jump():
     faults = InputFaults()
     faults.switch("jump", on=True, now=0)
-    assert faults.value("a", 1.0, 100.0, 0) == 1.0 + JUMP * 100.0
+    assert faults.value("a", 1.0, 100.0) == 1.0 + JUMP * 100.0
     assert faults.line("a", 1.0) == 1.0
 
 
