@@ -79,7 +79,7 @@ class NodeJobs(NodeObjects):
     def begin(self, work: JobRun, function: Callable[[NodeSession, JobRun], str]) -> str | None:
         """Start a job on a thread, where `function` returns the final sentence; return the reason if refused."""
         if self.work is not None and self.busy:
-            return f"{self.place.name} is busy: {self.work.title}; wait for its end"
+            return f"{self.place.name} is busy: {self.work.title}; wait until this has ended"
         self.work = work
         threading.Thread(target=self._run, args=(work, function), name=f"page {work.job.name}", daemon=True).start()
         return None

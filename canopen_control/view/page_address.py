@@ -85,18 +85,18 @@ class AccessRules:
         """Return the reason why a request is refused, None if allowed; `headers` are by canonical name."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if is_loopback(self.host) and host not in self._own_names():
-            return f"this page is not {host!r}"
+            return f"{host!r} is not an address of this page"
         if origin is None and headers.get("Upgrade", "").lower() == "websocket":
-            return "a WebSocket without Origin: this server is for the browser that shows the page"
+            return "WebSocket without Origin header; only the browser that shows the page may connect"
         if origin is None and method not in ("GET", "HEAD"):
-            return f"{method} without Origin: this server is for the browser that shows the page"
+            return f"{method} without Origin header; only the browser that shows the page may send requests"
         if origin is not None and origin != f"http://{host}":
-            return f"pages of {origin!r} may not use this one"
+            return f"pages of {origin!r} may not access this page"
         if headers.get("Sec-Fetch-Site", "none") in _FOREIGN and headers.get("Sec-Fetch-Mode") != "navigate":
-            return "another page may lead here, but not use what is here"
+            return "another site may link to this page, but not load its parts"
         if not self._has_token(path):
             return (
-                "this address has no token or an old one; open the address that the view has printed last "
+                "this address has no valid token; open the address that the view has printed last "
                 "(canopen-control view --address prints it again)"
             )
         return None

@@ -235,7 +235,7 @@ class PageServer:
             if not serving.done():
                 problem = await access_problem(self.rules)
                 if problem is not None:
-                    raise ControlError(f"{problem}; the page is not served. Is the installed NiceGUI one we know?")
+                    raise ControlError(f"{problem}; the page is not served; install another version of NiceGUI")
                 ready()
             await serving
         finally:
@@ -271,7 +271,7 @@ class _Server(uvicorn.Server):
 def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
     async def answer(_request: Request) -> PlainTextResponse:
         refused = stop()
-        return PlainTextResponse(refused or "STOP is sent.", 503 if refused else 200)
+        return PlainTextResponse(refused or "STOP was sent.", 503 if refused else 200)
 
     return answer
 

@@ -71,7 +71,9 @@ class WorldClient:
             return True
         node = self._drive()
         if node is None:
-            raise RemoteError("BusClosed", "the robot's drives are in no world with physics: run it with --physics")
+            raise RemoteError(
+                "BusClosed", "the robot's drives are not in a physics simulation; run the robot with --physics"
+            )
         with _connect(node) as client:
             client.ask(world_act)
         return False

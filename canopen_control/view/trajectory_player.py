@@ -63,10 +63,10 @@ def load(data: bytes, name: str) -> LoadedTrajectory:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{name}:{line}: no UTF-8; save the file as UTF-8") from None
+        raise ConfigError(f"{name}:{line}: the file is not UTF-8; save it as UTF-8") from None
     joints, points = parse_trajectory(text, name)
     if not points:
-        raise ConfigError(f"{name}: it has no points; give it one at least")
+        raise ConfigError(f"{name}: the trajectory has no points; give at least one")
     return LoadedTrajectory(name, joints, points)
 
 
@@ -118,7 +118,7 @@ def preview_table(
 
 def _now(joint: str, now: Mapping[str, float | None]) -> str:
     if joint not in now:
-        return "no joint of this robot"
+        return "not a joint of this robot"
     position = now[joint]
     return "-" if position is None else _number(position)
 
@@ -131,8 +131,8 @@ HERE_HZ: Final = 4.0
 SILENT_S: Final = 1.5  # browsers limit the timers of hidden pages to once a second
 _TIMEOUT_S: Final = 5.0
 _PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
-_CLOSED: Final = "the page that played it was closed"
-_SILENT: Final = "the page that played it has fallen silent"
+_CLOSED: Final = "the page that played the trajectory was closed"
+_SILENT: Final = "the page that played the trajectory does not respond"
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ class TrajectoryPlayer:
             return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
             return TrajectoryOutcome(
-                False, "a trajectory is played already, by this page or another one; it has to end first"
+                False, "this or another page is already playing a trajectory; wait until it has ended"
             )
         run = self._run = _Run(controller, trajectory)
         self._page, self._confirmed_at = page, self._clock()
@@ -240,7 +240,7 @@ class _Run:
         loaded = self._trajectory
         remaining = client.send_points(loaded.points)
         if self._cancelled:
-            return TrajectoryOutcome(False, f"it was not sent: {self._why or 'cancelled'}")
+            return TrajectoryOutcome(False, f"the trajectory was not sent: {self._why or 'cancelled'}")
         request = SendTrajectory(
             controller=self._controller, joints=loaded.joints, points=remaining, source=SOURCE, heartbeat=HEARTBEAT_S
         )

@@ -76,7 +76,7 @@ class PanelSlot:
 PANELS: Final = (
     PanelSlot("banner", "side", "", BannerPanel),
     PanelSlot("drive", "side", "Teleop: hold a button", TeleopPanel),
-    PanelSlot("targets", "side", "Drives by their targets", TargetPanel),
+    PanelSlot("targets", "side", "Drive targets", TargetPanel),
     PanelSlot("trajectory", "side", "Trajectory", TrajectoryPanel),
     PanelSlot("power", "side", "Power", PowerPanel),
     PanelSlot("faults", "side", "", FaultPanel),
@@ -295,7 +295,7 @@ class ViewApp:
         if page not in self._pages or not self.teleop:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
-            on_refusal("another page drives; its button must be released first")
+            on_refusal("another page is driving; release the button there first")
         elif self._letting_go is None:
             self._watch_hold()
 
@@ -384,7 +384,7 @@ class ViewApp:
         silent_s = time.monotonic() - self._last_message
         self._silent = self._connection is not None and silent_s > _SILENT_S
         if self._silent:
-            self._lost = f"Robot {self.name} has said nothing for {silent_s:.0f} s"
+            self._lost = f"Robot {self.name} has sent nothing for {silent_s:.0f} s"
 
     def _take(self, robot: RobotView, state: StateSample) -> None:
         self._last_message = time.monotonic()

@@ -96,8 +96,8 @@ def lost_banner(why: str) -> Banner:
     """Return the banner for a robot that is not connected, with the reason."""
     return Banner(
         "not connected", BAD, f"STOP on this page does not reach the robot. {why}".strip(),
-        "What is shown here is old. Use another way to stop it (emergency stop, terminal); "
-        "the page goes on by itself when the robot is back.",
+        "The values on this page are out of date. Use another way to stop the robot (emergency stop, terminal); "
+        "the page reconnects automatically.",
     )  # fmt: skip
 
 
@@ -234,13 +234,13 @@ def event_log(events: Iterable[RobotEvent]) -> str:
         f"<span>{escape(event.text)}</span></div>"
         for event in reversed(list(events))
     ]
-    return "".join(lines) or "<p class='cc-note'>Nothing has happened yet.</p>"
+    return "".join(lines) or "<p class='cc-note'>No events yet.</p>"
 
 
 def fault_text(fault: FaultListing | None) -> str:
     """Return the explanation of a virtual drive's fault as HTML; a note if `fault` is None."""
     if fault is None:
-        return "<p class='cc-note'>No virtual drive is there to be broken.</p>"
+        return "<p class='cc-note'>No virtual drive is running.</p>"
     how = "once" if fault.once else "until it is switched off"
     what = f"I{fault.does[1:]}" if fault.does.startswith("its ") else f"The drive {fault.does}"
     return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A correct master:</b> {escape(fault.reaction)}.</p>"
@@ -255,7 +255,7 @@ def quirk_text(quirk: QuirkListing | None) -> str:
         strength = (
             f"<br><b>Strength:</b> {quirk.low:g} to {quirk.high:g} {escape(quirk.unit)} (default: {quirk.default:g})"
         )
-    source = f"<b>Departs from</b> {escape(quirk.clause or 'no clause')}; source: {escape(quirk.source)}"
+    source = f"<b>Deviates from</b> {escape(quirk.clause or 'no clause')}; source: {escape(quirk.source)}"
     return f"<p class='cc-note'>The drive {escape(quirk.does)}.{strength}<br>{source}</p>"
 
 
@@ -263,8 +263,8 @@ def active_faults(active: Mapping[str, Iterable[str]]) -> str:
     """Return the active faults and quirks by drive as HTML."""
     lines = [f"{escape(drive)}: {escape(', '.join(names))}" for drive, names in active.items() if names]
     if not lines:
-        return "<p class='cc-note'>No fault is on.</p>"
-    return f"<p class='cc-note cc-on'><b>On now:</b><br>{'<br>'.join(lines)}</p>"
+        return "<p class='cc-note'>No fault is active.</p>"
+    return f"<p class='cc-note cc-on'><b>Active now:</b><br>{'<br>'.join(lines)}</p>"
 
 
 def chip(words: str, tone: str) -> str:

@@ -147,7 +147,7 @@ def test_a_robot_that_hangs_reads_as_dead_and_speaks_again(show, keep):
     page = show.page()
     os.kill(show.run.pid, signal.SIGSTOP)
     try:
-        page.page.get_by_text("has said nothing for").wait_for()
+        page.page.get_by_text("has sent nothing for").wait_for()
         assert "enabled, follows commands" not in page.text()
         page.press("STOP")
         page.page.get_by_text("STOP has not reached the robot").wait_for()

@@ -83,5 +83,5 @@ def test_stop_is_there_within_two_seconds_and_before_the_toolkit(show, record_pr
     page.page.route("**/_nicegui/**", lambda route: route.abort())
     page.page.goto(show.url, wait_until="commit")
     page.press("STOP")
-    page.page.get_by_text("STOP is sent.").wait_for()
+    page.page.get_by_text("STOP was sent.").wait_for()
     assert eventually(lambda: "latched" in show.stage.call("status", "--name", "vfirst").out, 10)

@@ -39,7 +39,7 @@ def test_long_work_tells_how_far_it_is_and_what_came_of_it():
     assert eventually(lambda: (work.done, work.total) == (3, 10))
     assert (node.busy, work.over) == (True, False)
     second = node.begin(JobRun(FIRMWARE, "loading left_drive"), read)
-    assert second == "left_drive is busy: reading left_drive; wait for its end"
+    assert second == "left_drive is busy: reading left_drive; wait until this has ended"
     go.set()
     assert eventually(lambda: work.over)
     assert (work.sentence, work.good, node.busy) == ("10 parameters", True, False)

@@ -44,7 +44,7 @@ def test_what_is_asked_for_happens_in_the_world_of_the_drives(served_in):
 def test_without_physics_nothing_can_be_asked_for(served_in):
     with served_in(IndependentPlants()):
         assert not WorldClient("robby", NODES).changeable()
-        with pytest.raises(RemoteError, match="no world with physics"):
+        with pytest.raises(RemoteError, match="not in a physics simulation"):
             WorldClient("robby", NODES).act(AddPayload(mass=3.0))
     assert not WorldClient("robby", NODES).changeable()
 

@@ -152,7 +152,7 @@ def test_a_silent_page_ends_it_and_one_that_is_there_does_not(play):
         play.player.here("page 2")
         play.player.tick()
 
-    assert play.run(act).text == "cancelled: the page that played it has fallen silent"
+    assert play.run(act).text == "cancelled: the page that played the trajectory does not respond"
 
 
 def test_the_end_of_the_view_hangs_up(play):
@@ -172,7 +172,9 @@ def test_what_is_cancelled_before_it_is_sent_is_not_sent(play):
         return given
 
     play.robot.send_points = points
-    assert play.run(print) == TrajectoryOutcome(False, "it was not sent: the page that played it was closed")
+    assert play.run(print) == TrajectoryOutcome(
+        False, "the trajectory was not sent: the page that played the trajectory was closed"
+    )
     assert play.robot.sent == []
 
 
@@ -188,4 +190,4 @@ def test_one_plays_at_a_time(play):
         play.tasks = asyncio.ensure_future(another())
 
     assert play.run(act).reached
-    assert "a trajectory is played already" in told[0].text
+    assert "already playing a trajectory" in told[0].text

@@ -39,8 +39,8 @@ def test_a_file_is_read_as_the_shell_reads_it():
     ("data", "text"),
     [
         (file([{"position": [1.0]}]), "did you mean 'positions'"),
-        (file([]), "wave.json: it has no points"),
-        (b"joint_names:\n- \xff", "wave.json:2: no UTF-8"),
+        (file([]), "wave.json: the trajectory has no points"),
+        (b"joint_names:\n- \xff", "wave.json:2: the file is not UTF-8"),
         (b"\0", "wave.json:1:1"),
     ],
 )
@@ -59,7 +59,7 @@ def test_a_point_that_places_no_joint_or_too_few_places_none():
 def test_the_table_has_what_is_previewed_beside_what_is():
     table = preview_table(LOADED, 0, {"left": 0.125}, frozenset({"<lift>"}))
     assert "<td>0.500<small>rad</small></td><td>0.125</td>" in table
-    assert "&lt;lift&gt;</b></td><td>0.250<small>m</small></td><td>no joint of this robot" in table
+    assert "&lt;lift&gt;</b></td><td>0.250<small>m</small></td><td>not a joint of this robot" in table
     assert "<td>-</td>" in preview_table(LOADED, 0, {"left": None}, frozenset())
     assert "no positions" in preview_table(LOADED, 1, {}, frozenset())
 

@@ -44,7 +44,7 @@ def test_everything_is_on_the_page_and_stop_is_before_it():
         return html(user), user._client.body_html
 
     text, body = made(context, act)
-    for words in ("pair", "running", "enabled, follows commands", "2.50<wbr><small>velocity", "Nothing has happened"):
+    for words in ("pair", "running", "enabled, follows commands", "2.50<wbr><small>velocity", "No events yet"):
         assert words in text
     assert 'id="cc-stop-button"' in body
 
@@ -366,7 +366,7 @@ def test_without_teleop_nobody_drives_and_who_comes_second_is_told(robot, play):
 
     play(refuse, teleop=False)
     play(both)
-    assert told == ["another page drives; its button must be released first"]
+    assert told == ["another page is driving; release the button there first"]
 
 
 def test_the_end_of_the_view_ends_what_it_drives(robot, play):
@@ -421,7 +421,7 @@ def test_a_robot_that_says_nothing_is_lost_until_it_speaks_again(robot, play, mo
         loop = asyncio.get_running_loop()
         loop.remove_reader(app._connection.fileno())  # as if it were stopped
         await until(lambda: page.shown[-1].banner.words == "not connected")
-        assert "has said nothing for" in page.shown[-1].banner.cause
+        assert "has sent nothing for" in page.shown[-1].banner.cause
         assert "does not answer" in app.stop()
         loop.add_reader(app._connection.fileno(), app._on_readable)
         await until(lambda: page.shown[-1].banner.words != "not connected")
@@ -516,8 +516,8 @@ def test_a_trajectory_is_played_to_its_end(arm, play):
 @pytest.mark.parametrize(
     ("end", "words"),
     [
-        (lambda app: app._page_closed("page 1"), "the page that played it was closed"),
-        (lambda app: None, "the page that played it has fallen silent"),
+        (lambda app: app._page_closed("page 1"), "the page that played the trajectory was closed"),
+        (lambda app: None, "the page that played the trajectory does not respond"),
         (lambda app: app.player.cancel("page 1"), "cancelled"),
         (lambda app: app.stop(), "stop"),
     ],

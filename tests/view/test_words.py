@@ -117,7 +117,7 @@ def test_what_is_lost_is_said_to_be_old_and_out_of_reach_of_stop():
     assert (found.words, found.action) == ("not connected", "")
     assert "does not reach" in found.cause
     assert "it has died" in found.cause
-    assert "old" in found.advice
+    assert "out of date" in found.advice
 
 
 def test_below_the_state_stands_what_counts():
@@ -139,7 +139,7 @@ def test_the_log_is_newest_first_and_marks_what_is_bad():
     html = event_log([event(text="old"), event(level="error", text="new")])
     assert html.index("new") < html.index("old")
     assert html.count("cc-bad") == 1
-    assert "Nothing has happened" in event_log([])
+    assert "No events yet" in event_log([])
 
 
 def test_a_sum_is_told_once_in_the_words_of_the_runtime():
@@ -153,7 +153,7 @@ def test_faults_are_explained():
     own = FaultListing(name="silent", does="its heartbeats are lost")
     assert ">Its heartbeats are lost (until" in fault_text(own)
     assert "No virtual drive" in fault_text(None)
-    assert "No fault is on" in active_faults({"left": []})
+    assert "No fault is active" in active_faults({"left": []})
     assert "left: silent, hot" in active_faults({"left": ["silent", "hot"]})
 
 

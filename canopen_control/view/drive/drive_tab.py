@@ -52,7 +52,7 @@ class WorkBar:
         if work is None or (not mine and not goes_on):
             return
         if not mine:
-            self._words.show(sentence(f"{work.title} goes on; nothing else begins before its end.", IDLE))
+            self._words.show(sentence(f"{work.title} is still running; wait until this has ended.", IDLE))
             return
         if not work.over:
             self._bar.value = work.done / work.total if work.total else 0.0
@@ -93,7 +93,7 @@ def outcome(work: JobRun) -> str:
     return f"{lines}<div class='cc-wide'><table class='cc-table'>{heads}{rows}</table></div>{more}"
 
 
-LOOK_ONLY = "<p class='cc-note'>This page only looks. To write: <code>canopen-control view --teleop</code></p>"
+LOOK_ONLY = "<p class='cc-note'>This page is read-only. To write, start <code>canopen-control view --teleop</code></p>"
 
 
 @dataclass(frozen=True, slots=True)

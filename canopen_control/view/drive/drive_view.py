@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 # Objects tab: all objects of the node as a tree, with live values of the visible ones, and edits with undo.
 
 
-_NO_EDS: Final = "No file describes the objects of this node: bus.yml names no EDS for it."
+_NO_EDS: Final = "The objects of this node are unknown, because bus.yml gives no EDS for it."
 _READING: Final = "Reading the EDS ..."
 _ANEW: Final = 25  # showings
 
@@ -103,7 +103,7 @@ class ObjectsTab:
             self._message.show(sentence(lost, BAD))
         last = desk.history.last
         self._undo.set_enabled(last is not None and self._context.panel.teleop and not content.lost)
-        self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing was written yet"))
+        self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing has been written yet"))
 
     def leave(self) -> None:
         self._is_left = True
@@ -169,7 +169,7 @@ def _product(od: ObjectDictionary) -> str:
 # Status tab: state of the node and its drives, statusword bits, errors, events, and targets of held buttons.
 
 
-_NO_ERRORS: Final = "<p class='cc-note'>The drive remembers no error.</p>"
+_NO_ERRORS: Final = "<p class='cc-note'>The drive's error history is empty.</p>"
 _GONE: Final = "<p class='cc-note'>Unknown.</p>"
 
 
@@ -264,10 +264,12 @@ def _movers(content: PageContent, reading: NodeReading) -> str:
         candidate.name for candidate in active if any(claim.rpartition("/")[0] in joints for claim in candidate.claims)
     ]
     if not reading.axes:
-        return sentence("It is not a drive: nothing moves it.")
+        return sentence("This node is not a drive.")
     if not names:
-        return sentence("No active controller commands it.")
-    return sentence(f"{', '.join(names)} command{'s' if len(names) == 1 else ''} it; the page drives through it.")
+        return sentence("No active controller commands this drive.")
+    return sentence(
+        f"{', '.join(names)} command{'s' if len(names) == 1 else ''} this drive, also for targets of this page."
+    )
 
 
 # Tabs of the Drive view in their order; a new tab is a class in this folder and an entry here.

@@ -50,8 +50,8 @@ class ReleasePanel:
         self._context = context
         self._words = Html()
         with ui.element("div").classes("cc-row cc-acts"):
-            self._take = ui.button("Take it out of the robot", color="blue-grey-8", on_click=self._take_out)
-            self._give = ui.button("Give it back", color="green-8", on_click=self._give_back)
+            self._take = ui.button("Take out of the robot", color="blue-grey-8", on_click=self._take_out)
+            self._give = ui.button("Return to the robot", color="green-8", on_click=self._give_back)
         self._take.props("unelevated dense")
         self._give.props("unelevated dense")
         self._take.visible = self._give.visible = False
@@ -71,7 +71,7 @@ class ReleasePanel:
         await self._ask("preop", "not taken out")
 
     async def _give_back(self) -> None:
-        await self._ask("start", "not given back")
+        await self._ask("start", "not returned")
 
     async def _ask(self, command: str, problem: str) -> None:
         request = NmtRequest(command=command, node=self._context.node, source=SOURCE)
@@ -89,13 +89,13 @@ def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]
         names = ", ".join(powered)
         return f"{names} is enabled: parameter sets cannot be written to an enabled drive. Disable it first.", WARN
     if not reading.taken_out:
-        return "The robot controls this node. To write into it as a whole, take it out first.", IDLE
+        return "The robot controls this node. To write a parameter set, take the node out of the robot first.", IDLE
     state = (reading.nmt_state or "unknown").replace("_", "-").lower()
     if reading.age is None or reading.nmt_state not in _CONFIRMED:
-        return f"It was asked to leave the robot, and has not confirmed that: its NMT state is {state}.", WARN
+        return f"The node was commanded out of the robot, but has not confirmed that: its NMT state is {state}.", WARN
     if robot.tone == BAD and robot.action == "fault-reset":
-        return f"It is taken out of the robot ({state}), and the robot is in fault: {robot.cause}", BAD
-    return "It is taken out of the robot, which leaves it alone until it is given back.", GOOD
+        return f"The node is taken out of the robot ({state}), and the robot is in fault: {robot.cause}", BAD
+    return "The node is taken out of the robot, which sends it no commands until it is returned.", GOOD
 
 
 T = TypeVar("T")
@@ -169,13 +169,13 @@ class FirmwareTab:
         self._image = FileChoice(
             "Choose the firmware file as supplied by the manufacturer",
             MOST_FIRMWARE_BYTES,
-            f"{MOST_FIRMWARE_BYTES} bytes at most go through a running robot",
+            f"at most {MOST_FIRMWARE_BYTES} bytes can be loaded through a running robot",
             program_of,
             lambda image: f"{len(image):,} bytes",
         )
         self._form = JobForm(FIRMWARE)
         with ui.element("div").classes("cc-row cc-acts"):
-            self._load = ui.button("Load it into the drive", color="orange-9", on_click=self._begin)
+            self._load = ui.button("Load into the drive", color="orange-9", on_click=self._begin)
             self._load.props("unelevated dense")
 
     def show(self, content: PageContent) -> None:
@@ -195,12 +195,12 @@ class FirmwareTab:
         try:
             options = self._form.options()
         except ConfigError as error:
-            show_notice("Not begun", str(error))
+            show_notice("Not started", str(error))
             return
         work = JobRun(FIRMWARE, f"Loading {self._image.name} into {self._context.node}")
         refused = self._desk.begin(work, partial(load_program, image=image, options=options))
         if refused is not None:
-            show_notice("Not begun", refused)
+            show_notice("Not started", refused)
         self._bar.show()
 
 
@@ -242,7 +242,7 @@ class ParametersTab:
                     ui.html(LOOK_ONLY, sanitize=False)
 
     def _make_upload(self) -> None:
-        too_long = f"The DCF must have at most {MOST_PARAMETER_BYTES} bytes"
+        too_long = f"the DCF must have at most {MOST_PARAMETER_BYTES} bytes"
         self._file = FileChoice("Choose a DCF", MOST_PARAMETER_BYTES, too_long, uploaded, _file_words)
         self._file.upload.props("accept='.dcf,.eds'")
 

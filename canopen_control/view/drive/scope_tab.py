@@ -39,7 +39,7 @@ _TRIGGERS: Final = {
     Condition.FALLING.value: "falls through",
     Condition.ABOVE.value: "is above",
     Condition.BELOW.value: "is below",
-    _FAULT: "a fault comes",
+    _FAULT: "fault occurs",
 }
 _FIRST: Final = (0x606C, 0x6064)  # what a person looks at first
 _LIMITS: Final = (0.05, 600.0)  # of a length, in s
@@ -189,7 +189,7 @@ class ScopeTab:
     def _keep_overlay(self) -> None:
         self._overlay = self._shown
         self._drop.visible = True
-        self._state.show(sentence("kept: the next shot is drawn over it", GOOD))
+        self._state.show(sentence("kept as overlay for the next captures", GOOD))
 
     async def _take_overlay(self, event: UploadEventArguments) -> None:
         """Read a saved CSV file and draw it behind the capture."""
@@ -248,7 +248,7 @@ class ScopeTab:
             address = ""
         head, _, data = str(address).partition(",")
         if head != "data:image/png;base64":
-            show_notice("Not saved", "the browser has drawn no picture")
+            show_notice("Not saved", "the browser has not drawn the chart")
             return
         ui.download.content(base64.b64decode(data), f"{self._context.node}.png")
 
@@ -276,9 +276,9 @@ def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):
-        raise ConfigError(f"{name} is not text; give a file that a scope has saved as CSV") from None
+        raise ConfigError(f"{name} is not a text file; choose a CSV file that was saved by a scope") from None
     if shown is not None and not any(overlay.place(signal_name) is not None for signal_name in shown.names):
-        raise ConfigError(f"{name} holds {', '.join(overlay.names)}, nothing of {', '.join(shown.names)}")
+        raise ConfigError(f"{name} has the signals {', '.join(overlay.names)}, but none of {', '.join(shown.names)}")
     return overlay
 
 

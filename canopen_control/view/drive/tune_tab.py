@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 _TIMEOUT_S: Final = 2.0
 _PROPOSAL: Final = ("crossover", "phase_margin", "loop_delay")
 _WARNING: Final = (
-    "The drive moves by itself, at once and within these limits: free the shaft, lift the wheels, stand clear, have "
-    "the hardware emergency stop in reach. STOP, the button Abort, a limit, a fault, and the end of this page end it."
+    "The drive starts to move at once, within these limits. Free the shaft or lift the wheels, stay clear, have the "
+    "hardware emergency stop within reach. STOP, Abort, a limit, a fault and closing this page end the motion."
 )
 _TESTS: Final = {
-    TuneTest.STEP.name: "step: how it follows",
+    TuneTest.STEP.name: "step response",
     TuneTest.BODE.name: "frequency response",
     TuneTest.IDENTIFY.name: "identify inertia and friction",
 }
@@ -108,7 +108,7 @@ class TuneTab:
         with ui.dialog() as self._dialog, ui.card():
             self._words = Html()
             with ui.element("div").classes("cc-row cc-acts"):
-                ui.button("Move it", color="orange-9", on_click=self._begin).props("unelevated no-caps")
+                ui.button("Start the motion", color="orange-9", on_click=self._begin).props("unelevated no-caps")
                 ui.button("Cancel", color="blue-grey-8", on_click=self._dialog.close).props("outline no-caps")
 
     def _arrange(self) -> None:
@@ -225,7 +225,7 @@ class TuneTab:
             self._refused.show(sentence(str(error), BAD))
             return
         if options.counts is None:
-            self._refused.show(sentence("give the counts per revolution of the joint (user units of 0x6064)", BAD))
+            self._refused.show(sentence("enter the counts per revolution of the joint (position units of 0x6064)", BAD))
             return
         apply = partial(
             jobs.apply_gains, gains=tuned.gains, counts=options.counts, axis=options.axis, stores=options.store
@@ -235,7 +235,7 @@ class TuneTab:
     def _begin_revert(self) -> None:
         if self._context.panel.teleop:
             revert = partial(jobs.revert, axis=int(self._axis.value), stores=bool(self._form.inputs["store"].value))
-            self._start("Taking gains back", "objects", revert)
+            self._start("Reverting gains", "objects", revert)
 
     def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work
         refused = self._desk.begin(JobRun(TUNE, f"{title} of {self._context.node}", unit), function)

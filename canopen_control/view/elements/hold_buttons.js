@@ -1,4 +1,5 @@
-// A finger that slips off, a lost focus or a hidden page let go, as does the end of the connection on the server's side.
+// A pointer that leaves the button, a lost focus or a hidden page release the button. If the connection ends, the server
+// releases it.
 export default {
   template: `
     <div @contextmenu.prevent>
@@ -50,7 +51,7 @@ export default {
       this.timer = setInterval(() => this.$emit("hold", key), this.period);
     },
     leave(key) {
-      // of the button that is held alone: the one before loses the focus after the next has been pressed
+      // only for the held button: the previous button loses the focus after the next one was pressed
       if (this.down === key) this.release();
     },
     release() {

@@ -1,8 +1,8 @@
-// The object dictionary as a tree: groups, objects, subindices. What is in sight is told, so that it alone is read.
-// Favourites are the browser's: by product, so that the next drive of the kind has them too.
+// The object dictionary as a tree of groups, objects and subindices. The server reads only the objects that this element
+// reports as visible. The browser stores the favourites by product, so that all drives of a type have the same ones.
 const GROUPS = [
   ["Communication", 0x1000, 0x1fff],
-  ["The maker's own", 0x2000, 0x5fff],
+  ["Manufacturer-specific", 0x2000, 0x5fff],
   ["Device profile", 0x6000, 0x9fff],
   ["Others", 0, 0xffff],
 ];
@@ -19,8 +19,8 @@ const Row = {
         <p class="cc-note">{{ row.type }}, {{ row.access }}<template v-if="row.mappable">, PDO {{ row.mappable }}</template><template v-if="row.limits">; {{ row.limits }} {{ row.unit }}</template><template v-if="row.default != null">; default {{ row.default }}</template></p>
         <p v-if="live.error" class="cc-line cc-bad">{{ live.error }}</p>
         <div v-if="bits && bits.length" class="cc-bits"><span v-for="each in bits" :key="each[0]" :class="{ 'cc-set': each[2] }">{{ each[0] }} {{ each[1] }}</span></div>
-        <p v-if="row.fixed" class="cc-note">Cannot be written here: it {{ row.fixed }}.</p>
-        <p v-else-if="!writes" class="cc-note">This page only looks. To write: <code>canopen-control view --teleop</code></p>
+        <p v-if="row.fixed" class="cc-note">Cannot be written here: the object {{ row.fixed }}.</p>
+        <p v-else-if="!writes" class="cc-note">This page is read-only. To write, start <code>canopen-control view --teleop</code></p>
         <form v-else class="cc-o-edit cc-acts" @submit.prevent="$emit('write', text)">
           <input v-model="text" :aria-label="'new value of ' + row.a" :placeholder="live.value ?? ''" autocomplete="off" spellcheck="false">
           <button type="submit" class="cc-button">Write</button>
@@ -58,7 +58,7 @@ export default {
           </template>
         </template>
       </section>
-      <p v-if="!shown.size && !problem" class="cc-note">{{ filter === "star" ? "No favourites yet: press the star of an object." : filter === "changed" ? "Nothing that was read differs from its default. What is not in sight is not read." : "No objects." }}</p>
+      <p v-if="!shown.size && !problem" class="cc-note">{{ filter === "star" ? "No favourites yet: press the star of an object." : filter === "changed" ? "No object that was read differs from its default. Only visible objects are read." : "No objects." }}</p>
     </div>`,
   props: { rows: Array, writes: Boolean, product: String },
   data: () => ({ search: "", filter: "all", found: null, problem: "", live: {}, stars: {}, opened: {}, told: {}, wide: {}, closed: {}, none: {} }),
@@ -102,7 +102,7 @@ export default {
       this.tell();
     });
     this.observe();
-    // what was told before the connection stood is lost: it is told again until it has been answered
+    // events sent before the connection is open are lost, so the visible objects are reported until the server answers
     this.again = setInterval(() => {
       if (!this.heard) {
         this.before = null;
@@ -154,14 +154,14 @@ export default {
       try {
         localStorage.setItem(this.key, JSON.stringify(this.stars));
       } catch {
-        // a browser that keeps nothing has them until it is closed
+        // without storage the favourites last until the page is closed
       }
     },
     toggle(address) {
       this.opened[address] = !this.opened[address];
       delete this.told[address];
     },
-    // what the server sends
+    // methods called by the server
     values(news) {
       this.heard = true;
       Object.assign(this.live, news);

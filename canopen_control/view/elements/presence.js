@@ -1,4 +1,4 @@
-// Says again and again that this page is there, while it is `on`.
+// Reports periodically that this page is open, while `on` is true.
 export default {
   template: "<div style='display: none'></div>",
   props: { on: Boolean, period: Number },

@@ -1,11 +1,11 @@
-// three.js comes after the page is there: STOP and the state wait for no picture. Drawn is only what has changed while
-// somebody can see it, and with fewer pixels where a processor has to draw it.
+// three.js is loaded after the page, so that STOP and the state never wait for the picture. The scene is drawn only after
+// a change and while it is visible, and with fewer pixels where the CPU draws it.
 const FAULT = 0xd62828, SLOW_MS = 45, LEAST_RATIO = 0.5, MOST_POINTS = 1500;
-const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // the ways of odometry and of the base itself
-const STANDING = 0x9aa7b5, MOVING = 0xc79a5b, OTHER = 0x8d7fc7; // of a world: what stands fast, what can be pushed, other robots
-const SLIPPERY = 0x6fb7d6, GRIPPY = 0xb98a6a, USUAL = 0.5; // patches of the floor, by their friction
+const BELIEVED = 0x266ec8, TRUE = 0xe07a00; // colours of the paths by odometry and of the base itself
+const STANDING = 0x9aa7b5, MOVING = 0xc79a5b, OTHER = 0x8d7fc7; // colours of objects in the world: fixed, movable, other robots
+const SLIPPERY = 0x6fb7d6, GRIPPY = 0xb98a6a, USUAL = 0.5; // colours of floor patches by friction
 const GHOST = { color: 0x1d5fd1, transparent: true, opacity: 0.35, depthWrite: false };
-const NONE = "This browser draws no 3D (no WebGL). Everything else on this page works.";
+const NONE = "This browser cannot draw 3D (no WebGL). All other parts of this page work.";
 
 export default {
   template: `
@@ -19,7 +19,7 @@ export default {
     this.follow = this.visible = true;
     this.drawn = 0;
     this.latest = {};
-    this.robot = JSON.parse(JSON.stringify(this.tree)); // plain, not watched by the toolkit
+    this.robot = JSON.parse(JSON.stringify(this.tree)); // a plain copy, which Vue does not observe
     this.listen("cc-scene", (event) => this.move(event.detail));
     this.trails = { trail: { color: BELIEVED, points: [] }, truth: { color: TRUE, points: [] } };
     for (const name of ["trail", "truth"]) this.listen(`cc-${name}`, (event) => this.setTrail(name, event.detail));
@@ -82,7 +82,7 @@ export default {
       for (const joint of this.robot.joints) this.addJoint(THREE, joint);
       this.renderer.domElement.addEventListener("webglcontextlost", (event) => {
         event.preventDefault();
-        this.note = "The browser has taken the 3D picture away; it comes back by itself, or when the page is loaded again.";
+        this.note = "The browser has stopped drawing the 3D picture; it returns automatically, or when you reload the page.";
       });
       this.renderer.domElement.addEventListener("webglcontextrestored", () => {
         this.note = "";
@@ -90,7 +90,7 @@ export default {
       });
     },
     aim(extent) {
-      // from behind its left side, so that left and forward are the driver's own
+      // camera behind the robot's left side, so that left and forward are as the driver sees them
       const { x, y } = this.base?.position || { x: 0, y: 0 };
       this.reach = extent;
       this.controls.minDistance = 0.5 * extent;
@@ -115,7 +115,7 @@ export default {
       this.cell = extent < 1 ? 0.1 : 0.5;
       this.grid = new THREE.Group();
       const half = Math.ceil((12 * extent) / (10 * this.cell)) * 10 * this.cell, section = 10 * this.cell;
-      // Short pieces: what draws without a graphics card drops long lines that begin behind the camera.
+      // short pieces, because software renderers drop long lines that begin behind the camera
       const lines = (step, color, z) => {
         const points = [];
         for (let at = -half; at <= half + 1e-9; at += step) {
@@ -167,10 +167,10 @@ export default {
     geometry(THREE, { shape, size }) {
       if (shape === "box") return new THREE.BoxGeometry(...size);
       if (shape === "sphere") return new THREE.SphereGeometry(size[0], 32, 20);
-      return new THREE.CylinderGeometry(size[0], size[0], size[1], 48).rotateX(Math.PI / 2); // URDF's stand along z
+      return new THREE.CylinderGeometry(size[0], size[0], size[1], 48).rotateX(Math.PI / 2); // a URDF cylinder has its axis along z
     },
     worldGeometry(THREE, { shape, size }) {
-      // its sizes are the lengths along its own axes
+      // the sizes are the lengths along the shape's axes
       if (shape === "cylinder") return new THREE.CylinderGeometry(0.5, 0.5, 1, 32).rotateX(Math.PI / 2).scale(...size);
       if (shape === "ellipsoid") return new THREE.SphereGeometry(0.5, 24, 16).scale(...size);
       return new THREE.BoxGeometry(...size);
@@ -207,7 +207,7 @@ export default {
       this.wake();
     },
     setGhost(angles) {
-      // a previewed place: the robot once more, transparent, as it is drawn now
+      // preview: a transparent copy of the robot as it is drawn now
       if (!this.base) return;
       if (!angles && this.ghost) {
         this.base.parent.remove(this.ghost);
@@ -251,7 +251,7 @@ export default {
       this.addToTrail("trail", x, y);
     },
     setTruth(pose) {
-      // where the base really is: a ring on the floor with a line ahead, beside the robot where odometry has it
+      // true pose of the base: a ring on the floor with a line ahead, next to the robot at its odometry pose
       if (pose && !this.truthMark) {
         const THREE = this.parts.THREE, size = 0.6 * this.robot.extent, points = [new THREE.Vector3(size, 0, 0)];
         for (let at = 0; at <= 48; at++) {
@@ -269,7 +269,7 @@ export default {
       this.addToTrail("truth", pose[0], pose[1]);
     },
     setWorld(world) {
-      // what stands on the floor beside the robot, in a frame of its own
+      // objects of the world, in the frame of the world
       this.latestWorld = world;
       if (!this.base) return;
       const THREE = this.parts.THREE, sizes = JSON.stringify(world.shapes.map(({ shape, size, grip }) => [shape, size, grip]));
@@ -327,7 +327,7 @@ export default {
       this.drawTrail(name);
     },
     drawTrail(name) {
-      // the way grows many times a second, so that its places are written where they are
+      // the path grows many times a second, so that points are appended in place
       const THREE = this.parts.THREE, trail = this.trails[name];
       if (!trail.line) {
         const geometry = new THREE.BufferGeometry();
@@ -358,7 +358,7 @@ export default {
       this.wake();
     },
     show(visible) {
-      // scrolled out of sight nothing is drawn; what has changed meanwhile is, once it is back
+      // nothing is drawn while the scene is scrolled out of view; changes are drawn when it is visible again
       this.visible = visible;
       if (visible && this.missed) this.wake();
     },

@@ -1,9 +1,9 @@
-// STOP is not part of the toolkit: it is there with the first lines of the page, and works before, without and after it.
+// STOP does not use NiceGUI: the button works before NiceGUI is loaded, and when NiceGUI fails.
 (() => {
   const button = document.getElementById("cc-stop-button"), told = document.getElementById("cc-stop-told");
   const dead = document.getElementById("cc-dead-next");
-  const UNREACHED = "STOP has not reached the robot: the page's server does not answer. Use what else stops it.";
-  const OLD_ADDRESS = "The view was started anew, and this address is no longer its own: open the one that it has printed (canopen-control view --address).";
+  const UNREACHED = "STOP has not reached the robot: the page's server does not answer. Use another way to stop the robot (emergency stop, terminal).";
+  const OLD_ADDRESS = "The view was restarted with another address: open the address that it has printed (canopen-control view --address prints it again).";
   const SILENT_MS = 2500, LOADING_MS = 15000, TOLD_MS = 8000;
   let heard = performance.now(), begun = false, telling = 0;
 
@@ -46,7 +46,7 @@
     try {
       const answer = await fetch("stop", { method: "HEAD", cache: "no-store", signal: AbortSignal.timeout(2000) });
       if (answer.status === 403) dead.textContent = OLD_ADDRESS;
-    } catch {} // nobody answers: it may come back
+    } catch {} // no answer: the server may come back
   }
   window.addEventListener("cc-pulse", () => {
     heard = performance.now();

@@ -21,7 +21,7 @@ export default {
   created() {
     this.rows = [];
     this.pointAt = null;
-    this.plain = JSON.parse(JSON.stringify(this.charts)); // not watched by the toolkit
+    this.plain = JSON.parse(JSON.stringify(this.charts)); // a plain copy, which Vue does not observe
     for (const chart of this.plain) chart.columns = chart.lines.map((line) => this.names.indexOf(line.row) + 1);
   },
   mounted() {

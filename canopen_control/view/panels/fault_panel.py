@@ -25,7 +25,7 @@ class FaultPanel:
     def __init__(self, context: PanelContext) -> None:
         self._context = context
         self._board: DriveFaults | None = None
-        self._whole = ui.expansion("Break a virtual drive").props("dense").classes("cc-stale w-full")
+        self._whole = ui.expansion("Faults of virtual drives").props("dense").classes("cc-stale w-full")
         self._whole.set_visibility(False)
         with self._whole:
             self._drive = ui.select([], label="drive", on_change=self._follow).props("dense").style("width: 100%")

@@ -103,7 +103,9 @@ def show_notice(title: str, text: str) -> None:
 
 LARGEST: Final = {"velocity": 10.0, "position": 3.14, "effort": 1.0}
 """End of a slider by quantity if no limit is known, in rad/s, rad, and the unit of efforts."""
-READ_ONLY: Final = "<p class='cc-note'>This page only looks. To drive: <code>canopen-control view --teleop</code></p>"
+READ_ONLY: Final = (
+    "<p class='cc-note'>This page is read-only. To drive, start <code>canopen-control view --teleop</code></p>"
+)
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:

@@ -97,7 +97,7 @@ class EnableButton:
 
 #: label of the button, name of the action in the runtime, colour
 _ACTIONS: Final = (("Enable", "enable", "green-8"), ("Stop", "disable", "red-8"))
-_NO_MODE: Final = "<p class='cc-note'>It is in no mode that takes a target: choose one.</p>"
+_NO_MODE: Final = "<p class='cc-note'>The present mode of operation takes no target: choose another mode.</p>"
 _MOST: Final = 1e6  # of the end of a slider
 _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "effort": "Hold to push"}
 

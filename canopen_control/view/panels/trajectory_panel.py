@@ -35,8 +35,10 @@ if TYPE_CHECKING:
     from canopen_control.view.trajectory_player import LoadedTrajectory
 
 
-_TOO_LONG: Final = f"{MOST_BYTES} bytes at most are read here; canopen-control trajectory play takes longer files"
-_READ_ONLY: Final = "<p class='cc-note'>To play: <code>canopen-control view --teleop</code></p>"
+_TOO_LONG: Final = (
+    f"the file must have at most {MOST_BYTES} bytes; play longer files with canopen-control trajectory play"
+)
+_READ_ONLY: Final = "<p class='cc-note'>To play, start <code>canopen-control view --teleop</code></p>"
 
 
 class TrajectoryPanel:

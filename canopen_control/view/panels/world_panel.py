@@ -34,7 +34,7 @@ class WorldPanel:
     def __init__(self, context: PanelContext) -> None:
         self._context = context
         self._drives: frozenset[str] | None = None
-        self._whole = ui.expansion("Let something happen in the world").props("dense").classes("cc-stale w-full")
+        self._whole = ui.expansion("Disturb the simulated world").props("dense").classes("cc-stale w-full")
         self._whole.set_visibility(False)
         robot = context.robot
         with self._whole:
@@ -42,7 +42,7 @@ class WorldPanel:
             self._link = ui.select(links, label="link", value=_HEAVIEST).props("dense").style("width: 100%")
             with ui.element("div").classes("cc-row"):
                 self._mass = _number("kg", 5.0)
-                _button("Put on", self._payload)
+                _button("Add payload", self._payload)
             with ui.element("div").classes("cc-row"):
                 self._force = [_number(f"{axis}, N", value) for axis, value in (("x", 0.0), ("y", 30.0), ("z", 0.0))]
                 self._seconds = _number("s", 0.2)
@@ -55,7 +55,7 @@ class WorldPanel:
                 _button("Release", partial(self._block, False))
             with ui.element("div").classes("cc-row"):
                 self._grip = _number("friction", 0.2)
-                _button("Set the floor", self._friction)
+                _button("Set floor friction", self._friction)
 
     def show(self, content: PageContent) -> None:
         drives = frozenset(content.faults.drives) if content.faults is not None else frozenset()
@@ -76,7 +76,7 @@ class WorldPanel:
         if x is None or y is None or z is None or seconds is None:
             return
         if seconds <= 0.0:
-            show_notice("Not done", f"{seconds:g} s: a push takes a time")
+            show_notice("Not done", f"{seconds:g} s: a push needs a duration above 0")
             return
         push = PushRobot(force=(x, y, z), on=self._on(), seconds=seconds)
         await self._act(push, f"push of {x:g}, {y:g}, {z:g} N on {self._link.value} for {seconds:g} s")
@@ -89,7 +89,7 @@ class WorldPanel:
         if (grip := _read(self._grip)) is None:
             return
         if grip < 0.0:
-            show_notice("Not done", f"{grip:g}: friction is not below 0")
+            show_notice("Not done", f"{grip:g}: friction cannot be negative")
             return
         await self._act(SetGrip(friction=grip), f"friction of the floor {grip:g}")
 
@@ -118,6 +118,6 @@ def _button(label: str, act: Callable[..., object]) -> None:
 def _read(field: ui.number) -> float | None:
     """Return the number in a field; None, with a notice, if the field is empty."""
     if field.value is None:
-        show_notice("Not done", "a field has no number")
+        show_notice("Not done", "a field is empty")
         return None
     return float(field.value)

@@ -42,7 +42,7 @@ def played(work, act=None, key="parameters"):
 
 def test_work_of_another_tab_is_told_and_stands_in_the_way():
     words, buttons = played(JobRun(FIRMWARE, "Loading a.bin"))
-    assert "Loading a.bin goes on; nothing else begins before its end." in words
+    assert "Loading a.bin is still running; wait until this has ended." in words
     assert buttons == []
 
 

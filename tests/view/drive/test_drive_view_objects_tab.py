@@ -143,7 +143,7 @@ def test_a_node_without_an_eds_and_one_that_cannot_be_read_are_told():
         await settle(turns=10)
         return html(user)
 
-    assert "No file describes the objects of this node" in played(act, od=None)
+    assert "The objects of this node are unknown" in played(act, od=None)
 
     class Broken(StubDesk):
         def dictionary(self):

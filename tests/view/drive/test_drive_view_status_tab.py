@@ -39,13 +39,13 @@ def test_it_shows_what_the_robot_knows_of_the_node():
     assert "7 reads, 0 writes, 0 failed" in text
     assert "left: 0x1637" in text
     assert "<span class='cc-set'>12 speed is zero</span>" in text
-    assert "forward commands it" in text
+    assert "forward commands this drive" in text
 
 
 @pytest.mark.rest
 def test_it_shows_the_errors_that_the_drive_remembers():
     assert "0x2310" in played(read)
-    assert "remembers no error" in played(read, held={(0x1003, 0): b"\0"})
+    assert "error history is empty" in played(read, held={(0x1003, 0): b"\0"})
     assert "keeps no error history" in played(read, held={})
 
 
@@ -84,7 +84,7 @@ def test_a_drive_that_takes_targets_is_driven_while_a_button_is_held_and_left_wh
 
 def test_what_is_no_drive_has_no_statusword_and_nothing_moves_it():
     text = played(read, new=state(nodes={"left_drive": NODE | {"axes": []}}), axes=0)
-    assert "nothing moves it" in text
+    assert "This node is not a drive" in text
     assert "0x1637" not in text
 
 
@@ -92,5 +92,5 @@ def test_a_drive_that_nobody_commands_is_told():
     page = FakeContext(controllers=())
     new = drive_state(AXIS | {"error": "following error"})
     text = played(read, page, new=new)
-    assert "No active controller commands it" in text
+    assert "No active controller commands this drive" in text
     assert "following error" in text

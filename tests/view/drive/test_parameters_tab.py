@@ -136,7 +136,7 @@ def test_a_page_that_only_looks_may_back_up_and_compare():
         return html(user), [each.text for each in seen(ui.button)]
 
     text, buttons = played(act, teleop=False)
-    assert "This page only looks" in text
+    assert "This page is read-only" in text
     assert "Restore the file" not in buttons
     assert {"Back up", "Compare with the node"} <= set(buttons)
 
@@ -145,7 +145,7 @@ def test_nothing_else_begins_beside_it():
     async def act(user, tab, page):
         tab._desk.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
         user.find("Back up").click()
-        await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait for its end")
+        await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait until this has ended")
         tab.show(page.content())
         return [each.text for each in seen(ui.button) if each.enabled]
 

@@ -42,11 +42,11 @@ def buttons():
 
 def test_a_program_is_chosen_and_loaded(loaded):
     async def act(user, tab, page):
-        before = buttons()["Load it into the drive"]
+        before = buttons()["Load into the drive"]
         await upload(user, "a.bin", b"image")
         tab._form.inputs["expected"].value = "0x1A"
         tab.show(page.content())
-        user.find("Load it into the drive").click()
+        user.find("Load into the drive").click()
         await settle(lambda: tab._desk.work is not None and tab._desk.work.over)
         tab.show(page.content())
         return before, html(user), buttons()
@@ -64,12 +64,12 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
         await upload(user, "empty.bin", b"")
         text = html(user)
         tab.show(page.content())
-        off = buttons()["Load it into the drive"]
+        off = buttons()["Load into the drive"]
         await upload(user, "a.bin", b"image")
         tab._form.inputs["number"].value = "fifth"
         tab.show(page.content())
-        user.find("Load it into the drive").click()
-        await user.should_see("Not begun: 'fifth' is not a number of a program: 1 to 254")
+        user.find("Load into the drive").click()
+        await user.should_see("Not started: 'fifth' is not a number of a program: 1 to 254")
         return text, off
 
     text, off = played(act)
@@ -82,7 +82,7 @@ def test_a_file_that_is_too_long_for_a_running_robot_is_told(loaded):
         await upload(user, "long.bin", bytes(MOST_FIRMWARE_BYTES + 1))
         return html(user)
 
-    assert "long.bin: 400000 bytes at most go through a running robot" in played(act)
+    assert "long.bin: at most 400000 bytes can be loaded through a running robot" in played(act)
 
 
 def test_nothing_begins_beside_other_work(loaded):
@@ -90,7 +90,7 @@ def test_nothing_begins_beside_other_work(loaded):
         await upload(user, "a.bin", b"image")
         tab.show(page.content())
         tab._desk.work = JobRun(RESTORE, "Restoring a.dcf")
-        user.find("Load it into the drive").click()
+        user.find("Load into the drive").click()
         await user.should_see("left_drive is busy: Restoring a.dcf")
 
     played(act)
@@ -102,5 +102,5 @@ def test_a_page_that_only_looks_loads_nothing():
         return html(user), list(buttons())
 
     text, there = played(act, teleop=False)
-    assert "This page only looks" in text
-    assert "Load it into the drive" not in there
+    assert "This page is read-only" in text
+    assert "Load into the drive" not in there

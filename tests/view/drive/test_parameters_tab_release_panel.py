@@ -31,7 +31,7 @@ async def look(user, _page):
 def test_an_enabled_drive_is_not_taken_out():
     words, buttons = played(look)
     assert "left is enabled: parameter sets cannot be written to an enabled drive" in words
-    assert buttons == [("Take it out of the robot", False)]
+    assert buttons == [("Take out of the robot", False)]
 
 
 @pytest.mark.rest
@@ -48,7 +48,7 @@ def test_a_drive_is_taken_out_and_given_back_by_the_robot():
 def test_what_the_robot_refuses_is_told():
     async def press(user, page):
         page.refusal = "STOP is latched"
-        user.find("Take it out of the robot").click()
+        user.find("Take out of the robot").click()
         await user.should_see("left_drive: not taken out: STOP is latched")
 
     played(press, drive_state(OFF))
@@ -56,15 +56,17 @@ def test_what_the_robot_refuses_is_told():
 
 @pytest.mark.rest
 def test_taken_out_is_said_of_a_node_that_has_confirmed_it():
-    assert "It is taken out of the robot, which leaves it alone" in played(look, drive_state(OFF, **OUT))[0]
+    assert "The node is taken out of the robot, which sends it no commands" in played(look, drive_state(OFF, **OUT))[0]
     for more in ({"nmt_state": "OPERATIONAL"}, {"nmt_state": None}, {"age_s": None}):
         words = played(look, drive_state(OFF, **OUT | more))[0]
         assert "has not confirmed that" in words
-        assert "leaves it alone" not in words
+        assert "sends it no commands" not in words
 
 
 def test_taken_out_does_not_hide_that_the_robot_is_in_fault():
     new = structs.replace(drive_state(OFF, **OUT, error="guarding: no answer"), state="fault")
     words = played(look, new)[0]
-    assert "It is taken out of the robot (pre-operational), and the robot is in fault: left_drive: guarding" in words
-    assert "leaves it alone" not in words
+    assert (
+        "The node is taken out of the robot (pre-operational), and the robot is in fault: left_drive: guarding" in words
+    )
+    assert "sends it no commands" not in words

@@ -180,14 +180,14 @@ def test_a_file_that_was_saved_is_laid_below_the_shot_and_a_bad_one_is_told(bega
     both, label, can_be_dropped = played(act)
     assert both == ["left_drive:0x606C (old.csv)", "left_drive:0x606C"]
     assert (label, can_be_dropped) == ("old.csv", True)
-    assert told == ["photo.csv is not text; give a file that a scope has saved as CSV"]
+    assert told == ["photo.csv is not a text file; choose a CSV file that was saved by a scope"]
 
 
 def test_an_overlay_has_a_signal_of_the_shot():
     text = csv_of(NAMED).encode()
     assert read_overlay(b"\xef\xbb\xbf" + text, "a.csv", None).names == NAMED.names
     other = NamedShot(NAMED.shot, ("right_drive:0x606C",))
-    with pytest.raises(ConfigError, match=r"a\.csv holds left_drive:0x606C, nothing of right_drive:0x606C"):
+    with pytest.raises(ConfigError, match=r"a\.csv has the signals left_drive:0x606C, but none of right_drive:0x606C"):
         read_overlay(text, "a.csv", other)
     for bad in (b"", b"a,b\n", b'"', text.replace(b"3", b"x"), text + b"1,2\n"):
         with pytest.raises(ConfigError):

@@ -61,7 +61,7 @@ def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
         user.find("Run ...").click()
         words, before = html(user), len(tab._desk.begun)
         tab._speed.value = 5.0
-        user.find("Move it").click()
+        user.find("Start the motion").click()
         await settle(lambda: bool(tab._desk.begun))
         tab._begin()
         return words, before, tab._presence._props["on"]
@@ -75,7 +75,7 @@ def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
 def test_a_page_that_is_left_ends_its_run():
     async def act(user, tab, page):
         user.find("Run ...").click()
-        user.find("Move it").click()
+        user.find("Start the motion").click()
         await settle(lambda: bool(tab._desk.begun))
         tab.leave()
         return tab._desk.work._ending.is_set(), tab._presence._props["on"]
@@ -125,7 +125,7 @@ def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn(
 
     (lines, refused, first, phase), begun = played(act)
     assert "inertia &lt;1&gt;" in lines
-    assert "give the counts per revolution" in refused
+    assert "enter the counts per revolution" in refused
     assert (first, phase) == ("command", [(1.0, -5.0), (10.0, -60.0)])
     assert begun[0][1].keywords["counts"] == 65536.0
 
@@ -151,7 +151,7 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
         tab._axis.value = 1
         user.find("Run ...").click()
         words = html(user)
-        user.find("Move it").click()
+        user.find("Start the motion").click()
         await settle(lambda: bool(tab._desk.begun))
         return shown, words, tab._plan().axis
 

@@ -133,7 +133,7 @@ def test_another_mode_makes_another_target_and_ends_what_is_driven():
 
     let, buttons, said = played(context, act)
     assert (let, buttons) == (1, [])
-    assert "choose one" in said
+    assert "choose another mode" in said
 
 
 def test_the_end_of_the_slider_is_chosen():

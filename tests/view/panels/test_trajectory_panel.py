@@ -108,7 +108,7 @@ def test_a_preview_that_is_closed_is_drawn_no_more():
 
 @pytest.mark.parametrize(
     ("data", "words"),
-    [(b"joint_name: [a]", "joint_name"), (b" " * (MOST_BYTES + 1), f"{MOST_BYTES} bytes at most")],
+    [(b"joint_name: [a]", "joint_name"), (b" " * (MOST_BYTES + 1), f"at most {MOST_BYTES} bytes")],
 )
 def test_a_file_that_cannot_be_read_is_told(data, words):
     async def act(user, _panel, context):

@@ -50,7 +50,7 @@ def test_what_a_person_asks_for_happens_and_stands_in_the_events():
         link = seen(ui.select)[0]
         link.value = "fork"
         field("kg").value = -2
-        for number, button in enumerate(("Put on", "Push", "Block", "Release", "Set the floor"), 1):
+        for number, button in enumerate(("Add payload", "Push", "Block", "Release", "Set floor friction"), 1):
             user.find(button).click()
             await settle(lambda number=number: len(world.acts) == number)
             link.value = "the heaviest link"
@@ -70,10 +70,10 @@ def test_what_a_person_asks_for_happens_and_stands_in_the_events():
 @pytest.mark.parametrize(
     ("label", "value", "button", "said"),
     [
-        ("s", 0, "Push", "a push takes a time"),
-        ("friction", -1, "Set the floor", "not below 0"),
-        ("kg", None, "Put on", "a field has no number"),
-        ("y, N", None, "Push", "a field has no number"),
+        ("s", 0, "Push", "a push needs a duration above 0"),
+        ("friction", -1, "Set floor friction", "friction cannot be negative"),
+        ("kg", None, "Add payload", "a field is empty"),
+        ("y, N", None, "Push", "a field is empty"),
     ],
 )
 def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, button, said):
@@ -90,7 +90,7 @@ def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, butto
 
 def test_what_the_world_refuses_is_told():
     async def act(user, _panel, _context):
-        user.find("Put on").click()
+        user.find("Add payload").click()
         await settle(turns=10)
         await user.should_see("the robot has no link")
 
