@@ -280,7 +280,7 @@ def command_line() -> str:
     os.environ["COLUMNS"] = "110"
     text = [
         "# The command line\n",
-        "`canopen-control VERB --help` says the same. Exit codes: 0 good, 1 the run failed, 2 usage or configuration, "
+        "`canopen-control VERB --help` prints the same. Exit codes: 0 success, 1 failure, 2 usage or configuration, "
         "or something that this machine lacks.\n",
         _table("| verb | |", [f"| [`{verb}`](#{verb}) | {what} |" for verb, what in VERBS.items()]),
     ]

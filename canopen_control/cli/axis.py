@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with RobotClient.connect(args.name) as robot:
         answer = robot.ask(request, HOMING_S if args.action == "home" else TIMEOUT_S)
-    together = f" ({answer.text})" if answer.text else ""
+    note = f" ({answer.text})" if answer.text else ""
     done = {"action": args.action, "node": args.node, "joint": args.joint, "mode": args.mode, "text": answer.text}
-    print_result(args, done, f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done{together}")
+    print_result(args, done, f"{args.action} {args.node}{f' {args.mode}' if args.mode else ''}: done{note}")
     return 0

@@ -5,7 +5,7 @@ version and date. `diff` compares it, `restore` writes it back, and a bus.yml ca
 twice; values that differ between reads, and objects the node refuses, are omitted and listed. Nothing is written to the
 node, so this works while a robot runs. On a bare bus (--can) give the EDS.
 
-Exit codes: 0 good; 1 the node did not answer, or the disk is full; 2 wrong usage.
+Exit codes: 0 success; 1 the node did not answer, or the disk is full; 2 wrong usage.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ machine; the table shows whether it was idle. --quick judges ratios, and counts 
     canopen-control bench --quick --check   what CI checks: ratios and counts, some two minutes
     canopen-control bench --quick --check simulated   of these the families that may run in parallel
 
-Exit codes: 0 good; 1 with --check a figure misses its target; 2 wrong usage.
+Exit codes: 0 success; 1 with --check a figure misses its target; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 EXAMPLE = "canopen-control bench cycle --json cycle.json"
-_PACKAGE = "canopen_control_bench"  # comes with the wheel; a checkout has it in tools/
+_PACKAGE = "canopen_control_bench"  # part of the wheel; in a checkout it is in tools/
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +45,7 @@ def _command() -> ModuleType:
         if error.name != _PACKAGE:
             raise
         raise ConfigError(
-            f"the bench is a package of its own, {_PACKAGE}, and not installed here: "
-            "pip install canopen-control brings it, a checkout runs it by tools/bench"
+            f"the benchmark needs the package {_PACKAGE}, which is not installed: reinstall canopen-control with pip, "
+            "or run tools/bench in a checkout"
         ) from error
     return command

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # Report of `bus status` on CAN interfaces: state, counters, load, and the processes that have them open.
 
 
-LOOK_S = 0.5
+MEASURE_S = 0.5
 _COMMAND_LENGTH = 60
 
 
@@ -86,7 +86,7 @@ def document_of(status: InterfaceStatus) -> InterfaceDocument:
 
 def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
     """Measure the traffic of interfaces for half a second, and return their status by name."""
-    traffic = measure(links, LOOK_S)
+    traffic = measure(links, MEASURE_S)
     return {link.name: _interface_status(link, traffic.get(link.name)) for link in links}
 
 
@@ -116,7 +116,7 @@ def render_interface(status: InterfaceStatus) -> list[str]:
 def _listeners(status: InterfaceStatus) -> list[str]:
     lines = [_listener(listener) for listener in status.listeners]
     more = status.unnamed_listeners
-    return lines + ([f"{more} more, of other users: type it with sudo to see them named"] if more else [])
+    return lines + ([f"{more} more, of other users: run this with sudo to see their names"] if more else [])
 
 
 def _listener(listener: Listener) -> str:
@@ -127,7 +127,7 @@ def _listener(listener: Listener) -> str:
 
 
 def _does(listener: Listener) -> list[str]:
-    """Return phrases that tell what a CAN socket receives, or lets the kernel send, and on which interfaces."""
+    """Describe what a CAN socket receives or has the kernel send, and on which interfaces."""
     tasks = [f"lets the kernel send 0x{can_id:03X} every {us / 1000:g} ms" for can_id, us in listener.tasks]
     if tasks or listener.protocol == "CAN_BCM":
         return tasks or ["uses the kernel's broadcast manager"]
@@ -189,7 +189,7 @@ def _add_faults(parser: argparse.ArgumentParser) -> None:
     drop.add_argument("--count", type=int, metavar="N", help="drop N frames, then stop")
     delay = faults.add_parser("delay", help="delay frames of WHO, or of all members")
     delay.add_argument("--ms", type=int, required=True, metavar="MS", help="delay in ms; 0: no delay")
-    error = faults.add_parser("error-frame", help="let the CAN controller of WHO, or all, report an error")
+    error = faults.add_parser("error-frame", help="make the CAN controllers of WHO, or of all members, report an error")
     error.add_argument("--kind", choices=get_args(hub.ErrorKind), default="bus-error")
     for fault in (drop, delay, error):
         fault.add_argument("label", nargs="?", default="", metavar="WHO", help=_LABEL_HELP)
@@ -268,7 +268,7 @@ def _status_of(spec: ChannelSpec) -> Status:
     if spec.kind is ChannelKind.LOCAL:
         return ask_hub(spec.name, hub.GetHubStatus())
     if spec.kind is not ChannelKind.SOCKETCAN:
-        raise ConfigError(f"{spec}: only local: buses and CAN interfaces can be looked at from outside")
+        raise ConfigError(f"{spec}: only local: buses and CAN interfaces have a status")
     link = can_interfaces.find_can_interface(spec.name)
     if link is None:
         raise InterfaceNotFound(spec.name, "list the channels with: canopen-control bus list")
@@ -295,7 +295,7 @@ def _render_hub(channel: str, status: hub.HubStatus, nodes: Sequence[KnownNode])
         numbers = map(str, (member.pid, member.tx, member.rx, member.lost, member.queued))
         table.add((_named(member.label, nodes), *numbers, state))
     lines += [f"  {line}" for line in table.lines()]
-    delays = {_named(label, nodes) or "everybody": delay for label, delay in status.delays_ms.items()}
+    delays = {_named(label, nodes) or "all members": delay for label, delay in status.delays_ms.items()}
     lines += [f"  delay of {name}: {delay:g} ms" for name, delay in delays.items()]
     return lines + [f"  drop: {_rule(rule, nodes)}" for rule in status.drops]
 
@@ -304,7 +304,7 @@ def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
     which = "every frame" if rule.every == 1 else f"one in {rule.every} frames"
     identifier = "" if rule.can_id is None else f" 0x{rule.can_id:03X}"
     limit = "" if rule.count is None else f" of {rule.count}"
-    return f"{which}{identifier} from {_named(rule.label, nodes) or 'anybody'}, {rule.lost}{limit} lost"
+    return f"{which}{identifier} from {_named(rule.label, nodes) or 'all members'}, {rule.lost}{limit} lost"
 
 
 # up, down, fault -----------------------------------------------------------------------------------------------------
@@ -313,7 +313,9 @@ def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
 def _interface(args: argparse.Namespace) -> str:
     name: str = args.interface
     if ":" in name:
-        raise ConfigError(f"{name} is not an interface of the kernel: it exists as soon as a program opens it")
+        raise ConfigError(
+            f"{name} is not an interface of the kernel; it needs no up or down: the program that uses it opens it"
+        )
     return name
 
 
@@ -335,9 +337,7 @@ def _down(args: argparse.Namespace) -> int:
 def _fault(args: argparse.Namespace) -> int:
     spec = parse_channel(args.channel)
     if spec.kind is not ChannelKind.LOCAL:
-        raise ConfigError(
-            f"{spec}: faults can be switched on local: buses only; a vcan has its own: tc qdisc ... netem"
-        )
+        raise ConfigError(f"{spec}: faults can be injected into local: buses only; for a vcan use: tc qdisc ... netem")
     if getattr(args, "label", ""):
         args.label = _label(spec, args.label)
     ask_hub(spec.name, _REQUESTS[args.fault](args))

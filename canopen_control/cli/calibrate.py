@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control calibrate robby
          canopen-control calibrate robby --side 2 --runs 5 -o robby_calibrated.yaml"""
 OUTPUT: Final = "ros2_controllers_calibrated.yaml"
-_AFTER: Final = "; the base stops, and its controller has the values that it had before"
-_RUNS: Final = (1, 5)  # of each direction: in simulation, where every square is like the other, and on a floor
+_AFTER: Final = "; the base stops, and its controller has its previous values again"
+_RUNS: Final = (1, 5)  # in each direction: in simulation, where all squares are equal, and on a floor
 
 _length = number("length in m from 0.2 to 20", lambda value: 0.2 <= value <= 20.0)
 _speed = number("speed above 0", lambda value: value > 0.0)
@@ -154,8 +154,8 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
         return TrueEnds(_print)
     if not sys.stdin.isatty():
         raise ConfigError(
-            "the true pose of this base is not known, and there is no terminal to ask where it ends: run it in a "
-            "terminal, or give --ends FILE"
+            "the true pose of this base is unknown, and without a terminal "
+            "its end positions cannot be typed: run it in a terminal, or give --ends FILE"
         )
     return TypedEnds(input, _print)
 
@@ -175,7 +175,7 @@ class _YamlCopy:
         self.path = _controllers_file(args)
         self._require_same_values(link)
         if self._copy.exists() and not args.overwrite:
-            raise ConfigError(f"{self._copy} is there already; give another --output, or --overwrite")
+            raise ConfigError(f"{self._copy} already exists; give another --output, or --overwrite")
 
     def _require_same_values(self, link: BaseLink) -> None:
         """Raise ConfigError if the file and the running robot have different values."""
@@ -185,12 +185,12 @@ class _YamlCopy:
 
         assert self.path is not None
         factors = given_in(self.path, self._controller, FACTORS)
-        for name, runs in zip(FACTORS, link.wheel_values().factors, strict=True):
-            says = 1.0 if factors[name] is None else factors[name]
-            if says != runs:
+        for name, running in zip(FACTORS, link.wheel_values().factors, strict=True):
+            in_file = 1.0 if factors[name] is None else factors[name]
+            if in_file != running:
                 raise ConfigError(
-                    f"{self.path} says {name} {says:g} and the robot that runs has {runs:g}; calibrate with the file "
-                    "that it was started from, or start it again"
+                    f"{name} is {in_file:g} in {self.path} and {running:g} in the running robot; calibrate with the "
+                    "file that the robot was started from, or restart the robot"
                 )
 
     @property

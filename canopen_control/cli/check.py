@@ -3,7 +3,7 @@
 A stop takes the detection time plus the ramp from the joint's highest speed; the slowest reason to stop is shown.
 --json lists all reasons.
 
-Exit codes: 0 good; 2 the files have errors, or wrong usage.
+Exit codes: 0 success; 2 the files have errors, or wrong usage.
 """
 
 from __future__ import annotations

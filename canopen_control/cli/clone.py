@@ -1,11 +1,11 @@
 """Copy all parameters of a drive to a replacement of the same product, and verify that both are equal.
 
-The new drive keeps its node id, bit rate, identity and encoder calibration. COB-IDs that follow the node id follow the
-new one. Everything else is as for `restore`: only differences are written, everything is read back, after a refusal the
-new drive has its previous values, and nothing is stored without --store. If the old drive has failed, `restore` its
-backup.
+The new drive keeps its node id, bit rate, identity and encoder calibration. COB-IDs that
+depend on the node id are adapted to the new one. Everything else is as for `restore`: only differences are written,
+everything is read back, after a refused value the previous values are restored, and nothing is stored without --store.
+If the old drive has failed, `restore` its backup.
 
-Exit codes: 0 both are equal; 1 the new drive refused a value, or one did not answer; 2 wrong usage.
+Exit codes: 0 both are equal; 1 the new drive refused a value, or a drive did not answer; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ EXAMPLE = """canopen-control clone 3 4 --can can0 --eds TMCM-1270.eds --store"""
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("a", metavar="A", help="the drive that is read")
-    parser.add_argument("b", metavar="B", help="the drive that is written")
+    parser.add_argument("a", metavar="A", help="drive to read")
+    parser.add_argument("b", metavar="B", help="drive to write")
     add_session_arguments(parser, node=False)
     add_job_options(parser, CLONE)
 
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.a == args.b:
-        raise ConfigError(f"{args.a} and {args.b} are one node; name the old drive, then the new one")
+        raise ConfigError(f"{args.a} and {args.b} are the same node; name the old drive, then the new one")
     options = job_options(args, CLONE, reached=reached(args))
     with open_sessions(args, [args.a, args.b]) as (sessions, _), verb_run(CLONE) as run:
         sentence = run_clone(sessions[args.b], run, contextlib.nullcontext(sessions[args.a]), options)

@@ -3,7 +3,7 @@
 Outputs of a GPIO command controller can be named, as in `io/lamp=1`; the others keep their values. When the command
 ends, they go to their safe values.
 
-Exit codes: 0 sent; 1 the robot refused it, or stopped; 2 wrong usage, no robot runs, or no such controller.
+Exit codes: 0 sent; 1 refused by the robot, or the robot stopped; 2 wrong usage, no robot runs, or no such controller.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ def run(args: argparse.Namespace) -> int:
     controllers = ask_for_controllers(args.name)
     last = values_at_the_end(controllers, args.controller, values)
     target = target_interface(controllers, args.controller)
-    moving, zeros = (
+    command, zeros = (
         CommandController(controller=args.controller, values=row, source="command", dead_man=dead_man, interface=target)
         for row in (values, last or [])
     )
-    return send(args, moving, zeros if last is not None else None)
+    return send(args, command, zeros if last is not None else None)
 
 
 def _value(text: str) -> tuple[str, float]:

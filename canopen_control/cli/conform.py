@@ -4,15 +4,15 @@ Without --configure, --store and --motion the checks change no value; some send 
 With --configure they write parameters, and start, stop and reset the node; with --store they store parameters; with
 --motion they switch on the power stage of a drive and turn the shaft: --speed and --distance bound each motion (by
 default 1 % of 0x607F and half a revolution), and the shaft returns to its start. You confirm each of the three once, or
-give --yes. At the end the parameters that the EDS lists are compared and restored. A node of a running robot is
-refused, and with one of the three options a node that is OPERATIONAL.
+give --yes. At the end the parameters that the EDS lists are compared and restored. Nodes of a running robot
+are refused; with one of the three options, nodes that are OPERATIONAL as well.
 
-With --master a virtual device joins the bus and checks the master that boots it, ours or another one. It serves the
-master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage, PRE-OPERATIONAL, a flood
-of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence. Let the master
-enable the drive before the run, and again only between two faults. Ctrl-C ends the run with its report.
+With --master a virtual device joins the bus and checks the master that boots it, this package or another
+master. It serves the master for 8 s, then goes through its faults, in 80 to 120 s: FAULT, loss of the power stage,
+PRE-OPERATIONAL, a flood of EMCY, resets with SDO answers that are missing, late or refused, a lost heartbeat, silence.
+Let the master enable the drive before the run, and again only between two faults. Ctrl-C ends the run with its report.
 
-Exit codes: 0 no check that must pass has failed; 1 one has; 2 wrong usage, or nothing could be tested.
+Exit codes: 0 no mandatory check failed; 1 a mandatory check failed; 2 wrong usage, or nothing could be tested.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ EXAMPLE = """canopen-control conform 5 --can can0 --eds drive.eds
 _EDS = "TMCM-1270.eds"
 LEVELS = ("301", "302", "305", "306", "402", "all")
 _bound = whole_number("whole number above 0", range(1, 1 << 31))
-HEARTBEAT_S = 1.2  # a heartbeat of a second shows the NMT state
-_OF_MASTERS = {Service.NMT: "NMT command", Service.SYNC: "SYNC", Service.SDO_CLIENT: "SDO request"}
+HEARTBEAT_S = 1.2  # enough for a heartbeat with a period of 1 s
+_MASTER_SERVICES = {Service.NMT: "NMT command", Service.SYNC: "SYNC", Service.SDO_CLIENT: "SDO request"}
 _QUESTIONS = {
     CheckTouch.CONFIGURE: "write parameters of the node, start, stop and reset it",
     CheckTouch.MOTION: "switch on the power stage and turn the shaft, which must be free to move",
@@ -68,7 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("node", nargs="?", metavar="NODE", help="node id of the device to check")
     parser.add_argument("--can", required=True, metavar="CHANNEL", help="channel of the bus (can0, local:NAME, ...)")
     parser.add_argument(
-        "--eds", metavar="FILE", help="EDS of the device; without one fewer checks are made (--master: TMCM-1270)"
+        "--eds",
+        metavar="FILE",
+        help="EDS of the device; without it fewer checks are made (--master: TMCM-1270)",
     )
     parser.add_argument("--master", action="store_true", help="check the master on the bus, as a virtual device")
     parser.add_argument("--node-id", metavar="N", help="with --master: node id of the virtual device")
@@ -123,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"level {args.level} has no checks for these options; give --configure too")
     _refuse_robot(args.can, node_id)
     for touch in touches[1:]:
-        _agree(touch, node_id, yes=args.yes)
+        _confirm(touch, node_id, yes=args.yes)
     with Reactor() as reactor:
         port = open_port(args.can, label=LABEL, join=True)
         try:
@@ -143,13 +145,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """Raise ConfigError for an option that does not fit the kind of check: of a device, or --master."""
+    """Raise ConfigError for an option that does not apply to the check of a device, or to --master."""
     if not args.master:
         if args.node is None:
             raise ConfigError("give the node id of the device to check, or --master to check the master on the bus")
         for name, value in (("--node-id", args.node_id), ("--for", args.duration)):
             if value is not None:
-                raise ConfigError(f"{name} belongs to --master; give --master, or the node id alone")
+                raise ConfigError(f"{name} requires --master; add --master, or omit {name}")
         return
     if args.node is not None:
         raise ConfigError(f"--master takes its node id from --node-id; write --node-id {args.node}")
@@ -157,7 +159,7 @@ def _check_options(args: argparse.Namespace) -> None:
         raise ConfigError("--master needs --node-id: a node that the master boots and that is not on the bus")
     for option in ("configure", "store", "motion"):
         if getattr(args, option):
-            raise ConfigError(f"--{option} is about a device; leave it out with --master")
+            raise ConfigError(f"--{option} is for the check of a device; omit it with --master")
 
 
 def _run_master(args: argparse.Namespace) -> int:
@@ -174,7 +176,7 @@ def _run_master(args: argparse.Namespace) -> int:
             seconds = DEFAULT_S if args.duration is None else args.duration
             device = make_device(eds.od, node_id)
             run = MasterRun(reactor, port, device, seconds, _print)
-            _print(f"node {node_id} ({device.name}) is on {args.can}, and waits for its master")
+            _print(f"node {node_id} ({device.name}) is on {args.can} and is waiting for its master")
             reactor.handle_signals({signal.SIGINT: run.stop})
             with Progress(f"checking the master of node {node_id}", "s", rate=True) as progress:
                 report = run.run(progress.at)
@@ -201,9 +203,9 @@ def _refuse_master(node: CheckedNode) -> None:
     frames = [frame for _, frame in node.listen(HEARTBEAT_S)]
     services = {service_of(frame.can_id): None for frame in frames}
     signs = [
-        _OF_MASTERS[one[0]] + (f" to node {one[1]}" if one[1] else "")
-        for one in services
-        if one is not None and one[0] in _OF_MASTERS
+        _MASTER_SERVICES[service[0]] + (f" to node {service[1]}" if service[1] else "")
+        for service in services
+        if service is not None and service[0] in _MASTER_SERVICES
     ]
     if signs and not (signs == ["SYNC"] and _produces_sync(node)):
         raise ConfigError(
@@ -218,19 +220,19 @@ def _refuse_master(node: CheckedNode) -> None:
 
 def _produces_sync(node: CheckedNode) -> bool:
     try:
-        return bool(node.number(0x1005) >> 30 & 1)
+        return bool(node.number(0x1005) >> 30 & 1)  # CiA 301 7.5.2.5: bit 30, the device generates SYNC
     except (NotApplicable, RemoteProtocolError):
         return False
 
 
-def _agree(touch: CheckTouch, node_id: int, *, yes: bool) -> None:
+def _confirm(touch: CheckTouch, node_id: int, *, yes: bool) -> None:
     if yes:
         return
     if not sys.stdin.isatty():
-        raise ConfigError(f"{touch.value} asks before it begins, and there is no terminal to ask on; add --yes")
-    print(f"{touch.value}: node {node_id}: {_QUESTIONS[touch]}. Go on? [y/N] ", end="", file=sys.stderr, flush=True)
+        raise ConfigError(f"{touch.value} needs a confirmation, and standard input is not a terminal; add --yes")
+    print(f"{touch.value}: node {node_id}: {_QUESTIONS[touch]}. Continue? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise ConfigError(f"{touch.value} was not agreed to; nothing was done")
+        raise ConfigError(f"{touch.value} was not confirmed; nothing was done")
 
 
 def _old_verdicts(path: Path) -> dict[str, str]:
@@ -252,7 +254,7 @@ def _write_file(name: str, data: bytes) -> None:
 
 
 def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None, issues: list[str]) -> None:
-    """Print the report before its files are written, so that a full disk cannot lose the printed report."""
+    """Print the report, then write its files, so that a full disk does not lose the printed report."""
     changes = [] if old is None else changed_verdicts(report, old)
     if args.json:
         print(json_text({**asdict(report), "changes": changes}))
@@ -264,5 +266,5 @@ def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, s
     if args.html is not None:
         from canopen_control.virtual.quirks import QUIRKS
 
-        does = {quirk.name: quirk.does for quirk in QUIRKS.values()}
-        _write_file(args.html, html_page(report, does, issues).encode())
+        descriptions = {quirk.name: quirk.does for quirk in QUIRKS.values()}
+        _write_file(args.html, html_page(report, descriptions, issues).encode())

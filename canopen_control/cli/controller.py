@@ -4,7 +4,7 @@ A controller of ros2_controllers.yaml is loaded and configured (then it is inact
 the missing steps. Two controllers cannot command one interface: `switch` deactivates one and activates the other in the
 same cycle. Activating enables drives; nothing moves before a command arrives.
 
-Exit codes: 0 good; 1 the robot refused, and nothing was changed; 2 wrong usage, or no robot runs.
+Exit codes: 0 success; 1 the robot refused, and nothing was changed; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "controller", metavar="CONTROLLER", nargs="+", help="controller name in ros2_controllers.yaml"
         )
     for option in ("activate", "deactivate"):
-        switch.add_argument(f"--{option}", metavar="CONTROLLER", nargs="+", default=[], help=f"{option} these")
+        switch.add_argument(f"--{option}", metavar="CONTROLLER", nargs="+", default=[], help=f"controllers to {option}")
     for action in (switch, steps["activate"], steps["deactivate"]):
         action.add_argument("--best-effort", action="store_true", help="do what is possible and skip the rest")
     for action in (*lists, *steps.values(), switch):
@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.action == "switch" and not (args.activate or args.deactivate):
-        raise ConfigError("switch what? --activate CONTROLLER..., --deactivate CONTROLLER..., or both")
+        raise ConfigError("nothing to switch; give --activate CONTROLLER..., --deactivate CONTROLLER..., or both")
     with RobotClient.connect(args.name) as robot:
         return _ACTIONS[args.action](args, robot)
 
@@ -101,7 +101,7 @@ def _list(args: argparse.Namespace, robot: RobotClient) -> int:
                 ", ".join(controller.joints) or "-",
             )
         )
-    print("\n".join(table.lines()) if controllers else "no controller is loaded; canopen-control controller load NAME")
+    print("\n".join(table.lines()) if controllers else "no controller is loaded: canopen-control controller load NAME")
     return 0
 
 
@@ -109,7 +109,7 @@ def _commands(controller: ControllerReading) -> str:
     """Return the command interfaces of a controller as text; "-" if the controller is not loaded."""
     if controller.state == "unloaded":
         return "-"
-    nothing = "nothing: it broadcasts" if controller.is_broadcaster else "-"
+    nothing = "none (broadcaster)" if controller.is_broadcaster else "-"
     return controller.interface or ", ".join(controller.required_command_interfaces) or nothing
 
 
@@ -160,7 +160,7 @@ def _switch(args: argparse.Namespace, robot: RobotClient) -> int:
     after = _states(robot)
     names = [*deactivate, *activate]
     lines = [
-        f"{name}: {after.get(name, 'not loaded')}{'' if after.get(name) != before.get(name) else ', as before'}"
+        f"{name}: {after.get(name, 'not loaded')}{'' if after.get(name) != before.get(name) else ', unchanged'}"
         for name in names
     ]
     print_result(args, [{"name": name, "state": after.get(name, "unloaded")} for name in names], "\n".join(lines))

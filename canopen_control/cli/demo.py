@@ -2,7 +2,7 @@
 
 This motion starts without a request, so `demo` refuses every bus that real drives can be on.
 
-Exit codes: 0 good; 1 the boot or the run failed; 2 wrong usage or configuration, or a bus of real drives.
+Exit codes: 0 success; 1 the boot or the run failed; 2 wrong usage or configuration, or a bus of real drives.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.run import add_arguments as add_run_arguments
-from canopen_control.cli.run import run_robot
+from canopen_control.cli.run import names_robot, run_robot
 
 if TYPE_CHECKING:
     import argparse
@@ -27,6 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the robot that the options name, robby by default, with the demo motion and a live table."""
-    if all(option is None for option in (args.config, args.launch, args.bus, args.controllers, args.description)):
+    if not names_robot(args):
         args.config = ROBOT
     return run_robot(args, motion=True, table=True)

@@ -1,7 +1,7 @@
 """Run virtual devices (I/O modules, encoders, sensors, batteries, drives) until Ctrl-C.
 
-This is the verb `drive` under another name, with the same options: the EDS decides what a device does. Set inputs while
-it runs with `fault`:
+This is another name of the verb `drive`, with the same options; the EDS determines the kind of device. Set the inputs
+of a running device with `fault`:
 
     canopen-control fault 5 di0=1,ai0=16384 --can local:robby
 

@@ -1,6 +1,6 @@
 """Run virtual drives, or any device that has an EDS, until Ctrl-C.
 
-It prints one line when the drives are on the bus, then their events. --store keeps what 0x1010 and LSS store.
+It prints one line when the drives are on the bus, then their events. --store FILE holds what 0x1010 and LSS store.
 --scenario is a YAML timeline of faults and quirks:
 
     steps:
@@ -49,13 +49,13 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.drive import AxisState, DriveState, SetPointQuality, SignalState, Spread
 
 
-# What a running virtual drive is doing, as lines for people: states, motion, faults, quality of its set-points.
+# State of a running virtual drive as text: states, motion, faults and the quality of its set-points.
 
 
 def state_lines(state: DriveState) -> Iterator[str]:
     """Yield the state of a virtual device as text: the node, its axes and set-points, inputs and outputs."""
     errors = "".join(f", error 0x{code:04X}" for code in state.errors)
-    faults = f"; faults that are on: {', '.join(state.faults)}" if state.faults else ""
+    faults = f"; active faults: {', '.join(state.faults)}" if state.faults else ""
     quirks = f"; quirks: {', '.join(state.quirks)}" if state.quirks else ""
     yield f"node {state.node_id}, {state.name}: {state.nmt_state}{errors}{faults}{quirks}"
     for axis in state.axes:
@@ -184,9 +184,9 @@ def run(args: argparse.Namespace) -> int:
     if args.status:
         return _print_status(args)
     if args.json:
-        raise ConfigError("--json is for drive --status; running drives print their events as lines")
+        raise ConfigError("--json requires drive --status; running drives print their events as lines")
     if args.eds is None:
-        raise ConfigError("drive needs --eds FILE: which device it is; --status asks a drive that runs already")
+        raise ConfigError("drive needs --eds FILE, which describes the device; for a running drive add --status")
     from canopen_control.virtual.launch import DriveOptions, run_drives
 
     node_ids = parse_node_ids(args.node_id)
@@ -202,7 +202,7 @@ def _run_buses(args: argparse.Namespace) -> int:
     """Run the drives on several buses that the file of --buses describes."""
     options = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
     if options:
-        raise ConfigError(f"--buses: its file says everything; omit --{options[0].replace('_', '-')}")
+        raise ConfigError(f"--buses FILE replaces all other options; omit --{options[0].replace('_', '-')}")
     from canopen_control.personality import read_personality
     from canopen_control.virtual.bus_group import run_group
 
@@ -230,18 +230,16 @@ def parse_node_ids(text: str) -> list[int]:
             raise ConfigError(f"--node-id {text!r}: write 3, or 2,3, or 1-64")
         first, last = int(match[1]), int(match[2] or match[1])
         if not 1 <= first <= last <= _LAST_NODE_ID:
-            hint = (
-                f"; {_NO_NODE_ID} stands alone: a process for each drive without an id" if _NO_NODE_ID in text else ""
-            )
+            hint = f"; {_NO_NODE_ID} is only allowed alone: one process per drive" if _NO_NODE_ID in text else ""
             raise ConfigError(f"--node-id {text!r}: node ids are 1 to {_LAST_NODE_ID}, rising{hint}")
         node_ids += range(first, last + 1)
     if len(set(node_ids)) != len(node_ids):
-        raise ConfigError(f"--node-id {text!r}: a node id is named twice")
+        raise ConfigError(f"--node-id {text!r}: a node id is given twice")
     return node_ids
 
 
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
-    """Return the EDS file for all nodes, and those of single nodes; ConfigError if a file is missing or ambiguous."""
+    """Return the common EDS file, and the EDS files of single nodes; ConfigError if one is missing or ambiguous."""
     common: list[Path] = []
     eds_files: dict[int, Path] = {}
     for text in texts:
@@ -251,12 +249,16 @@ def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dic
             continue
         for node_id in parse_node_ids(numbers):
             if node_id not in node_ids or eds_files.setdefault(node_id, _eds(file)) != _eds(file):
-                why = "it has another one already" if node_id in eds_files else "--node-id does not name it"
+                why = "another file is given for it" if node_id in eds_files else "it is not in --node-id"
                 raise ConfigError(f"--eds {text}: node {node_id}: {why}")
     missing = [node_id for node_id in node_ids if node_id not in eds_files]
     if len(common) > 1 or (missing and not common):
-        problem = f"node {missing[0]} has none" if not common else f"{common[0]} and {common[1]} are both for all nodes"
-        raise ConfigError(f"--eds: {problem}; write --eds FILE for all, and --eds N=FILE for a node with another one")
+        problem = (
+            f"no file for node {missing[0]}" if not common else f"{common[0]} and {common[1]} are both for all nodes"
+        )
+        raise ConfigError(
+            f"--eds: {problem}; give --eds FILE once for all nodes, and --eds N=FILE for nodes with another file"
+        )
     return (common or list(eds_files.values()))[0], eds_files
 
 

@@ -4,7 +4,7 @@ Every readable object is read once, one after the other; DOMAINs and objects tha
 left out. The DCF has a ParameterValue for each writable object, also for live values; to write values back later, make
 a `backup`. A node of a running robot is read through that robot, slowly enough not to delay it.
 
-Exit codes: 0 good; 1 the node does not answer or no object could be read; 2 wrong usage, a file that cannot be
+Exit codes: 0 success; 1 the node does not answer or no object could be read; 2 wrong usage, a file that cannot be
 written.
 """
 

@@ -1,6 +1,6 @@
 """Check, show, compare and convert EDS, DCF, XDD and XDC files.
 
-Exit codes: 0 good; 1 errors found, differences found, no such object, or not an EDS; 2 wrong usage or no such file.
+Exit codes: 0 success; 1 errors found, differences found, no such object, or not an EDS; 2 wrong usage or no such file.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
 
-# What `eds --json` prints: issues, entries, differences and PDOs of EDS and DCF files.
+# Documents of `eds --json`: issues, entries, differences and PDOs of EDS and DCF files.
 
 
 Plain: TypeAlias = int | float | str | None
@@ -235,13 +235,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     check = actions.add_parser("check", help="report what is wrong or doubtful in the files")
     check.add_argument("files", nargs="+", metavar="FILE")
-    show = actions.add_parser("show", help="list the objects, or one of them")
+    show = actions.add_parser("show", help="list all objects, or one object")
     show.add_argument("file", metavar="FILE")
     show.add_argument("object", nargs="?", metavar="INDEX[:SUB]", help="hexadecimal address, or a name")
     diff = actions.add_parser("diff", help="compare the objects of two files")
     diff.add_argument("a", metavar="A")
     diff.add_argument("b", metavar="B")
-    pdos = actions.add_parser("pdos", help="show what the PDOs map by default")
+    pdos = actions.add_parser("pdos", help="show the default mapping of the PDOs")
     pdos.add_argument("file", metavar="FILE")
     convert = actions.add_parser("convert", help="write a file as EDS, DCF, XDD or XDC, by the ending of OUT")
     convert.add_argument("file", metavar="FILE")
@@ -279,8 +279,7 @@ def _path(name: str) -> Path:
 
 
 def _read(name: str, args: argparse.Namespace) -> EdsFile:
-    path = _path(name)
-    return read_eds(path, args.node_id)
+    return read_eds(_path(name), args.node_id)
 
 
 # --- check ---
@@ -474,9 +473,9 @@ def _convert(args: argparse.Namespace) -> int:
     output = Path(args.output)
     ending = output.suffix.lower()
     if ending not in SUFFIXES:
-        raise ConfigError(f"{output}: its ending names the format: {', '.join(SUFFIXES)}")
+        raise ConfigError(f"{output}: the suffix chooses the format, and must be one of: {', '.join(SUFFIXES)}")
     if output.exists() and not args.force:
-        raise ConfigError(f"{output} exists; take another name, or --force")
+        raise ConfigError(f"{output} already exists; choose another name, or --force")
     if not output.absolute().parent.is_dir():
         raise ConfigError(f"{output} cannot be written: no such folder")
     file = _read(args.file, args)
@@ -484,23 +483,23 @@ def _convert(args: argparse.Namespace) -> int:
     for issue in [] if args.json else file.issues:
         print(f"{args.file}:{issue.line}: {issue.severity.name.lower()}: {issue.text}")
     own = sum(entry.parameter_value is not None for entry in file.od.entries.values())
-    if own and ending in _OF_A_TYPE and not args.json:
-        print(f"{output}: without the {own} values of one device (ParameterValue); .dcf and .xdc keep them")
+    if own and ending in _DEVICE_TYPES and not args.json:
+        print(f"{output}: without ParameterValue ({own} in the input); .dcf and .xdc include it")
     done = ConvertedDocument(args.file, str(output), len(file.od.objects), len(file.issues))
     print(json_text(done) if args.json else f"{output}: {done.objects} objects of {args.file}")
     return 0
 
 
-_OF_A_TYPE: Final = (".eds", ".xdd")  # they describe a type of device, without values of one device
+_DEVICE_TYPES: Final = (".eds", ".xdd")  # formats that describe a device type, without the values of one device
 
 
 def _converted(od: ObjectDictionary, ending: str, args: argparse.Namespace) -> str:
-    if ending in _OF_A_TYPE:
+    if ending in _DEVICE_TYPES:
         entries = {address: replace(entry, parameter_value=None) for address, entry in od.entries.items()}
         od = replace(od, entries=entries)
         return eds_text(od) if ending == ".eds" else xdd_text(od)
     if od.node_id is None:
-        raise ConfigError(f"{args.output} is of one device, and {args.file} has no node id; give --node-id N")
+        raise ConfigError(f"{args.output} describes one device, and {args.file} has no node id; give --node-id N")
     return dcf_text(od, od.node_id, od.bitrate or 0) if ending == ".dcf" else xdd_text(od, configured=True)
 
 

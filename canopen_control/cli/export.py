@@ -38,15 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )
     table.add_argument("--wide", action="store_true", help="a row for each PDO, a column for each signal")
-    for parser_of_format in (dbc, table):
-        add_network_arguments(parser_of_format)
-        parser_of_format.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
+    for kind in (dbc, table):
+        add_network_arguments(kind)
+        kind.add_argument("-o", "--output", metavar="FILE", help="file to write (default: standard output)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; return 1 if a recording could not be read to its end, else 0."""
     if args.json and args.output is None:
-        raise ConfigError("--json reports about a file, and standard output is for the data here; give -o FILE")
+        raise ConfigError("--json prints a summary, but standard output carries the data; give -o FILE")
     return _dbc(args) if args.kind == "dbc" else _csv(args)
 
 
@@ -106,7 +106,7 @@ def _output(path: str | None) -> Iterator[TextIO]:
         sys.stdout.flush()
         return
     with (
-        telling(path, "what is in it ends there"),
+        telling(path, "the file ends there"),
         Path(path).expanduser().open("w", encoding="utf-8", newline="") as out,
     ):
         yield out

@@ -1,7 +1,7 @@
 """Inject and clear faults in a running virtual drive or device; set the inputs of a device.
 
 `fault list` explains every fault and how a correct master reacts to it. `fault NODE NAME on|off` switches one.
-`fault NODE` lists the faults that are on. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that
+`fault NODE` lists the active faults. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that
 is not a drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot, by name; or a
 node id, with --can CHANNEL if no robot runs. The command goes to the drive's own control socket: it needs no master,
 and works while the bus is disturbed. To disturb the bus itself use `bus fault`.
@@ -38,7 +38,7 @@ EXAMPLE = """canopen-control fault list
 _WIDTH = 110
 _ON_THE_BUS = ("cut", "uncut", "drop", "delay", "error-frame", "restart", "bitrate", "clear")
 _BUS_FAULTS = (
-    f"The wire itself ({', '.join(_ON_THE_BUS)}, bus-off): canopen-control bus fault CHANNEL ..., see bus fault --help"
+    f"Faults of the bus ({', '.join(_ON_THE_BUS)}, bus-off): canopen-control bus fault CHANNEL ... (see its --help)"
 )
 
 
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
         fault = _check(args.name)
         active = client.ask(SwitchFault(name=args.name, on=args.state != "off")).active
         if fault.quirk and not args.json:
-            print(f"{fault.name} is a quirk, the way of other healthy drives: quirk {args.what} {fault.quirk} on|off")
+            print(f"{fault.name} is a quirk of healthy drives: canopen-control quirk {args.what} {fault.quirk} on|off")
         return _report(args, active, node_id)
 
 
@@ -112,15 +112,15 @@ def drive_of(word: str, can: str | None) -> tuple[str, int]:
     node = find_node(word, nodes)
     if node is not None:
         return node.channel, node.node_id
-    choices = _others_than(nodes, silent, can)
+    choices = _alternatives(nodes, silent, can)
     node_id = _node_id(word, choices)
     if can is None:
         raise ConfigError(f"no node {word!r}{choices}" if choices else _WHICH_BUS)
     return str(parse_channel(can)), node_id
 
 
-def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
-    """Return the end of an error message: the existing nodes, or why they are unknown; "" if no robot runs."""
+def _alternatives(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
+    """Return the end of an error message, with the existing nodes or an error; "" if no robot runs."""
     if nodes:
         scope = "of a running robot" if can is None else f"on {can}"
         choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
@@ -131,7 +131,7 @@ def _others_than(nodes: list[KnownNode], silent: dict[str, CanopenError], can: s
     return ""
 
 
-_WHICH_BUS = "which bus is the drive on? No robot runs; --can CHANNEL, as in --can local:robby"
+_WHICH_BUS = "no robot runs, so name the bus of the drive with --can CHANNEL, as in --can local:robby"
 
 
 def _node_id(text: str, choices: str) -> int:
@@ -185,7 +185,7 @@ def _others(bus: str) -> str:
     if bus in drives:
         return f"there are: {', '.join(map(str, sorted(drives[bus])))}"
     if not drives:
-        return "there is none; canopen-control drive starts one"
+        return "no virtual drive runs; start one with: canopen-control drive"
     elsewhere = "; ".join(f"{', '.join(map(str, sorted(ids)))} on the bus {name}" for name, ids in drives.items())
     return f"there are: {elsewhere}"
 
@@ -194,5 +194,5 @@ def _report(args: argparse.Namespace, active: list[str], node_id: int) -> int:
     if args.json:
         print(json_text({"node_id": node_id, "active": active}, indent=None))
     else:
-        print(f"node {node_id}: {', '.join(active) or 'no fault is on'}")
+        print(f"node {node_id}: {', '.join(active) or 'no active fault'}")
     return 0

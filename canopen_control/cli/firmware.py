@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 EXAMPLE = """canopen-control firmware 3 drive-1.4.bin --can can0
          canopen-control firmware 3 drive-1.4.bin --can can0 --eds drive.eds --expect 0x1A2B3C4D
          canopen-control firmware 3 drive-1.4.bin --can can0 --expect-date 2026-11-21"""
+_BUS_TIMEOUT_S = 1.0  # an erase or a write of flash delays answers
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     image = _file(args.file)
     if args.timeout is None and args.can is not None:
-        args.timeout = 1.0
+        args.timeout = _BUS_TIMEOUT_S
     with open_session(args) as session, verb_run(FIRMWARE) as run:
         sentence = load_program(session, run, image, job_options(args, FIRMWARE))
     return print_run(args, run, sentence)

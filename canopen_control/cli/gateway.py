@@ -48,10 +48,10 @@ EXAMPLE = """canopen-control gateway
          canopen-control gateway --can can0 --tcp 60000"""
 
 LOOPBACK = "127.0.0.1"
-MAX_TIMEOUT_S = 60.0  # of a robot's SDO request
+MAX_TIMEOUT_S = 60.0  # longest timeout that a robot accepts for an SDO request
 BACKLOG = 50
 _OWNER_S = 1.0  # time between two checks for a robot on the bus
-_TAKE_IN_S = 0.001
+_TAKE_IN_S = 0.001  # time for receiving frames
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,7 +95,7 @@ def _network(args: argparse.Namespace) -> Iterator[RobotNetwork | BusNetwork]:
 
 @contextlib.contextmanager
 def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
-    """Context with the listening socket that the arguments select; prints the address, and closes the socket."""
+    """Context in which the socket that the arguments select listens; prints its address."""
     listener = _unix_listener(args.unix, label) if args.tcp is None else _tcp_listener(args.tcp)
     try:
         if args.tcp is None:
@@ -151,41 +151,36 @@ class RobotNetwork:
         self._robot.ask(Subscribe(events=True))
 
     def fileno(self) -> int:
-        """Return the descriptor of the connection to the robot."""
         return self._robot.fileno()
 
     def take_in(self) -> None:
-        """Store the robot's events; RemoteError after the robot has ended."""
         for message in self._robot.messages(0):
             if isinstance(message, RobotEvent):
                 where = f"{message.node}: " if message.node else ""
                 self._events.add(f"{where}{message.text}")
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
-        """Upload an object through the robot."""
         return self._node(node_id, timeout_s).read(index, subindex, block=block)
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:  # noqa: ARG002 - the robot chooses by length
-        """Download an object through the robot."""
         self._node(node_id, timeout_s).write(index, subindex, data)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
         """Send an NMT command through the robot; GatewayRefusal 204 if the nodes do not confirm the command."""
-        everybody = node_id == BROADCAST
-        sessions = self._target.sessions if everybody else [self._node(node_id)]
+        all_nodes = node_id == BROADCAST
+        sessions = self._target.sessions if all_nodes else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-        if sessions and (waiting := command_robot(self._target, command, sessions, timeout, everybody=everybody)[0]):
+        if sessions and (waiting := command_robot(self._target, command, sessions, timeout, all_nodes=all_nodes)[0]):
             names = ", ".join(map(str, waiting))
             expected = EXPECTED_STATE[command].name.replace("_", " ")
             raise GatewayRefusal(WRONG_NMT_STATE, f"{names}: {expected} is not shown within {timeout:g} s")
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:  # noqa: ARG002 - refused
-        """Raise GatewayRefusal: LSS would take nodes away from the robot."""
+        """Refuse LSS, which would disturb the nodes of the robot."""
         advice = f"end it first: canopen-control shutdown --name {self._robot.robot}"
-        raise GatewayRefusal(INTERNAL_STATE, f"LSS would take away the nodes of {self.label}; {advice}")
+        raise GatewayRefusal(INTERNAL_STATE, f"LSS would disturb the nodes of {self.label}; {advice}")
 
     def log(self) -> list[str]:
-        """Return the stored events of the robot, and clear them."""
         self.take_in()
         return self._events.take()
 
@@ -204,18 +199,16 @@ class BusNetwork:
 
     def __init__(self, target: BusTarget) -> None:
         self._target, self._bus = target, target.bus
-        self._bus.retries = 0  # CiA 309-3: the time-out is that of the transfer
+        self._bus.retries = 0  # CiA 309-3: the timeout applies to a whole transfer
         self.label = self._bus.port.channel
         self._events = BusLog()
         self._bus.listeners.append(self._events)
         self._looked = time.monotonic()
 
     def fileno(self) -> int:
-        """Return the descriptor of the port."""
         return self._bus.port.fileno()
 
     def take_in(self) -> None:
-        """Receive and log the frames of the bus; BusClosed if the bus is lost."""
         try:
             self._bus.listen(_TAKE_IN_S)
         except BusClosed:
@@ -224,7 +217,6 @@ class BusNetwork:
             self._events.add(str(error))  # bus-off, or the interface is down: it may come back
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
-        """Upload an object."""
         return self._node(node_id, timeout_s).read(index, subindex, block=block)
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
@@ -246,7 +238,6 @@ class BusNetwork:
         return self._bus.lss(ask, scan_s)
 
     def log(self) -> list[str]:
-        """Return the stored lines about boot-ups, EMCYs and NMT states, and clear them."""
         self.take_in()
         return self._events.take()
 
@@ -267,4 +258,4 @@ class BusNetwork:
         self._find_robot()
         if self._target.owner is not None:
             name = self._target.owner[0]
-            raise GatewayRefusal(INTERNAL_STATE, f"{what} would take away the nodes of robot {name}; use --name {name}")
+            raise GatewayRefusal(INTERNAL_STATE, f"{what} would disturb the nodes of robot {name}; use --name {name}")

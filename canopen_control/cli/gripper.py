@@ -12,7 +12,7 @@ import sys
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import finite
-from canopen_control.cli.support.commands import the_controller
+from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import json_text
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.gripper import MoveGripper
@@ -23,17 +23,20 @@ if TYPE_CHECKING:
 
 EXAMPLE = "canopen-control gripper 0.04 --max-effort 20"
 
-_PATIENCE_S: Final = 3600.0
+_TIMEOUT_S: Final = 3600.0  # for goals of any length
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("position", type=finite, metavar="POSITION", help="goal position in rad or m")
     parser.add_argument(
-        "--max-effort", type=finite, metavar="N", help="effort limit in Nm or N (default: the controller's)"
+        "--max-effort", type=finite, metavar="N", help="effort limit in Nm or N (default: as the controller)"
     )
     parser.add_argument(
-        "--max-velocity", type=finite, metavar="V", help="velocity limit in rad/s or m/s (default: the controller's)"
+        "--max-velocity",
+        type=finite,
+        metavar="V",
+        help="velocity limit in rad/s or m/s (default: as the controller)",
     )
     parser.add_argument("--controller", help="controller name (default: the only active one)")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
@@ -42,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     with RobotClient.connect(args.name) as robot:
-        controller = the_controller(robot, args.controller, "gripper", "gripper action controller")
+        controller = find_controller(robot, args.controller, "gripper", "gripper action controller")
         request = MoveGripper(
             controller=controller.name,
             position=args.position,
@@ -50,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
             max_velocity=args.max_velocity,
             source="gripper",
         )
-        result = robot.ask(request, _PATIENCE_S)
+        result = robot.ask(request, _TIMEOUT_S)
     succeeded = result.state == "succeeded"
     position = "" if result.position is None else f" ({controller.joints[0]} is at {result.position:.4g})"
     if args.json:

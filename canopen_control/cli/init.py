@@ -6,7 +6,7 @@ ratio, dimensions) are filled with guesses and marked as such (`guesses` in bus.
 a run, such as a drive that would not stop when the master is lost, is marked in bus.yml as a PROBLEM, and printed.
 Before you use real drives, run `preflight`.
 
-Exit codes: 0 good, the files are written; 2 wrong usage, not an EDS, or no robot can be built from it.
+Exit codes: 0 success, the files are written; 2 wrong usage, not an EDS, or no robot can be built from it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ EXAMPLE = """canopen-control init my_robot --eds generic_cia402.eds --node-id 2,
          canopen-control init found --can can0 --eds my_drive.eds"""
 
 _NODE_IDS = range(1, 128)
-_TELLING = ((0x6502, 0), *((index, sub) for index in (0x608F, 0x6091, 0x6092) for sub in (1, 2)), (0x60A9, 0))
+# supported modes, scale factors and units, which a drive may know better than its EDS
+_READ_OBJECTS = ((0x6502, 0), *((index, sub) for index in (0x608F, 0x6091, 0x6092) for sub in (1, 2)), (0x60A9, 0))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -197,10 +198,10 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     bundled = [find_eds(name) for name in data_names("eds") if name.lower().endswith(".eds")]
     survey = survey_channel(args.can, args.timeout)
     match_files(survey, [*bundled, *files])
-    _take_given(survey.found.values(), files)
+    _assign_generic_file(survey.found.values(), files)
     nodes = [node for node_id, node in survey.found.items() if node_id != survey.master_id]
     if not nodes:
-        raise CanopenError(f"no node answers on {survey.channel}; is it powered, and the bit rate right?")
+        raise CanopenError(f"no node answers on {survey.channel}; check power and bit rate")
     devices = []
     for node in nodes:
         if node.eds is None:
@@ -216,7 +217,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
     return devices
 
 
-def _take_given(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
+def _assign_generic_file(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
     """If exactly one given EDS has no product code, assign it to the devices of that vendor that have no EDS."""
     from canopen_control.commissioning.identity import vendor_and_product
 
@@ -233,7 +234,10 @@ def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
     from canopen_control.od.codec import decode
 
     requests = [
-        (device.node_id, *address) for device in devices for address in _TELLING if device.od.get(*address) is not None
+        (device.node_id, *address)
+        for device in devices
+        for address in _READ_OBJECTS
+        if device.od.get(*address) is not None
     ]
     dictionaries = {device.node_id: device.od for device in devices}
     with DirectBus.open(channel, label=LABEL, timeout_s=timeout, retries=1) as bus:
@@ -257,35 +261,35 @@ def _device_name(node: FoundNode) -> str:
 def _unknown(node: FoundNode, files: Sequence[str]) -> str:
     identity = node.identity
     if identity is None:
-        return f"node {node.node_id} answers no SDO"
+        return f"node {node.node_id} does not answer SDO requests"
     vendor, product = identity.vendor_id or 0, identity.product_code or 0
     title = f"node {node.node_id}, vendor 0x{vendor:08X}, product 0x{product:08X}"
     if files:
-        return f"{title}: {', '.join(files)} is for another device; add its own file with --eds"
-    return f"{title}: no EDS fits; add its file with --eds"
+        return f"{title}: not the device of {', '.join(files)}; add its EDS with --eds"
+    return f"{title}: no matching EDS; add it with --eds"
 
 
 def _lines(written: Written, channel: str) -> list[str]:
     robot = written.robot
-    lines = [f"{written.folder}/ is made: {', '.join(written.files)}"]
+    lines = [f"created {written.folder}/: {', '.join(written.files)}"]
     lines += [_node_line(node) for node in robot.nodes]
     lines += [f"check warns: {text}" for text in written.warnings if "is a guess" not in text]
     guessed = list(dict.fromkeys(joint.node for joint in robot.joints if not joint.axis.is_known))
     if guessed:
-        lines.append(f"the counts of a turn are a guess for {_some(guessed)} (guesses in bus.yml): measure them")
+        lines.append(f"counts per revolution are guessed for {_some(guessed)} (guesses in bus.yml); measure them")
     name = str(written.folder)
     if written.problems:
         lines += [f"PROBLEM, marked in bus.yml too: {text}" for text in written.problems]
         unable = [node.name for node in robot.nodes if node.unusable]
-        limit = f"{_some(unable)} turns nothing" if unable else "it does not run"
-        return [*lines, f"{limit} like this: correct {written.folder}/bus.yml, then: canopen-control check {name}"]
+        subject = f"{_some(unable)} cannot move" if unable else "the robot cannot run"
+        return [*lines, f"{subject} yet: correct {written.folder}/bus.yml, then: canopen-control check {name}"]
     if robot.is_bus_alone:
-        lines.append("nothing of them is a drive or a signal that is known, so there are no controllers: a bus alone")
-        return [*lines, f"boot it, on virtual devices: canopen-control run {name}"]
-    lines.append(f"{'turn' if robot.drives else 'see'} it, on virtual devices: canopen-control demo {name}")
+        lines.append("no device has a known drive or signal profile, so the robot has a bus but no controllers")
+        return [*lines, f"boot it on virtual devices: canopen-control run {name}"]
+    lines.append(f"{'turn' if robot.drives else 'see'} it on virtual devices: canopen-control demo {name}")
     if not robot.drives:
-        return [*lines, f"real ones, after a look at bus.yml: canopen-control run {name} --can {channel} --real"]
-    return [*lines, f"real drives, after a look at bus.yml: canopen-control preflight {name} --can {channel}"]
+        return [*lines, f"on real devices, after checking bus.yml: canopen-control run {name} --can {channel} --real"]
+    return [*lines, f"on real drives, after checking bus.yml: canopen-control preflight {name} --can {channel}"]
 
 
 def _node_line(node: NewNode) -> str:
@@ -300,11 +304,11 @@ def _node_line(node: NewNode) -> str:
         )
         return f"{title} moves {'; '.join(moved)}{like}"
     if node.unusable:
-        return f"{title} {node.device.eds.name}, a drive that nothing here can move"
+        return f"{title} {node.device.eds.name}, a drive that cannot be moved yet"
     if node.measured:
         return f"{title} measures {node.measured}"
     if not node.signals:
-        return f"{title} {node.device.eds.name}, no profile that is known: a proxy"
+        return f"{title} {node.device.eds.name}, unknown profile, run as a proxy"
     outputs = f"{len(node.outputs)} of them outputs" if node.outputs else "all inputs"
     return f"{title} {node.profile.words}, {len(node.signals)} signals, {outputs}"
 

@@ -7,7 +7,7 @@ any key ends the motion. It stops when you release the key, at Ctrl-C, at a limi
 own supervision when this program is killed. This is not an emergency stop (ISO 13850): have one in reach, and keep the
 shaft free.
 
-Exit codes: 0 good; 1 the drive failed or has a fault, or nothing turned; 2 wrong usage, wrong EDS or node.
+Exit codes: 0 success; 1 the drive failed or has a fault, or nothing turned; 2 wrong usage, wrong EDS or node.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from canopen_control.cli.support.open_session import (
     WarningPrinter,
     add_session_arguments,
     axis_of,
-    look_at_drive,
+    read_bare_drive,
     running_drive,
     with_counts,
 )
@@ -52,9 +52,10 @@ EXAMPLE = """canopen-control jog 5 --can can0 --eds my_drive.eds
          canopen-control jog 5 --can can0 --eds my_drive.eds --velocity 20rpm --for 3
          canopen-control jog 5 --can can0 --eds my_drive.eds --position 90deg"""
 
-_SPEED: Final = 1.0  # rad/s, also on the way to a position
-_TORQUE: Final = 300.0  # per mille of the rated one
+_SPEED: Final = 1.0  # rad/s, also for position moves
+_TORQUE: Final = 300.0  # per mille of the rated torque
 _KINDS: Final = {"velocity": JogKind.VELOCITY, "position": JogKind.POSITION, "torque": JogKind.TORQUE}
+_MODES: Final = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}  # through a running robot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_mutually_exclusive_group()
     group.add_argument("--velocity", metavar="X[rad/s|rpm|pps]", help="velocity (default: 1 rad/s)")
     group.add_argument("--position", metavar="X[rad|deg|counts]", help="distance from the current position")
-    per_mille = number("torque in per mille of the rated one, -300 to 300", lambda value: abs(value) <= _TORQUE)
+    per_mille = number("torque in per mille of the rated torque, -300 to 300", lambda value: abs(value) <= _TORQUE)
     group.add_argument("--torque", metavar="PERMILLE", type=per_mille, help="torque, in per mille of the rated torque")
     group.add_argument("--fault-reset", action="store_true", help="reset the fault of the drive; nothing moves")
     add_job_options(parser, JOG)
@@ -80,11 +81,13 @@ class _Request:
         """Return the value in SI or per mille, and the limits; ConfigError if the value exceeds them."""
         limits = limits_of(options, scale, _SPEED if self.kind is JogKind.POSITION else MAX_SPEED)
         value = scale.si(self.value) if isinstance(self.value, Quantity) else self.value
-        most = {JogKind.VELOCITY: limits.speed, JogKind.POSITION: limits.travel}.get(self.kind, math.inf)
-        if abs(value) > most * (1 + 1e-9):
+        limit = {JogKind.VELOCITY: limits.speed, JogKind.POSITION: limits.travel}.get(self.kind, math.inf)
+        if abs(value) > limit * (1 + 1e-9):
             option = "--max-speed" if self.kind is JogKind.VELOCITY else "--max-travel"
             words = scale.velocity_words if self.kind is JogKind.VELOCITY else scale.position_words
-            raise ConfigError(f"{self.value} is beyond the limit of {words(most)}; raise that, if it is safe: {option}")
+            raise ConfigError(
+                f"{self.value} exceeds the limit of {words(limit)}; if safe, raise the limit with {option}"
+            )
         return value, limits
 
 
@@ -92,12 +95,11 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     request = _request(args)
     if not (args.seconds or request.kind is JogKind.POSITION or args.fault_reset or sys.stdin.isatty()):
-        raise ConfigError("standard input is not a terminal, which the keys need; move for a time: --for S")
+        raise ConfigError("standard input is not a terminal, so there are no keys; give a duration with --for S")
     with contextlib.ExitStack() as stack:
-        if args.can is None:
-            drive, scale = _running(args, request, args.name, stack)
-        elif (owner := robot_on(args.can)) is not None:
-            drive, scale = _running(args, request, owner[0], stack)
+        owner = None if args.can is None else robot_on(args.can)
+        if args.can is None or owner is not None:
+            drive, scale = running_drive(args, args.name if owner is None else owner[0], _MODES[request.kind], stack)
         else:
             drive, scale = stack.enter_context(_own(args, request))
         place = {"node": args.node, "joint": None if drive.alone else drive.joint}
@@ -119,20 +121,12 @@ def _request(args: argparse.Namespace) -> _Request:
     if kind == "torque":
         value = float(args.torque)
         if not value:
-            raise ConfigError("--torque 0: that moves nothing")
+            raise ConfigError("--torque 0 moves nothing; give another value")
     elif getattr(args, kind) is not None:
         value = parse_quantity(getattr(args, kind), kind)
         if not value.value:
-            raise ConfigError(f"--{kind} {value}: that moves nothing")
+            raise ConfigError(f"--{kind} {value} moves nothing; give another value")
     return _Request(_KINDS[kind], value)
-
-
-def _running(
-    args: argparse.Namespace, request: _Request, name: str | None, stack: contextlib.ExitStack
-) -> tuple[JogDrive, JogScale]:
-    """Return a drive of a running robot, and the scale of the joint that it moves."""
-    mode = {JogKind.VELOCITY: "PV", JogKind.POSITION: "PP", JogKind.TORQUE: "TQ"}[request.kind]
-    return running_drive(args, name, mode, stack)
 
 
 @contextlib.contextmanager
@@ -141,7 +135,7 @@ def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)
-    device = look_at_drive(args, with_fault=args.fault_reset)
+    device = read_bare_drive(args, with_fault=args.fault_reset)
     robot = choose_jog(device, request.kind.value, allow_unsupervised=args.allow_unsupervised)
     axis = axis_of(robot, args)
     scale = JogScale(args.counts or axis.counts, is_known=args.counts is not None or axis.is_known)
@@ -159,10 +153,10 @@ def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits
     product = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
     yield f"node {node.device.node_id}{f', {product}' if product else ''}: {axis.interface} in {axis.mode.name}"
     turn = (
-        f"{scale.counts:g} counts a turn"
+        f"{scale.counts:g} counts per turn"
         if scale.is_known
-        else "counts a turn: neither in the EDS nor in the drive (--counts N)"
+        else "counts per turn unknown, as neither EDS nor drive contains them (--counts N)"
     )
-    yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,"
-    yield f"        current {limits.current / 10:g} % of the rated one; {turn}"
+    yield f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} in each direction,"
+    yield f"        current {limits.current / 10:g} % of the rated current; {turn}"
     yield f"dead-man: {dead_man_words(node.supervision)}"

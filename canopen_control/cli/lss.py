@@ -2,7 +2,7 @@
 
 First exactly one slave must be in configuration mode: `switch configuration` with its four identity numbers, or without
 them if it is the only slave on the bus; or `fast-scan`, which finds one without a node id. `node-id`, `bit-timing`,
-`store` and `inquire` then address it, and `switch waiting` ends this.
+`store` and `inquire` then address it, and `switch waiting` ends the configuration mode.
 
 A new node id takes effect after `switch waiting` if the slave had none, otherwise after `nmt reset-comm`. A new bit
 rate takes effect after `activate`, for all slaves in configuration mode; change the bit rate of this computer's
@@ -11,7 +11,7 @@ interface too. Both are lost at the next power-on without `store`.
 `find` searches for slaves without a node id in two ways, each for 0.1 s: with the service `identify non-configured`,
 and with the first request of a fast scan, because some slaves answer only this request. It changes no slave.
 
-Exit codes: 0 good; 1 no slave answered or it refused; 2 wrong usage.
+Exit codes: 0 success; 1 no slave answered or it refused; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
     owner = robot_on(args.can)
     if owner is not None:
         raise ConfigError(
-            f"robot {owner[0]} runs on {args.can}; LSS would take its nodes away; end it first: "
+            f"robot {owner[0]} runs on {args.can}; LSS would disturb its nodes; end it first: "
             f"canopen-control shutdown --name {owner[0]}"
         )
     with DirectBus.open(args.can, label=LABEL) as bus:
@@ -115,13 +115,14 @@ def _switch(args: argparse.Namespace, bus: DirectBus) -> int:
     missing = [f"--{part}" for part, number in parts.items() if number is None]
     if len(missing) == len(PARTS):
         bus.lss(lambda master: master.switch_global(mode))
-        text = f"all slaves were told to switch to {args.mode}; LSS has no answer to that"
+        text = f"all slaves are requested to switch to {args.mode}; LSS defines no answer to this"
         print_result(args, {"mode": args.mode, "identity": None}, text)
         return 0
     if missing:
-        raise ConfigError(f"one slave is switched by its whole identity: {', '.join(missing)} missing")
+        raise ConfigError(f"a single slave is selected by its whole identity; add {', '.join(missing)}")
     if mode is LssMode.WAITING:
-        raise ConfigError("a single slave cannot be switched to waiting; leave the identity out to switch all")
+        # CiA 305: switch state selective leads to configuration mode only
+        raise ConfigError("a single slave cannot be switched to waiting; omit the identity to switch all slaves")
     identity = LssIdentity(**parts)
     bus.lss(lambda master: master.switch_selective(identity))
     done = {"mode": args.mode, "identity": identity._asdict()}
@@ -147,11 +148,11 @@ def _inquire(args: argparse.Namespace, bus: DirectBus) -> int:
 
 def _node_id(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 1 <= args.node_id <= 127 and args.node_id != UNCONFIGURED:
-        raise ConfigError(f"node id {args.node_id}: it is 1 to 127, or {UNCONFIGURED} for none")
+        raise ConfigError(f"node id {args.node_id}: valid are 1 to 127, and {UNCONFIGURED} for none")
     bus.lss(lambda master: master.configure_node_id(args.node_id))
     text = (
-        f"node id {args.node_id}: accepted; it counts after `lss switch waiting` for a slave that has none, after "
-        "`nmt reset-comm` for one that has; `lss store` keeps it for the next power-on"
+        f"node id {args.node_id}: accepted; it takes effect after `lss switch waiting` if the slave had none, "
+        "otherwise after `nmt reset-comm`; `lss store` keeps it for the next power-on"
     )
     print_result(args, {"node_id": args.node_id}, text)
     return 0
@@ -176,9 +177,9 @@ def _store(args: argparse.Namespace, bus: DirectBus) -> int:
 
 def _activate(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 0 <= args.delay_ms <= 0xFFFF:
-        raise ConfigError(f"delay {args.delay_ms} ms: it is 0 to 65535")
+        raise ConfigError(f"delay {args.delay_ms} ms: valid are 0 to 65535")
     bus.lss(lambda master: master.activate_bit_timing(args.delay_ms))
-    text = f"told to change in {args.delay_ms} ms; change this end's bit rate too, then wait {args.delay_ms} ms more"
+    text = f"the slaves change in {args.delay_ms} ms; change this computer too, then wait another {args.delay_ms} ms"
     print_result(args, {"delay_ms": args.delay_ms}, text)
     return 0
 

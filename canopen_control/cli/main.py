@@ -1,7 +1,7 @@
 """Entry point of the command line; the module of a verb is imported only when the verb is used.
 
-Exit codes: 0 good, 1 the run failed, 2 usage or configuration (`errors.CanopenError.of_usage`), also where a running
-robot found that; 130 interrupted by SIGINT or SIGTERM, unless the verb handles these signals itself. A user sees one
+Exit codes: 0 success, 1 failure, 2 usage or configuration (`errors.CanopenError.of_usage`), also if a running robot
+reports it; 130 interrupted by SIGINT or SIGTERM, unless the verb handles these signals itself. A user sees one
 sentence, never a traceback, unless CANOPEN_CONTROL_DEBUG is set.
 """
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-#: verbs that only query a running robot: they run no code of plugins
-_ASKING = frozenset(
+#: verbs that only send requests to a running robot, and run no code of plugins
+_REQUESTING = frozenset(
     {"status", "command", "twist", "stop", "shutdown", "controller", "axis", "sdo", "nmt", "fault", "quirk", "bus"}
 )
 _OUTPUT_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -35,7 +35,7 @@ _signals = ProcessSignals()
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code, or complete words if a shell requests a completion.
 
-    Without `argv` the process is the command line's own, and SIGINT and SIGTERM end it at any moment.
+    Without `argv` this process is the program itself, and SIGINT and SIGTERM end it at any moment.
     """
     if "_ARGCOMPLETE" in os.environ:
         from canopen_control.cli.support.completion_words import answer_shell
@@ -68,7 +68,7 @@ def _run(arguments: list[str]) -> int:
         return _dispatch(arguments)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except Exception as error:  # noqa: BLE001 - also a fault of ours: a sentence, and the way to its traceback
+    except Exception as error:  # noqa: BLE001 - an internal error also becomes one sentence, with advice
         if _signals.received and _replaces_interrupt(error):
             return INTERRUPTED
         code = _report(error)
@@ -83,26 +83,26 @@ def _replaces_interrupt(error: Exception) -> bool:
 def _report(error: Exception) -> int:
     """Print the error that ended a verb as one sentence; return the exit code."""
     if isinstance(error, CanopenError):
-        return _complain(error, 2 if error.of_usage else 1)
+        return _print_error(error, 2 if error.of_usage else 1)
     if isinstance(error, BrokenPipeError):
         _leave_output()
         return 0
     if isinstance(error, OSError) and error.filename is None and error.errno in _OUTPUT_LOST:
-        return _complain_of_output(error)
+        return _report_lost_output(error)
     if isinstance(error, OSError) and error.errno == errno.EMFILE:
-        return _complain(CanopenError("this shell allows too few open files; allow more: ulimit -n 1024"), 2)
-    return _complain_of_ourselves(error)
+        return _print_error(CanopenError("this shell allows too few open files; allow more: ulimit -n 1024"), 2)
+    return _report_internal_error(error)
 
 
 def _flush() -> int:
     """Flush standard output, so that a failure is reported without a traceback; return the exit code."""
     try:
-        if sys.stdout is not None:  # closed before we began
+        if sys.stdout is not None:  # standard output was closed from the start
             sys.stdout.flush()
     except BrokenPipeError:
         _leave_output()
     except OSError as error:
-        return _complain_of_output(error)
+        return _report_lost_output(error)
     return 0
 
 
@@ -130,7 +130,7 @@ def _dispatch(arguments: list[str]) -> int:
         parser.parse_args(arguments)  # --help, --version, or the error that names the verbs
         parser.print_help()
         return 2
-    if verb in _ASKING:
+    if verb in _REQUESTING:
         from canopen_control.rpc.quick_import import import_msgspec  # --help needs none of it
 
         import_msgspec()
@@ -158,7 +158,7 @@ def _with_action(word: str) -> list[str]:
     ]
 
 
-def _complain_of_output(error: OSError) -> int:
+def _report_lost_output(error: OSError) -> int:
     if error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode):
         _leave_output()  # the terminal was closed, and standard error with it
         return 0
@@ -167,11 +167,11 @@ def _complain_of_output(error: OSError) -> int:
     return 1
 
 
-def _complain_of_ourselves(error: Exception) -> int:
+def _report_internal_error(error: Exception) -> int:
     if os.environ.get("CANOPEN_CONTROL_DEBUG"):
         raise error
     if isinstance(error, MemoryError):
-        return _complain(
+        return _print_error(
             CanopenError("there is not enough memory for this; is a file far larger than it should be?"), 1
         )
     kind, text = type(error).__name__, f": {error}" if str(error) else ""
@@ -180,7 +180,7 @@ def _complain_of_ourselves(error: Exception) -> int:
     return 1
 
 
-def _complain(error: CanopenError, code: int) -> int:
+def _print_error(error: CanopenError, code: int) -> int:
     if os.environ.get("CANOPEN_CONTROL_DEBUG"):
         raise error
     print(f"canopen-control: {error}", file=sys.stderr)

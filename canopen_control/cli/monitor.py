@@ -1,11 +1,11 @@
 """Watch a running robot, or a bare bus, in live tables in the terminal.
 
-Of a running robot it shows drives, joints, cycle, events, emergencies and, while their tabs are open, the frames of its
-buses. Space is STOP (ramp, disable, latched until released); e/d/f enable, disable and fault-reset the selected drive,
-E/D/F all of them. With --can it only receives and never sends: it builds the tables from heartbeats, TPDOs and
+For a running robot it shows drives, joints, cycle, events, emergencies and, while their tabs are open, the frames of
+its buses. Space is STOP (ramp, disable, latched until released); e/d/f enable, disable and fault-reset the selected
+drive, E/D/F all of them. With --can it only receives and never sends: it builds the tables from heartbeats, TPDOs and
 emergencies, with the names of --config or --eds. STOP is not a safety function (ISO 13850).
 
-Exit codes: 0 you quit; 1 the terminal or the robot is gone; 2 wrong usage, or no robot runs.
+Exit codes: 0 quit by the user; 1 the terminal or the robot is gone; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ EXAMPLE = """canopen-control monitor
          canopen-control monitor --can can0 --config robby
          canopen-control monitor --can can0 --eds 3=TMCM-1270.eds"""
 NICENESS = 5  # the robot has priority
-DRAWN_AT_ONCE = "500"  # Hz: changes are drawn within 2 ms, while the robot is idle
+FRAME_RATE = "500"  # Hz: changes are drawn within 2 ms, while the robot is idle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,13 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.can is None and (args.config or args.eds or args.bus):
-        raise ConfigError("--config, --bus and --eds go with --can; a running robot knows its own names")
+        raise ConfigError("--config, --bus and --eds require --can; a running robot provides its own names")
     if importlib.util.find_spec("textual") is None:
         raise ConfigError("the monitor needs textual: pip install 'canopen-control[monitor]'")
     source = _source(args)
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise ConfigError("the monitor needs a terminal; for a script: canopen-control status --json")
-    os.environ.setdefault("TEXTUAL_FPS", DRAWN_AT_ONCE)
+    os.environ.setdefault("TEXTUAL_FPS", FRAME_RATE)
     from canopen_control.monitor.monitor_app import MonitorApp
 
     os.nice(NICENESS)

@@ -23,19 +23,19 @@ from canopen_control.errors import ConfigError
 from canopen_control.frame import BROADCAST
 from canopen_control.master.direct import DirectBus
 from canopen_control.rpc.messages.robot import GetStatus, NmtRequest
-from canopen_control.rpc.messages.state import NodeReading
 
 if TYPE_CHECKING:
     import argparse
 
     from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.rpc.messages.state import NodeReading
 
 
 EXAMPLE = """canopen-control nmt preop left_drive
          canopen-control nmt reset-node all --can can0"""
 
 ALL = "all"
-TIMEOUT_S = 1.5  # a heartbeat of a second and a half
+TIMEOUT_S = 1.5  # longest heartbeat period that is awaited
 RESET_TIMEOUT_S = 5.0
 BOOT_TIMEOUT_S = 10.0  # `start` through a robot configures the node first
 POLL_S = 0.05
@@ -87,16 +87,16 @@ def _on_bus(args: argparse.Namespace, bus: DirectBus, command: NmtCommand, node_
             state = None if result.state is None else result.state.name
             outcomes.append(NmtResult(result.node_id, node, state, None if state is None else False))
     if not outcomes and not args.json:
-        print(f"{args.command} was sent to all; no heartbeat was heard within {timeout:g} s")
+        print(f"{args.command} was sent to all; no heartbeat arrived within {timeout:g} s")
     return _report(args, outcomes, timeout)
 
 
 def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCommand) -> int:
     nodes_asked = target.sessions if args.node == ALL else [target.session(args.node)]
     if not nodes_asked:
-        raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware, or simulated")
+        raise ConfigError(f"robot {target.robot.robot} has no nodes: it runs on mock hardware or in a simulation")
     timeout = args.wait or ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
-    waiting, nodes = command_robot(target, command, nodes_asked, timeout, everybody=args.node == ALL)
+    waiting, nodes = command_robot(target, command, nodes_asked, timeout, all_nodes=args.node == ALL)
     outcomes = []
     for requested in nodes_asked:
         node = nodes[requested.name]
@@ -107,19 +107,20 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 
 
 def command_robot(
-    target: RobotTarget, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, everybody: bool
+    target: RobotTarget, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, all_nodes: bool
 ) -> tuple[list[NodeSession], dict[str, NodeReading]]:
     """Send an NMT command through a robot; return the nodes that did not confirm it, and all last readings."""
     begin = time.monotonic()
     name = next(name for name, known in COMMAND_NAMES.items() if known is command)
-    target.robot.ask(NmtRequest(command=name, node=ALL if everybody else str(sessions[0].node_id)))
-    waiting, nodes = sessions, dict[str, NodeReading]()
-    while waiting and time.monotonic() < begin + timeout:
+    target.robot.ask(NmtRequest(command=name, node=ALL if all_nodes else str(sessions[0].node_id)))
+    waiting = sessions
+    while True:
         time.sleep(POLL_S)
         nodes = target.robot.ask(GetStatus()).nodes
         elapsed = time.monotonic() - begin
         waiting = [requested for requested in waiting if not _shows(nodes[requested.name], command, elapsed)]
-    return waiting, nodes
+        if not waiting or elapsed >= timeout:
+            return waiting, nodes
 
 
 def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
@@ -131,7 +132,7 @@ def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float)
         if result.confirmed:
             print(f"{result.who}: {_words(result.state or '')}")
         elif result.confirmed is None:
-            print(f"{result.who}: {args.command} was sent; no heartbeat has confirmed it within {timeout:g} s")
+            print(f"{result.who}: {args.command} was sent; no heartbeat confirmed it within {timeout:g} s")
         else:
             _complain(result.who, result.state, args.command, timeout, result.error)
     return 1 if any(outcome.confirmed is False for outcome in outcomes) else 0
@@ -148,7 +149,7 @@ def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
     """Whether a node has reached the state that the command leads to, `elapsed` s after the command."""
     if command is NmtCommand.START and not node.ready:  # the robot must also have configured the node
         return False
-    # after a reset the node goes on to PRE-OPERATIONAL by itself
+    # CiA 301 7.3.2: after a reset a node enters PRE-OPERATIONAL by itself
     expected = NmtState.PRE_OPERATIONAL if command in RESETS else EXPECTED_STATE[command]
     return node.nmt_state == expected.name and node.age is not None and node.age <= elapsed
 
@@ -158,6 +159,6 @@ def _words(name: str) -> str:
 
 
 def _complain(node: str, state: str | None, command: str, timeout: float, error: str | None = None) -> None:
-    shown = "has not been heard since" if state is None else f"shows {state.replace('_', ' ')}"
+    shown = "it sent no heartbeat" if state is None else f"it shows {state.replace('_', ' ')}"
     why = f" ({error})" if error else ""
-    print(f"canopen-control: {node}: {command} is not confirmed within {timeout:g} s; it {shown}{why}", file=sys.stderr)
+    print(f"canopen-control: {node}: {command} was not confirmed within {timeout:g} s; {shown}{why}", file=sys.stderr)

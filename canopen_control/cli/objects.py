@@ -4,7 +4,7 @@ WHAT is an address (0x6081, 0x1018:01), a pattern (0x60*, *velocity*) or a part 
 --live reads each object, explains its value, and marks values that differ from the default with *. Without it the node
 is not read, and with --eds no node is needed.
 
-Exit codes: 0 good; 1 the node does not answer, or --changed found nothing; 2 wrong usage, no such object.
+Exit codes: 0 success; 1 the node does not answer, or --changed found nothing; 2 wrong usage, no such object.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ def run(args: argparse.Namespace) -> int:
             objects = live_objects(session, entries) if live else [LiveObject(entry) for entry in entries]
     else:
         od, node_id = _of_file(args)
-        objects = [LiveObject(select_object) for select_object in select_objects(od, args.what)]
+        objects = [LiveObject(entry) for entry in select_objects(od, args.what)]
     if args.changed:
         objects = [entry for entry in objects if entry.changed]
         if not objects:
-            print("canopen-control: every object is as by default", file=sys.stderr)
+            print("canopen-control: every object has its default value", file=sys.stderr)
             return 1
     rows = rows_of(od, objects, node_id)
     if args.json:

@@ -1,6 +1,6 @@
 """List the SDO writes of the boot sequence of each node; with --against, only the writes that a live bus needs.
 
-Exit codes: 0 good; 1 a node did not answer; 2 wrong usage or configuration.
+Exit codes: 0 success; 1 a node did not answer; 2 wrong usage or configuration.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
     """Print the plans; return 1 if a node does not answer with --against, else 0."""
     from canopen_control.master.config import read_bus
 
-    how = {"peer_merge": args.peer_merge, "allow_unsupervised": args.allow_unsupervised}
-    buses = {name: read_bus(path, **how) for name, path in _files(args).items()}
+    options = {"peer_merge": args.peer_merge, "allow_unsupervised": args.allow_unsupervised}
+    buses = {name: read_bus(path, **options) for name, path in _files(args).items()}
     chosen = _chosen(buses, args.node)
     if args.against:
         return _against(buses, chosen, args)
@@ -126,8 +126,8 @@ def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], ar
             for plan in (plan for node, plan in chosen if node == name):
                 writes, error = _differences(bus, plan)
                 silent = silent or error is not None
-                differs[plan.name] = ComparedPlan(plan.node_id, plan.source, _written(writes), error)
-                lines += [f"{_title(plan)}: {error}"] if error else _lines(plan, writes, "nothing differs")
+                differs[plan.name] = ComparedPlan(plan.node_id, plan.source, _write_documents(writes), error)
+                lines += [f"{_title(plan)}: {error}"] if error else _lines(plan, writes, "no differences")
     print(json_text(differs) if args.json else "\n".join(lines))
     return 1 if silent else 0
 
@@ -199,10 +199,10 @@ def _value(write: PlannedWrite) -> str:
 
 
 def _document(plan: NodePlan) -> PlanDocument:
-    return PlanDocument(plan.node_id, plan.source, _written(plan.writes))
+    return PlanDocument(plan.node_id, plan.source, _write_documents(plan.writes))
 
 
-def _written(writes: Iterable[PlannedWrite]) -> list[WriteDocument]:
+def _write_documents(writes: Iterable[PlannedWrite]) -> list[WriteDocument]:
     return [
         WriteDocument(write.index, write.subindex, write.name, write.data.hex(), _value(write), write.reason or None)
         for write in writes

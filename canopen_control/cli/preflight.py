@@ -55,8 +55,8 @@ _ANSWER_S = 0.2
 _STATE: dict[tuple[int, int], str] = {
     (0x607D, 1): "lower position limit",
     (0x607D, 2): "upper position limit",
-    (0x607F, 0): "greatest profile velocity",
-    (0x6080, 0): "greatest motor speed",
+    (0x607F, 0): "maximum profile velocity",
+    (0x6080, 0): "maximum motor speed",
     (0x6079, 0): "supply voltage",
 }
 _ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0): "error code"}
@@ -78,17 +78,17 @@ def link_steps(channel: str, baudrate: int) -> list[PreflightStep]:
     """Check that a CAN interface is up and has the bit rate of bus.yml, `baudrate` in kbit/s."""
     spec = parse_channel(channel)
     if spec.kind is not ChannelKind.SOCKETCAN:
-        return [PreflightStep("link", None, f"{channel}: no interface of the kernel, its bit rate cannot be looked at")]
+        return [PreflightStep("link", None, f"{channel}: not a kernel interface, so its bit rate cannot be read")]
     link = find_can_interface(spec.name)
     if link is None or not link.is_up:
-        problem = "is not there" if link is None else "is down"
-        typed = f"canopen-control bus up {spec.name} --bitrate {baudrate * 1000}"
-        return [PreflightStep("link", False, f"{channel} {problem}; type: {typed}")]
+        problem = "does not exist" if link is None else "is down"
+        command = f"canopen-control bus up {spec.name} --bitrate {baudrate * 1000}"
+        return [PreflightStep("link", False, f"{channel} {problem}; bring it up with: {command}")]
     steps = [PreflightStep("link", link.state in (None, "ERROR-ACTIVE"), f"{channel} is up{_state_of(link.state)}")]
     if link.bitrate is None:
-        return [*steps, PreflightStep("bit rate", None, f"{channel} is a {link.kind} interface and has none")]
+        return [*steps, PreflightStep("bit rate", None, f"{channel} is a {link.kind} interface, which has no bit rate")]
     fits = link.bitrate == baudrate * 1000
-    return [*steps, PreflightStep("bit rate", fits, f"{link.bitrate} bit/s, bus.yml says {baudrate * 1000}")]
+    return [*steps, PreflightStep("bit rate", fits, f"{link.bitrate} bit/s, and {baudrate * 1000} in bus.yml")]
 
 
 def _state_of(state: str | None) -> str:
@@ -107,12 +107,10 @@ def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
             if node.node_id in present:
                 yield from _known_node(direct, bus, node.name, node.node_id)
             else:
-                text = (
-                    f"node {node.node_id} ({node.name}) does not answer; is it powered, its node id and bit rate set?"
-                )
+                text = f"node {node.node_id} ({node.name}) does not answer; check power, node id and bit rate"
                 yield PreflightStep("node", False, text)
         for node_id in sorted(present - {node.node_id for node in bus.nodes.values()}):
-            yield PreflightStep("node", None, f"node {node_id} answers and is not in bus.yml")
+            yield PreflightStep("node", None, f"node {node_id} answers, but is not in bus.yml")
 
 
 def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> Iterator[PreflightStep]:
@@ -127,7 +125,7 @@ def _known_node(direct: DirectBus, bus: BusConfig, name: str, node_id: int) -> I
     eds, remark = match_eds(identity, candidates)
     if refused or not candidates:
         yield PreflightStep(
-            "EDS", None, f"{title}: {bus.eds_paths[name].name} names no product, so that nothing can be compared"
+            "EDS", None, f"{title}: {bus.eds_paths[name].name} contains no product code, so nothing can be compared"
         )
     elif eds is None:
         yield PreflightStep("EDS", False, f"{title}: {bus.eds_paths[name].name} is for another product")
@@ -176,14 +174,14 @@ def _readings(direct: DirectBus, od: ObjectDictionary, node_id: int, title: str)
 # a joint with neither is not turned, and reported. Every step ends with a sentence that contains the measured values.
 
 
-TOLERANCE = 0.2  # of the speed that was commanded
+TOLERANCE = 0.2  # of the commanded speed
 STANDSTILL = 0.05  # rad/s
 _TIMEOUT_S = 5.0
 _STOP_S = 5.0
-_LOOK_S = 0.02
+_POLL_S = 0.02
 _FORWARD = "forward_command_controller/ForwardCommandController"
-_CYCLES = 25  # of a jog at speed, so that one cycle more or less does not matter
-_RUN_UP_S = 0.3
+_CYCLES = 25  # length of a jog at constant speed, so that one cycle more or less does not matter
+_RUN_UP_S = 0.3  # part of a jog after which a joint commanded by position counts as moving
 _SPARE_S = 1.0  # part of a jog in which the joint accelerates and stops
 
 
@@ -216,14 +214,14 @@ class Jog:
         self._setup = read_robot(files, name=setup.name, can=channels, controllers=names, real=True)
         self._robot = Robot(setup.name, BackgroundRobot(self._setup, RunOptions(drives=False)))
         self._hold_s = max(1.0, _CYCLES * self._setup.cycle_ns / 1e9)
-        self._look_s = max(_LOOK_S, self._setup.cycle_ns / 1e9)
+        self._poll_s = max(_POLL_S, self._setup.cycle_ns / 1e9)
         self._targets: dict[str, float] = {}  # of the joints that are commanded by position
         self._commanded = 0.0  # monotonic time of the last command
 
     def __enter__(self) -> Jog:
         try:
             self._robot.start()
-            self._targets = {joint: self._of(joint)["position"] for joint in self._groups().get(POSITION, [])}
+            self._targets = {joint: self._reading(joint)["position"] for joint in self._groups().get(POSITION, [])}
         except BaseException:
             self._robot.shutdown()
             self._folder.cleanup()
@@ -238,7 +236,7 @@ class Jog:
         """Return why a joint has not enough travel left for a jog; None if the travel suffices."""
         if self._interfaces[joint] != POSITION:
             return None
-        here, needed = self._of(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
+        here, needed = self._reading(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
         room = self._setup.description.joints[joint].limits.upper - here
         if room >= needed:
             return None
@@ -249,22 +247,22 @@ class Jog:
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
-            velocity = self._of(joint)["velocity"]
-            self._rest()
+            velocity = self._reading(joint)["velocity"]
+            self._bring_to_rest()
             return PreflightStep(
                 "jog", False, f"{joint}: {velocity:.3f} rad/s at a command of {self.speed:g}{_hint(velocity)}"
             )
         begin, since = self._positions(), time.monotonic()
         self._until(speeds, lambda: time.monotonic() - since >= self._hold_s)
-        end, took = self._positions(), time.monotonic() - since
-        self._rest()
-        ways = {name: end[name] - begin[name] for name in self.joints}
-        moved = [name for name in self.joints if name != joint and abs(ways[name]) > TOLERANCE * self.speed]
-        text = f"{joint}: {ways[joint]:.3f} rad in {took:.2f} s at a command of {self.speed:g} rad/s"
-        text += _hint(ways[joint])
+        end, elapsed = self._positions(), time.monotonic() - since
+        self._bring_to_rest()
+        travels = {name: end[name] - begin[name] for name in self.joints}
+        moved = [name for name in self.joints if name != joint and abs(travels[name]) > TOLERANCE * self.speed]
+        text = f"{joint}: {travels[joint]:.3f} rad in {elapsed:.2f} s at a command of {self.speed:g} rad/s"
+        text += _hint(travels[joint])
         if moved:
             text += f"; {', '.join(moved)} turned as well"
-        passed = low <= ways[joint] / took <= high and not moved
+        passed = low <= travels[joint] / elapsed <= high and not moved
         self.turned += [joint] if passed else []
         return PreflightStep("jog", passed, text)
 
@@ -276,21 +274,23 @@ class Jog:
         speeds = {joint: self.speed * (-1 if joint in self._targets else 1) for joint in self.turned}
         start = self._positions()
         if not self._until(speeds, lambda: all(self._is_fast(joint, start) for joint in speeds)):
-            return PreflightStep("STOP", False, "the joints do not turn, so that nothing can be stopped")
+            return PreflightStep("STOP", False, "the joints do not turn, so STOP cannot be tested")
         since = time.monotonic()
         try:
             self._robot.stop()
         except CanopenError as error:
             return PreflightStep("STOP", False, str(error))
-        took = time.monotonic() - since
-        velocities = {joint: self._of(joint)["velocity"] for joint in self.joints}
+        elapsed = time.monotonic() - since
+        velocities = {joint: self._reading(joint)["velocity"] for joint in self.joints}
         still = all(abs(velocity) <= STANDSTILL for velocity in velocities.values())
         text = ", ".join(f"{joint} {velocity:.3f} rad/s" for joint, velocity in velocities.items())
-        return PreflightStep("STOP", still and took <= _STOP_S, f"drives disabled {took:.2f} s after STOP: {text}")
+        return PreflightStep(
+            "STOP", still and elapsed <= _STOP_S, f"drives disabled {elapsed:.2f} s after STOP: {text}"
+        )
 
     def _is_fast(self, joint: str, start: Mapping[str, float]) -> bool:
-        """Whether a joint has reached the jog's speed, or, if it follows positions, has clearly started."""
-        sample = self._of(joint)
+        """Whether a joint has reached the jog speed; a joint commanded by position must have moved for `_RUN_UP_S`."""
+        sample = self._reading(joint)
         if joint in self._targets:
             return abs(sample["position"] - start[joint]) >= self.speed * _RUN_UP_S
         return abs(sample["velocity"] - self.speed) <= self.speed * TOLERANCE
@@ -302,13 +302,13 @@ class Jog:
             groups.setdefault(interface, []).append(joint)
         return groups
 
-    def _of(self, joint: str) -> dict[str, float]:
+    def _reading(self, joint: str) -> dict[str, float]:
         sample = self._robot.joints()[joint]
         values = {"position": sample.position, "velocity": sample.velocity}
         return {key: math.nan if value is None else value for key, value in values.items()}
 
     def _positions(self) -> dict[str, float]:
-        return {joint: self._of(joint)["position"] for joint in self.joints}
+        return {joint: self._reading(joint)["position"] for joint in self.joints}
 
     def _until(self, speeds: Mapping[str, float], condition: Callable[[], bool]) -> bool:
         """Move the joints in `speeds` and no others until `condition` is true; return False after a timeout."""
@@ -318,7 +318,7 @@ class Jog:
             if time.monotonic() > deadline:
                 return False
             self._command(speeds)
-            time.sleep(self._look_s)
+            time.sleep(self._poll_s)
         return True
 
     def _command(self, speeds: Mapping[str, float]) -> None:
@@ -330,14 +330,14 @@ class Jog:
             values = [self._targets.get(joint, speeds.get(joint, 0.0)) for joint in joints]
             self._robot.command(_controller(interface), values)
 
-    def _rest(self) -> None:
-        self._until({}, lambda: max(abs(self._of(joint)["velocity"]) for joint in self.joints) <= STANDSTILL)
+    def _bring_to_rest(self) -> None:
+        self._until({}, lambda: max(abs(self._reading(joint)["velocity"]) for joint in self.joints) <= STANDSTILL)
 
 
 def _hint(velocity: float) -> str:
     if math.isnan(velocity):
-        return "; it shows no velocity: is 0x606C mapped?"
-    return "; it turns the other way: look at the sign of its scale" if velocity < -STANDSTILL else ""
+        return "; it reports no velocity: is 0x606C mapped?"
+    return "; it turns the wrong way: check the sign of its scale" if velocity < -STANDSTILL else ""
 
 
 def _controller(interface: str) -> str:
@@ -362,7 +362,7 @@ def _controllers(groups: Mapping[str, list[str]], rate: int) -> str:
 EXAMPLE = "canopen-control preflight robby --can can0"
 
 _MARKS = {True: "ok  ", False: "FAIL", None: "note"}
-_NOT_TURNED = "; it is not turned, and stays slow with --real"
+_NOT_TURNED = "; it is not turned, and remains limited with --real"
 _WARNING = (
     "The next steps turn the motors. Lift the wheels off the ground, keep hands and cables away, and have the supply "
     "within reach: STOP is not a safety function."
@@ -390,7 +390,7 @@ class Preflight:
     """Preflight in progress: the steps so far, and the functions that print and ask the user."""
 
     setup: RobotSetup
-    say: Callable[[str], None]
+    report: Callable[[str], None]
     ask: Callable[[str], bool]
     speed: float
     steps: list[PreflightStep] = field(default_factory=list)
@@ -401,7 +401,7 @@ class Preflight:
         good = True
         for step in steps:
             self.steps.append(step)
-            self.say(f"{_MARKS[step.passed]}  {step.name:<8}  {step.text}")
+            self.report(f"{_MARKS[step.passed]}  {step.name:<8}  {step.text}")
             good = good and step.passed is not False
         return good
 
@@ -419,14 +419,18 @@ class Preflight:
         for joint, interface in jog_interfaces(self.setup).items():
             if interface is None:
                 self.note(
-                    [PreflightStep("jog", None, f"{joint} has neither velocity nor position to command{_NOT_TURNED}")]
+                    [
+                        PreflightStep(
+                            "jog", None, f"{joint} has neither a velocity nor a position command interface{_NOT_TURNED}"
+                        )
+                    ]
                 )
         if not any(jog_interfaces(self.setup).values()):
             verdict = None if self.setup.files.bus_alone else False  # its drives are turned by their targets alone
-            return self.note([PreflightStep("jog", verdict, "no joint has a velocity or a position to command")])
-        self.say(_WARNING)
-        if not self.ask("Go on?"):
-            return self.note([PreflightStep("jog", False, "not wanted")])
+            return self.note([PreflightStep("jog", verdict, "no joint has a velocity or position command interface")])
+        self.report(_WARNING)
+        if not self.ask("Continue?"):
+            return self.note([PreflightStep("jog", False, "declined by the user")])
         with Jog(self.setup, self.speed) as jog:
             if not all(self._turn(jog, joint) for joint in jog.joints):
                 return False
@@ -439,7 +443,7 @@ class Preflight:
         if (why := jog.range_refusal(joint)) is not None:
             return self.note([PreflightStep("jog", None, f"{joint}: {why}{_NOT_TURNED}")])
         if not self.ask(f"Turn {joint} forward at {self.speed:g} rad/s?"):
-            return self.note([PreflightStep("jog", False, f"{joint}: not wanted")])
+            return self.note([PreflightStep("jog", False, f"{joint}: declined by the user")])
         if not self.note([jog.turn(joint)]):
             return False
         if self.ask(f"Did {joint}, and nothing else, turn forward?"):
@@ -451,12 +455,12 @@ def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if not (args.yes or args.no_jog or sys.stdin.isatty()):
         raise ConfigError(
-            "there is no terminal to ask questions; add --yes to answer every question with yes, or --no-jog"
+            "standard input is not a terminal, so no question can be asked; add --yes to confirm all, or --no-jog"
         )
     flight = Preflight(_read_setup(args), print, (lambda _question: True) if args.yes else _ask, args.speed)
     with json_alone(args):
         passed = flight.check_link() and not args.no_jog and flight.move()
-        code, document = _conclude(flight, passed=passed, looked_only=args.no_jog, report=args.report)
+        code, document = _conclude(flight, passed=passed, check_only=args.no_jog, report=args.report)
     print_result(args, document)
     return code
 
@@ -487,12 +491,12 @@ def _ask(question: str) -> bool:
     try:
         answer = sys.stdin.readline()
     finally:
-        if not answer.endswith("\n"):  # Ctrl-C or Ctrl-D: what follows begins a line
+        if not answer.endswith("\n"):  # Ctrl-C or Ctrl-D: further output starts on a new line
             print(flush=True)
     return answer.strip().lower() in ("y", "yes")
 
 
-def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str | None) -> tuple[int, PreflightReport]:
+def _conclude(flight: Preflight, *, passed: bool, check_only: bool, report: str | None) -> tuple[int, PreflightReport]:
     """Print the verdict, write the report and the record of a pass; return the exit code and the findings."""
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
@@ -507,11 +511,11 @@ def _conclude(flight: Preflight, *, passed: bool, looked_only: bool, report: str
         known_serials = {name: serial for name, serial in serials.items() if serial is not None}
         path = save_record(setup, known_serials, flight.covered)
         slow = [joint for joint in jog_interfaces(setup) if joint not in flight.covered]
-        but = f"; slow stays what was not turned: {', '.join(slow)}" if slow else ""
-        print(f"{setup.name} has passed{but}; run it with --real ({path})")
+        remark = f"; still limited, as they were not turned: {', '.join(slow)}" if slow else ""
+        print(f"{setup.name} has passed{remark}; run it with --real ({path})")
         return 0, document
-    if looked_only and not failed:
-        print(f"nothing is wrong with what can be seen; without the jog {setup.name} has not passed")
+    if check_only and not failed:
+        print(f"the checks found no problem; without the jog {setup.name} has not passed")
         return 0, document
     print(f"{setup.name} has not passed: {len(failed)} of {len(flight.steps)} steps failed")
     return 1, document

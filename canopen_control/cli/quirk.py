@@ -2,7 +2,7 @@
 
 A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; a malfunction is a fault.
 `quirk list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of
-the drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk NODE` lists the quirks that are on.
+the drive or for one of them: NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS. `quirk NODE` lists the active quirks.
 NODE is a node or a joint of a running robot, by name; or a node id, with --can CHANNEL if no robot runs. A drive has
 quirks from its start with `drive --quirk`.
 
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_text({"node_id": node_id, "active": active}, indent=None))
     else:
-        print(f"node {node_id}: {', '.join(active) or 'no quirk is on'}")
+        print(f"node {node_id}: {', '.join(active) or 'no active quirk'}")
     return 0
 
 

@@ -2,7 +2,7 @@
 
 The suffix of the file chooses the format: .log (candump; .log.gz compressed), .asc or .blf (Vector), .trc (PEAK).
 
-Exit codes: 0 good; 1 the bus is gone, or the disk is full; 2 wrong usage, or no such channel or robot.
+Exit codes: 0 success; 1 the bus is gone, or the disk is full; 2 wrong usage, or no such channel or robot.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from canopen_control.trace.bag import BagWriter
 
 
-# `record --bag`: a ROS 2 bag of a running robot, until Ctrl-C, for so many seconds, or until the robot ends.
+# `record --bag` records a ROS 2 bag of a running robot until Ctrl-C, for a given time, or until the robot ends.
 
 
-_LOOK_S = 0.25  # interval of the checks for Ctrl-C while no message arrives
+_POLL_S = 0.25  # interval of the checks for Ctrl-C while no message arrives
 _ENDS = (signal.SIGINT, signal.SIGTERM)  # they set a flag, so that the bag is completed
 
 
@@ -59,12 +59,11 @@ class RecordedBag:
     left_out: str | None = None
 
     def sentence(self) -> str:
-        """Return the result as a sentence."""
         text = (
             f"{self.bag}: {self.messages} messages of {self.robot} in {self.seconds:.1f} s "
             f"({self.samples} samples, {self.events} events)"
         )
-        return text if self.left_out is None else f"{text}; {self.left_out}: --rate asks for more"
+        return text if self.left_out is None else f"{text}; {self.left_out}; record more with --rate"
 
 
 def record_bag(name: str | None, folder: str, seconds: float | None, rate: float | None = None) -> RecordedBag:
@@ -101,11 +100,11 @@ def _record(
     robot.ask(Subscribe(state_rate=rate, events=True))
     try:
         while not stopping.is_set() and (end is None or time.monotonic() < end):
-            for message in robot.messages(_LOOK_S if end is None else min(_LOOK_S, max(end - time.monotonic(), 0.0))):
+            for message in robot.messages(_POLL_S if end is None else min(_POLL_S, max(end - time.monotonic(), 0.0))):
                 _write(bag, message, recorded)
                 if stopping.is_set() or (end is not None and time.monotonic() >= end):
                     break
-    except RemoteError as error:  # the robot has ended: what came before is a whole bag
+    except RemoteError as error:  # the robot has ended: the bag is complete up to here
         if error.kind != "BusClosed":
             raise
 
@@ -138,9 +137,8 @@ class Recorded:
     seconds: float = 0.0
 
     def sentence(self) -> str:
-        """Return the result as a sentence."""
         text = f"{self.file}: {self.frames} frames of {self.channel} in {self.seconds:.1f} s"
-        text += f", {self.lost} lost: they came faster than they were read" if self.lost else ", none lost"
+        text += f", {self.lost} lost: they arrived faster than they were read" if self.lost else ", none lost"
         return text + (f", {self.left_out} left out: the format cannot hold them" if self.left_out else "")
 
 
@@ -164,7 +162,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb; return 1 if the bus was lost or the disk was full, else 0."""
-    _understand_old_form(args)
+    _convert_old_form(args)
     if (args.output is None) is (args.bag is None):
         raise ConfigError("give a destination, as in: canopen-control record -o run.log, or record --bag run")
     if args.bag is not None:
@@ -178,7 +176,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if problem else 0
 
 
-def _understand_old_form(args: argparse.Namespace) -> None:
+def _convert_old_form(args: argparse.Namespace) -> None:
     """Convert the old form `record [CHANNEL] --can FILE` to the present options, and print a notice."""
     old_file = args.output is None and args.can is not None and Path(args.can).suffix.lower() in FORMATS
     if args.channel is None and not old_file:
@@ -190,12 +188,12 @@ def _understand_old_form(args: argparse.Namespace) -> None:
     if args.channel is not None:
         args.can, args.channel = args.channel, None
     new = "".join(f" {option} {value}" for option, value in (("--can", args.can), ("-o", args.output)) if value)
-    print(f"canopen-control: the old form, which ends with the next release; write: record{new}", file=sys.stderr)
+    print(f"canopen-control: these options are deprecated; write: record{new}", file=sys.stderr)
 
 
 def _bag(args: argparse.Namespace) -> int:
     if args.can is not None:
-        raise ConfigError("--bag is of a robot, not of a bus: choose it with --name, without --can")
+        raise ConfigError("--bag records a robot, not a bus; choose the robot with --name, and omit --can")
     recorded = record_bag(args.name, args.bag, args.duration, args.rate)
     print(json_text(recorded, indent=None) if args.json else recorded.sentence())
     return 0
@@ -210,7 +208,7 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
     with RobotClient.connect(args.name) as robot:
         buses = robot.ask(GetNodes()).buses
     if not buses:
-        raise ConfigError(f"robot {robot.robot} has no bus: it runs on mock hardware, or simulated")
+        raise ConfigError(f"robot {robot.robot} has no bus: it runs on mock hardware or in a simulation")
     if args.bus is None and len(buses) > 1:
         raise ConfigError(f"robot {robot.robot} has several buses; choose with --bus: {', '.join(buses)}")
     if args.bus is not None and args.bus not in buses:

@@ -7,7 +7,7 @@ since two senders of one identifier destroy each other's frames, and a recorded 
 --watch` and `monitor` can show it, until Ctrl-C. Nothing moves. It is refused while a robot runs and ends when one
 starts, so that STOP always refers to one robot only.
 
-Exit codes: 0 good; 1 refused, or the bus is gone; 2 wrong usage, or no such file or channel; 130 interrupted.
+Exit codes: 0 success; 1 refused, or the bus is gone; 2 wrong usage, or no such file or channel; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -42,14 +42,14 @@ EXAMPLE = """canopen-control replay run.log robby
          canopen-control replay run.blf --can vcan0 --speed 10
          canopen-control replay fault.zip robby --page"""
 LABEL = "replay"
-LISTEN_S = 1.2  # longer than a slow heartbeat, or ten cycles of a slow SYNC
+LISTEN_S = 1.2  # longer than a heartbeat period of 1 s, or ten periods of a slow SYNC
 ANSWER_S = 0.1
 _INTERRUPTED = 130
-_LOOK_NS = 500_000_000
+_POLL_NS = 500_000_000
 _FROM_NODES = frozenset(
     (Service.EMCY, Service.HEARTBEAT, Service.SDO_SERVER, Service.TPDO1, Service.TPDO2, Service.TPDO3, Service.TPDO4)
 )
-_NOBODYS = frozenset((None, Service.NMT, Service.SYNC, Service.TIME, Service.LSS_MASTER, Service.LSS_SLAVE))
+_WITHOUT_NODE = frozenset((None, Service.NMT, Service.SYNC, Service.TIME, Service.LSS_MASTER, Service.LSS_SLAVE))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb; return 1 if the recording could not be read to its end, 130 after Ctrl-C, else 0."""
     if args.page:
-        return _be_watched(args)
+        return _serve_recording(args)
     if args.can is None:
         return show_file(args, args.file)
     from canopen_control.cli.support.bus_description import open_frames
@@ -86,24 +86,24 @@ def run(args: argparse.Namespace) -> int:
     recording = open_frames(args.file, args.bus)
     channel = str(parse_channel(args.can))
     if parse_channel(channel).kind.in_process:
-        raise ConfigError(f"{channel} is inside one process, no other program would hear it; use local:NAME instead")
+        raise ConfigError(
+            f"{channel} exists in one process only, so no other program receives the frames; use local:NAME"
+        )
     _print_new_bus(channel)
     if not args.force:
         _refuse_used_bus(recording, channel)
     return _play(args, recording, channel)
 
 
-def _be_watched(args: argparse.Namespace) -> int:
+def _serve_recording(args: argparse.Namespace) -> int:
     """Serve a flight recording as a robot until Ctrl-C, or until another robot starts."""
     from canopen_control.trace.flight_file import is_flight_file, read_flight, read_samples
 
     path = Path(args.file)
     if args.can is not None or not is_flight_file(path):
-        raise ConfigError(f"--page shows a flight recording, a .zip, and plays into no bus; {args.file} is given")
+        raise ConfigError(f"--page requires a flight recording (.zip) and no --can; FILE is {args.file}")
     if running := list_sockets("robot"):
-        raise ConfigError(
-            f"robot {running[0]} runs, and STOP must always refer to one robot; end it before a recording is shown"
-        )
+        raise ConfigError(f"robot {running[0]} runs, and STOP must always refer to one robot; shut it down first")
     file, samples = read_flight(path), read_samples(path)
     from canopen_control.host.reactor import Reactor
     from canopen_control.trace.replayed_robot import ReplayedRobot
@@ -125,10 +125,10 @@ def _be_watched(args: argparse.Namespace) -> int:
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
     """End the replay as soon as another robot runs, because STOP must refer to one robot only."""
     if robots := [socket for socket in list_sockets("robot") if socket != name]:
-        print(f"canopen-control: robot {robots[0]} runs now; the recording ends", file=sys.stderr)
+        print(f"canopen-control: robot {robots[0]} has started; the replay ends", file=sys.stderr)
         reactor.stop()
     else:
-        reactor.call_later(_LOOK_NS, lambda: _end_with_a_robot(reactor, name))
+        reactor.call_later(_POLL_NS, lambda: _end_with_a_robot(reactor, name))
 
 
 def _description(args: argparse.Namespace) -> Description:
@@ -149,7 +149,7 @@ def _print_new_bus(channel: str) -> None:
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.LOCAL and spec.name not in (buses := list_sockets("bus")):
         names = ", ".join(f"local:{bus}" for bus in buses) or "none"
-        print(f"canopen-control: no program has {channel} open, it is made now; open so far: {names}", file=sys.stderr)
+        print(f"canopen-control: no program has {channel} open, so it is created; open buses: {names}", file=sys.stderr)
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
@@ -157,12 +157,12 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     from canopen_control.bus.play import PlayReport, play
     from canopen_control.cli.support.bus_description import report_gaps
 
-    port, played, ended = open_port(channel, label=LABEL), PlayReport(), False
+    port, played, interrupted = open_port(channel, label=LABEL), PlayReport(), False
     progress = Progress(f"playing into {channel}, Ctrl-C ends it", "frames")
     try:
         play(_with_progress(recording, played, progress), port, played, speed=args.speed)
     except KeyboardInterrupt:
-        ended = True
+        interrupted = True
     finally:
         port.close()
         progress.end()
@@ -170,7 +170,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
     result |= {"left_out": played.errors, "lost": port.stats.lost}
     print(json_text(result, indent=None) if args.json else _sentence(channel, played, port.stats.lost))
     report_gaps(recording)
-    return _INTERRUPTED if ended else 1 if recording.problem else 0
+    return _INTERRUPTED if interrupted else 1 if recording.problem else 0
 
 
 def _with_progress(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
@@ -191,7 +191,7 @@ def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
     node_ids = set()
     for _, frame in frames:
         service, node_id = service_of(frame.can_id) or (None, 0)
-        if service not in _NOBODYS and node_id:
+        if service not in _WITHOUT_NODE and node_id:
             node_ids.add(node_id)
     return node_ids
 
@@ -201,14 +201,14 @@ def _refuse_used_bus(recording: Source, channel: str) -> None:
     from canopen_control.cli.support.target import robot_on
 
     if (owner := robot_on(channel)) is not None:
-        raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; end it, or take another bus")
+        raise ConfigError(f"{channel} is the bus of the running robot {owner[0]}; shut it down, or use another bus")
     node_ids = node_ids_in(recording)
     active, has_master = _listen(channel)
     if has_master:
-        raise ConfigError(f"on {channel} a master is active: its SYNC or NMT was received; --force plays all the same")
+        raise ConfigError(f"on {channel} a master is active: its SYNC or NMT was received; --force plays anyway")
     if alive := sorted(active & node_ids or _answering(channel, node_ids)):
         names = ", ".join(str(node_id) for node_id in alive)
-        raise ConfigError(f"on {channel} node {names} of {recording.path} is active; --force plays all the same")
+        raise ConfigError(f"on {channel} node {names} of {recording.path} is active; --force plays anyway")
 
 
 def _listen(channel: str) -> tuple[set[int], bool]:

@@ -9,7 +9,6 @@ Exit codes: 0 written; 1 the robot does not answer, or the disk is full; 2 wrong
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -81,7 +80,7 @@ def _recording(
 
     if args.duration is not None:
         if args.file is not None:
-            raise ConfigError("--for watches the robot that runs; it goes without FILE")
+            raise ConfigError("--for watches the running robot; omit FILE")
         return None, _watched(args), None
     path = Path(args.file) if args.file is not None else _newest(args.name)
     if is_flight_file(path):
@@ -124,8 +123,8 @@ def _flights(name: str | None) -> list[Path]:
     if not paths:
         of_robot = f"of {name} " if name else ""
         raise ConfigError(
-            f"there is no flight recording {of_robot}in {state_dir()}: nothing went wrong yet; "
-            "a robot that runs is watched with --for 10"
+            f"there is no flight recording {of_robot}in {state_dir()}: no fault was recorded yet; "
+            "watch a running robot with --for 10"
         )
     return paths
 
@@ -143,7 +142,7 @@ def _watched(args: argparse.Namespace) -> FlightFile:
 
     file = watch(args.name, args.duration)
     if not file.states:
-        raise CanopenError(f"robot {file.meta.robot} has sent no sample in {args.duration:g} s; does it hang?")
+        raise CanopenError(f"robot {file.meta.robot} sent no sample within {args.duration:g} s; does it hang?")
     return file
 
 
@@ -155,7 +154,7 @@ def _frames_only(args: argparse.Namespace, path: Path) -> tuple[FlightFile, dict
 
     recording = Recording(path)
     frames = [(time_ns, "can", frame) for time_ns, frame in recording]
-    if not frames:  # a page that says nothing went wrong would be untrue
+    if not frames:  # a page without faults would be misleading
         raise CanopenError(recording.problem or f"{path}: no frame is in it")
     notes = (recording.problem,) if recording.problem else ()
     meta = FlightMeta(robot="", reason=NO_FAULT, buses={"can": path.name})

@@ -1,9 +1,9 @@
 """Use topics, services and parameters of ROS 2 without ros2cli; also starts the bridge of a running robot.
 
-The verb sees what a ROS program on this host sees: the same domain, and this host only unless
-ROS_AUTOMATIC_DISCOVERY_RANGE is set otherwise. Data is YAML, as for ros2. `bridge` passes --ros-args on to rclpy.
+It uses the domain of other ROS programs, and discovers programs of this host only, unless ROS_AUTOMATIC_DISCOVERY_RANGE
+is set otherwise. Data is YAML, as for ros2. `bridge` passes --ros-args on to rclpy.
 
-Exit codes: 0 good; 1 no publisher, subscriber or answer; 2 wrong usage, or no ROS 2 in this Python.
+Exit codes: 0 success; 1 no publisher, subscriber or answer; 2 wrong usage, or no ROS 2 in this Python.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from canopen_control.ros.graph import Graph
 
 
-# `ros param`: the parameters of a ROS node listed, read and set, as `ros2 param` does, by its services.
+# `ros param` lists, reads and sets the parameters of a ROS node by its services, as `ros2 param` does.
 #
-# A value is YAML; an integer is accepted for a parameter of type double. A refusal is printed in the node's words.
+# A value is YAML; an integer is accepted for a parameter of type double. A refusal is printed with the node's reason.
 
 
 def list_parameters(graph: Graph, args: argparse.Namespace) -> int:
@@ -71,7 +71,7 @@ def set_parameter(graph: Graph, args: argparse.Namespace) -> int:
     request = {"parameters": [{"name": args.name, "value": message}]}
     (result,) = _call_service(graph, args, "set_parameters", "SetParameters", request).results
     if not result.successful:
-        raise CanopenError(f"{args.node} has not set {args.name}: {result.reason}")
+        raise CanopenError(f"{args.node} did not set {args.name}: {result.reason}")
     print_result(args, {"node": args.node, "name": args.name, "type": kind, "value": value})
     return 0
 
@@ -266,7 +266,7 @@ def _echo(graph: Graph, args: argparse.Namespace) -> int:
     graph.subscribe(args.topic, graph.type_of(args.topic, args.timeout, args.type), show)
     graph.spin(args.seconds or LONGEST_S, lambda: args.once and count)
     if not count:
-        raise CanopenError(f"no message came on {args.topic} within {args.seconds:g} s")
+        raise CanopenError(f"no message arrived on {args.topic} within {args.seconds:g} s")
     return 0
 
 
@@ -308,7 +308,7 @@ def _pub(graph: Graph, args: argparse.Namespace) -> int:
 
     publication = graph.publisher(args.topic, full_name(args.type, "msg"), _data(args.data))
     if not graph.spin(args.timeout, lambda: publication.subscribers() > 0):
-        raise CanopenError(f"nothing subscribes to {args.topic} as {args.type}; does the robot run, with --ros?")
+        raise CanopenError(f"{args.topic} has no subscriber of type {args.type}; does the robot run with --ros?")
     graph.spin(0.1)  # the subscriber needs time to match this publisher
     begin, count = time.monotonic(), 0
     with json_alone(args):

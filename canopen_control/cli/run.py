@@ -2,7 +2,7 @@
 
 The drives are virtual unless you name real ones. Ctrl-C ramps the joints to zero, disables the drives and ends the run.
 
-Exit codes: 0 good; 1 the boot or the run failed; 2 wrong usage or configuration.
+Exit codes: 0 success; 1 the boot or the run failed; 2 wrong usage or configuration.
 """
 
 from __future__ import annotations
@@ -38,23 +38,27 @@ if TYPE_CHECKING:
 
 
 _FLAGS: Final = ("ros", "view", "teleop", "strict", "peer_merge", "allow_unsupervised", "spawn")
-_OF_THE_FILE: Final = ("name", "can", "controller", "namespace", "real", "mock", "no_drives", "like", "plant",
+_SINGLE_ROBOT: Final = ("name", "can", "controller", "namespace", "real", "mock", "no_drives", "like", "plant",
                        "kernel_sync", "realtime", "cpu", "full_speed", "ros_args")  # fmt: skip
 
 
 def run_shared(args: argparse.Namespace) -> int:
     """Run all robots that a world file names until they end; ConfigError for options of a single robot."""
-    for name in _OF_THE_FILE:
+    for name in _SINGLE_ROBOT:
         if getattr(args, name):
             option = name.replace("_", "-")
-            raise ConfigError(f"--{option}: without a robot --world runs all that its file names; omit --{option}")
+            raise ConfigError(f"--{option} is for a single robot; omit it, or give ROBOT")
     _require_shared_parts(args)
     from canopen_control.runtime.shared_world import SharedRun, read_shared
 
     world = Path(args.world)
     robots = read_shared(world)
     run = SharedRun(
-        robots, world, partial(print, file=sys.stdout, flush=True), options=_options(args), of_each=_namespace(args)
+        robots,
+        world,
+        partial(print, file=sys.stdout, flush=True),
+        options=_options(args),
+        of_each=_namespace_option(args),
     )
     run.run()
     return 0
@@ -70,7 +74,7 @@ def _require_shared_parts(args: argparse.Namespace) -> None:
 
         require_view()
     elif args.teleop:
-        raise ConfigError("--teleop is for the pages; show them with --view")
+        raise ConfigError("--teleop requires the pages; add --view")
 
 
 def _options(args: argparse.Namespace) -> list[str]:
@@ -83,14 +87,16 @@ def _options(args: argparse.Namespace) -> list[str]:
     return options
 
 
-def _namespace(args: argparse.Namespace) -> Callable[[str], list[str]]:
+def _namespace_option(args: argparse.Namespace) -> Callable[[str], list[str]]:
     return lambda name: ["--namespace", name] if args.ros else []
 
 
 EXAMPLE = "canopen-control run robby --for 5"
 
 
-_priority = whole_number(f"priority (1 to {HIGHEST_PRIORITY}); ROBOT comes before it", range(1, HIGHEST_PRIORITY + 1))
+_priority = whole_number(
+    f"priority from 1 to {HIGHEST_PRIORITY}; write ROBOT before --realtime", range(1, HIGHEST_PRIORITY + 1)
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -252,7 +258,7 @@ def names_robot(args: argparse.Namespace) -> bool:
 
 @contextlib.contextmanager
 def _shared_by_forks() -> Iterator[None]:
-    """Context of a run: on exit, forks are forbidden again, and the shared parsed EDS files are discarded."""
+    """Context that, on exit, forbids forks again and discards the parsed EDS files."""
     try:
         yield
     finally:
@@ -296,7 +302,7 @@ def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> in
     from canopen_control.cli.support.announcer import Announcer
     from canopen_control.runtime.run_session import RunSession
 
-    unclear = _unclear(setup) if setup.reaches_real_drives and not args.full_speed else None
+    slow = _slow_reason(setup) if setup.reaches_real_drives and not args.full_speed else None
     session = RunSession(setup, options)
     announcer = Announcer(sys.stderr if options.table else sys.stdout)
     session.reactor.call_soon(announcer.start)  # once the children are started: a process with threads is not forked
@@ -304,8 +310,8 @@ def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> in
         prefix = f"{setup.name}: " if args.say_name else ""
         session.robot.observers.append(_EventPrinter(announcer, session, table=options.table, prefix=prefix))
         _warn(session)
-        if unclear is not None:
-            _slow_down(session, unclear)
+        if slow is not None:
+            _slow_down(session, slow)
         if options.table:
             session.supervisor.start_client(
                 TABLE, ["canopen_control", "status", "--watch", "--name", setup.name], inherit_stdout=True
@@ -374,15 +380,13 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
 
         require_view()
     elif args.teleop:
-        raise ConfigError("--teleop is for the page; show it with --view, or drive by keyboard: canopen-control teleop")
+        raise ConfigError("--teleop requires the page; add --view, or drive with keys: canopen-control teleop")
     if args.like is not None:
         _check_like(args, setup)
     if args.physics:
         _check_physics(args, setup)
     elif setup.world is not None and PluginKind.SIMULATION not in setup.kinds:
-        raise ConfigError(
-            f"{setup.files.hardware.world_word or '--world'} is of a robot with physics; give --physics too"
-        )
+        raise ConfigError(f"{setup.files.hardware.world_word or '--world'} requires physics; add --physics")
 
 
 def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
@@ -403,7 +407,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
     require_physics()
     check_physics(setup)
     if args.no_drives:
-        raise ConfigError("--physics is of the virtual drives that a run starts; omit --no-drives")
+        raise ConfigError("--physics requires virtual drives of this run; omit --no-drives")
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
@@ -412,14 +416,14 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):
         if getattr(args, name):
-            raise ConfigError(f"--plant is of the virtual drives that a run starts; omit --{name.replace('_', '-')}")
+            raise ConfigError(f"--plant requires virtual drives of this run; omit --{name.replace('_', '-')}")
     from canopen_control.bus.channel import parse_channel
     from canopen_control.virtual.plant_file import read_world
 
-    own = [channel for channel in setup.channels.values() if not parse_channel(channel).kind.in_process]
-    if len(own) != 1 or len(setup.channels) != 1:
+    channels = [channel for channel in setup.channels.values() if not parse_channel(channel).kind.in_process]
+    if len(channels) != 1 or len(setup.channels) != 1:
         raise ConfigError(
-            f"--plant: drives that move one base are one process on one bus, and {setup.name} is on "
+            f"--plant requires one bus outside this process for all drives, and {setup.name} is on "
             f"{', '.join(setup.channels.values()) or 'none'}; use --can local:NAME"
         )
     path = Path(args.plant)
@@ -432,11 +436,11 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
     namespace = () if args.namespace is None else ("--namespace", args.namespace)
     ros = () if args.ros_args is None else ("--ros-args", *args.ros_args)
     if (namespace or ros) and not args.ros:
-        raise ConfigError(f"{(namespace or ros)[0]} is for the ROS bridge; start it with --ros")
+        raise ConfigError(f"{(namespace or ros)[0]} requires the ROS bridge; add --ros")
     return (*namespace, *ros)
 
 
-def _unclear(setup: RobotSetup) -> SlowReason | None:
+def _slow_reason(setup: RobotSetup) -> SlowReason | None:
     """Return why the speed of a robot on real drives is limited; None after a valid preflight."""
     from canopen_control.check.preflight_record import slow_reason
 
@@ -452,26 +456,26 @@ def _warn(session: RunSession) -> None:
         session.robot.report(Event(session.reactor.now(), "check", "", text, Level.WARNING))
 
 
-def _slow_down(session: RunSession, unclear: SlowReason) -> None:
+def _slow_down(session: RunSession, slow: SlowReason) -> None:
     from canopen_control.check.preflight_record import SLOW, limit_speed
     from canopen_control.master.event_log import Event, Level
 
-    uncapped = limit_speed(session.robot, unclear.joints)
-    unbound = f"; NOT limited, since their speed is unknown: {', '.join(uncapped)}" if uncapped else ""
+    unknown = limit_speed(session.robot, slow.joints)
+    unlimited = f"; NOT limited, since their speed is unknown: {', '.join(unknown)}" if unknown else ""
     text = (
-        f"{unclear.why}; speeds are limited to {SLOW:g} rad/s{unbound} "
+        f"{slow.why}; speeds are limited to {SLOW:g} rad/s{unlimited} "
         "(run canopen-control preflight, or override with --full-speed)"
     )
     session.robot.report(Event(session.reactor.now(), "slow", "", text, Level.WARNING))
 
 
 def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, keep: bool = False) -> RobotSetup:
-    """Read the robot's files, and check the options; `keep` the parsed EDS files for forks."""
+    """Read the robot's files, and check the options; with `keep` the parsed EDS files stay in memory, for forks."""
     from canopen_control.host.sockets import check_name
     from canopen_control.urdf.description import DescriptionReader
 
     if args.real and (args.mock or args.no_drives):
-        raise ConfigError("--real goes with neither --mock nor --no-drives")
+        raise ConfigError("--real excludes --mock and --no-drives; omit them")
     files = files or find_files(args)
     if args.name is not None:
         check_name(args.name)
@@ -481,7 +485,7 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
         if files.bus_alone
         else DescriptionReader(files.description, mappings=mappings) as reader
     ):
-        # the imports take as long as xacro does, on another processor
+        # xacro runs in another process during these imports
         from canopen_control.od.eds import keep_files
         from canopen_control.runtime.setup import read_robot
 
@@ -536,7 +540,6 @@ class _EventPrinter(RobotObserver):
         self._booted: set[str] = set()
 
     def event(self, event: Event) -> None:
-        """Print an event, unless a live table prints the event, or the level is too low."""
         from canopen_control.cli.support.output import ENDS, is_printed
 
         session = self._session
@@ -553,7 +556,7 @@ class _EventPrinter(RobotObserver):
 
 
 _NO_DEMO = (
-    "demo moves the robot by itself, and never real drives; omit that for virtual ones, "
+    "demo moves the robot without a command, so it refuses real drives; use virtual drives, "
     "or: canopen-control run ROBOT --real --can CHANNEL"
 )
 _VIEW = "view"

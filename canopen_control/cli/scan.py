@@ -4,7 +4,7 @@
 it with a robot's bus.yml if you give --config. Without --can it scans the bus of the running robot: the robot reads
 from its own nodes, all other node ids are read directly on the bus.
 
-Exit codes: 0 good; 1 no device answered, or a node of bus.yml is missing or is a different device; 2 wrong usage.
+Exit codes: 0 success; 1 no device answered, or a node of bus.yml is missing or is a different device; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ EXAMPLE = """canopen-control scan --can can0 --config robby
          canopen-control scan --can can0 --eds-dir ~/eds
          canopen-control scan"""
 
-_DRIVE = 402
+_DRIVE = 402  # device profile number, the low 16 bits of 0x1000 (CiA 301 7.5.2.1)
 _OBJECTS = [*(address for address, _ in FIELDS.values()), NAME]
 _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "device name", "NMT", "EDS", "bus.yml")
 
@@ -180,20 +180,20 @@ def survey_channel(channel: str | None, timeout: float, *, name: str | None = No
 
 def _survey_bus(channel: str, timeout: float) -> ScanResult:
     with DirectBus.open(channel, label=LABEL, timeout_s=timeout, retries=0) as bus:
-        return ScanResult(channel, _ask(bus, range(1, MAX_NODE_ID + 1)))
+        return ScanResult(channel, _read_identities(bus, range(1, MAX_NODE_ID + 1)))
 
 
-def _ask(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
+def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
     """Read 0x1000 of all node ids, then further objects of the nodes that answer; return the nodes found."""
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
-    there: dict[tuple[int, int, int], bytes | CanopenError] = {}
-    with Progress(f"asking on {bus.port.channel}", "node ids") as progress:
+    device_types: dict[tuple[int, int, int], bytes | CanopenError] = {}
+    with Progress(f"reading on {bus.port.channel}", "node ids") as progress:
         for start in range(0, len(requests), PARALLEL):
             progress.at(start, len(requests))
-            there |= bus.read_many(requests[start : start + PARALLEL])
-    answering = [node_id for (node_id, _, _), answer in there.items() if not _is_silent(answer)]
+            device_types |= bus.read_many(requests[start : start + PARALLEL])
+    answering = [node_id for (node_id, _, _), answer in device_types.items() if not _is_silent(answer)]
     further = bus.read_many((node_id, *address) for node_id in answering for address in _OBJECTS[1:])
-    answers = {**there, **further}
+    answers = {**device_types, **further}
     nodes = {}
     for node_id in answering:
         data = {(index, subindex): answer for (node, index, subindex), answer in answers.items() if node == node_id}
@@ -223,10 +223,10 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
     if parse_channel(survey.channel).kind.shared:
         unused = [node_id for node_id in range(1, MAX_NODE_ID + 1) if node_id not in (*expected, survey.master_id)]
         with DirectBus.open(survey.channel, label=LABEL, timeout_s=timeout, retries=0) as direct:
-            nodes = _ask(direct, unused)
+            nodes = _read_identities(direct, unused)
         survey.found.update((node_id, identity) for node_id, identity in nodes.items() if node_id in unused)
     else:
-        survey.notes.append(f"{survey.channel} can be opened once only: nodes that are not in the bus.yml stay unseen")
+        survey.notes.append(f"{survey.channel} can be opened only once, so nodes that are not in bus.yml are not found")
     survey.found = dict(sorted(survey.found.items()))
     return survey
 
@@ -260,7 +260,7 @@ def match_files(survey: ScanResult, files: Iterable[Path]) -> None:
         if entry.identity is not None:
             entry.problems = differences(entry.identity, expected.identity)
         elif entry.nmt_state is not None:
-            entry.problems = ["answers no SDO"]
+            entry.problems = ["does not answer SDO requests"]
         else:
             entry.problems = ["missing"]
     survey.found = dict(sorted(survey.found.items()))
@@ -278,7 +278,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
             print(line)
     else:
         print(
-            f"canopen-control: no node answers on {survey.channel}; is it powered, and the bit rate right?",
+            f"canopen-control: no node answers on {survey.channel}; check power and bit rate",
             file=sys.stderr,
         )
     for note in survey.notes:
@@ -319,7 +319,7 @@ def _verdict(survey: ScanResult, node: FoundNode) -> str:
     if node.node_id == survey.master_id:
         return "the master"
     if not node.name:
-        return "not in it"
+        return "not listed"
     return f"{node.name}: {', '.join(node.problems) or 'as expected'}"
 
 

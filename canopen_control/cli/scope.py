@@ -7,7 +7,7 @@ or with --trigger: SIGNAL:rising:LEVEL, falling, above, below, with the signals 
 the statusword of all nodes. It can wait for a trigger for days. --overlay draws an earlier capture (CSV) underneath the
 new one, --cursors prints dt, dv and RMS between two times. Nothing is written to a node.
 
-Exit codes: 0 good; 1 nothing was captured, or the node is gone; 2 wrong usage, no such object.
+Exit codes: 0 success; 1 nothing was captured, or the node is gone; 2 wrong usage, no such object.
 """
 
 from __future__ import annotations
@@ -168,13 +168,13 @@ def _measured(shot: Shot, place: int) -> list[str]:
 def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float]) -> Iterator[str]:
     """Yield a table of the signals at two times in s, the differences, and the RMS between the two times."""
     first, second = cursors
-    apart = second - first
-    often = f" ({1 / abs(apart):.4g} Hz)" if apart else ""
-    yield f"cursors at {first:g} s and {second:g} s: dt {apart:.6g} s{often}"
+    interval = second - first
+    frequency = f" ({1 / abs(interval):.4g} Hz)" if interval else ""
+    yield f"cursors at {first:g} s and {second:g} s: dt {interval:.6g} s{frequency}"
     table = Table(("signal", "unit", f"at {first:g} s", f"at {second:g} s", "dv", "RMS between"))
     for place, other in enumerate(signals):
-        read = shot.cursors(place, first, second)
-        values = [] if read is None else [read.first, read.second, read.difference, read.rms]
+        reading = shot.cursors(place, first, second)
+        values = [] if reading is None else [reading.first, reading.second, reading.difference, reading.rms]
         table.add([other.name, other.unit, *([f"{value:.9g}" for value in values] or ["-"] * 4)])
     yield from table.lines()
 
@@ -237,7 +237,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     options: ScopeOptions = job_options(args, SCOPE)
-    capture_of(options, len(args.signals))  # what does not fit is refused before anything is opened
+    capture_of(options, len(args.signals))  # wrong options are refused before anything is opened
     output = _Output(
         None if args.output is None else check_output(args.output),
         overlay=None if args.overlay is None else read_overlay(args.overlay),
@@ -289,11 +289,11 @@ class _ScopeLoop:
                 waits = capture.state is ScopeState.WAITING and self._wait is not None
                 if waits and time.monotonic() - begin > (self._wait or 0.0):
                     self._ended = True
-        self._wipe()
+        self._erase_line()
         if words := self._scope.cycle_words():
             print(words, file=sys.stderr if self._as_json else sys.stdout)
         if not self._captures:
-            print("canopen-control: no shot was taken: the trigger did not come", file=sys.stderr)
+            print("canopen-control: no capture, as the trigger condition was not met", file=sys.stderr)
         return 0 if self._captures else 1
 
     def _end(self) -> None:
@@ -303,7 +303,7 @@ class _ScopeLoop:
         """Print and write the completed captures."""
         for shot in shots:
             self._captures += 1
-            self._wipe()
+            self._erase_line()
             output, written = self._output, None
             if output.path is not None:
                 path = numbered(output.path, self._captures, several=self._several)
@@ -327,6 +327,6 @@ class _ScopeLoop:
         values = ", ".join(f"{chosen.name} {'-' if value is None else f'{value:g}'}" for chosen, value in pairs)
         print(f"\r{self._scope.capture.state.value}: {values}\x1b[K", end="", file=sys.stderr, flush=True)
 
-    def _wipe(self) -> None:
+    def _erase_line(self) -> None:
         if sys.stderr.isatty():
             print("\r\x1b[K", end="", file=sys.stderr, flush=True)

@@ -4,7 +4,7 @@ The node belongs to a running robot (name or node id in bus.yml); with --can it 
 object is INDEX[:SUB] in hexadecimal, or its name in the EDS. The running robot uses the EDS of each node; --eds gives
 another one. `read` explains a value as `trace` does, and reads every subindex if you give an index only.
 
-Exit codes: 0 good; 1 the node aborted or did not answer; 2 wrong usage.
+Exit codes: 0 success; 1 the node aborted or did not answer; 2 wrong usage.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             "--timeout",
             type=timeout_seconds,
             metavar="S",
-            help="timeout of each answer in s (default: 0.5, or that of bus.yml)",
+            help="timeout of each answer in s (default: 0.5, or the value in bus.yml)",
         )
         add_target_arguments(action)
 
@@ -167,8 +167,8 @@ def _document(data: bytes, data_type: DataType | None, node: NodeSession, addres
 def _write(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
     data_type = _type_of(args, address)
     if data_type is None:
-        reason = "the EDS does not have it" if node.od is not None else "there is no EDS"
-        raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {reason}: give its type, as in --type u32")
+        reason = "it is not in the EDS" if node.od is not None else "there is no EDS"
+        raise ConfigError(f"0x{address.index:04X}:{address.subindex:02X}: {reason}; give its type, as in --type u32")
     data = parse_value(args.value, data_type)
     node.write(address.index, address.subindex, data)
     text = f"{node}: {address.label}: written {show(data, data_type)}"
@@ -178,7 +178,7 @@ def _write(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) 
 def _upload(args: argparse.Namespace, node: NodeSession, address: ObjectAddress) -> None:
     path = None if args.file == STREAM else Path(args.file).expanduser()
     if path is None and args.json:
-        raise ConfigError("--json reports about a file, and standard output is for the data here; give a FILE")
+        raise ConfigError("--json prints a summary, but standard output carries the data; give a FILE")
     if path is not None and not path.parent.is_dir():
         raise ConfigError(f"no folder {path.parent} for {args.file}")
     with _transfer_progress(f"reading {node}: {address.label}", node):

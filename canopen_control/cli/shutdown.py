@@ -1,6 +1,6 @@
 """Stop the robot and end its runtime.
 
-Exit codes: 0 it has ended; 1 it does not answer; 2 wrong usage, or no robot runs.
+Exit codes: 0 the runtime has ended; 1 no answer; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -38,4 +38,4 @@ def run(args: argparse.Namespace) -> int:
                 raise
             print_result(args, {"robot": robot.robot, "ended": True})
             return 0
-    raise RemoteError("Timeout", f"robot {robot.robot} has not ended within {TIMEOUT_S:g} s; see its status")
+    raise RemoteError("Timeout", f"robot {robot.robot} did not end within {TIMEOUT_S:g} s; see its status")

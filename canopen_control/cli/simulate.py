@@ -25,15 +25,15 @@ such a recording of a simulation, for `report`, `trace` and `replay --page`.
 With --physics the virtual drives move the robot on a floor, as in a run (extra [physics]); --world FILE describes what
 is on the floor. --world FILE without a robot simulates the robots that the file names, in one world.
 
---speed 1 is a run without processes, for a debugger. With --serve programs reach the robot by its socket, as they reach
-a running one (status, command, view, ...). With --ros ROS programs reach it by its topics, and it publishes /clock. It
-then runs in real time unless --speed is higher, and nothing is randomised unless --seed, --faults or --scenario is
-given.
+--speed 1 runs in real time in this one process, for a debugger. With --serve programs reach the robot by its socket, as
+they reach a running one (status, command, view, ...). With --ros ROS programs reach it by its topics, and it publishes
+/clock. It then runs in real time unless --speed is higher, and nothing is randomised unless --seed, --faults or
+--scenario is given.
 
 Ctrl-C ends a simulation and keeps the results so far. --json prints one object at the end, with the SHA-256 of every
 frame and event with its time.
 
-Exit codes: 0 good; 1 an invariant was violated; 2 wrong usage or configuration; 130 the seeds were interrupted.
+Exit codes: 0 success; 1 an invariant was violated; 2 wrong usage or configuration; 130 the seeds were interrupted.
 """
 
 from __future__ import annotations
@@ -59,9 +59,6 @@ if TYPE_CHECKING:
     from canopen_control.simulation.scenario_events import ScenarioEvent
     from canopen_control.simulation.scenario_steps import Scenario
     from canopen_control.simulation.simulation_run import SimulationResult, SimulationRun
-
-
-# `simulate --world FILE` without a robot simulates all robots that the file names, in one virtual time.
 
 
 EXAMPLE = """canopen-control simulate robby --for 3 --seed 7
@@ -131,8 +128,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--faults", metavar="all|LIST|none", help="faults to inject (default: none, with --seeds all)")
     _add_campaign(parser)
-    parser.add_argument("--json", action="store_true", help="print one object at the end")
-    _add_served(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object at the end")
+    _add_serving(parser)
 
 
 def _add_campaign(parser: argparse.ArgumentParser) -> None:
@@ -158,7 +155,7 @@ def _add_campaign(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_served(parser: argparse.ArgumentParser) -> None:
+def _add_serving(parser: argparse.ArgumentParser) -> None:
     """Declare the options for programs that use the simulated robot, and for its speed."""
     parser.add_argument(
         "--speed",
@@ -196,7 +193,7 @@ def _run_one(args: argparse.Namespace) -> int:
     out = None if args.recording is not None else args.out
     for option, value in (("--jobs", args.jobs), ("--aim", args.aim), ("--out", out), ("--dask", args.dask)):
         if value is not None:
-            raise ConfigError(f"{option} is for a campaign; give the number of its seeds, as --seeds 100")
+            raise ConfigError(f"{option} requires a campaign; add the number of seeds, as in --seeds 100")
     bridge = _bridge(args)
     if args.record is not None:
         from canopen_control.cli.support.simulation_recording import check_recording_name
@@ -208,13 +205,11 @@ def _run_one(args: argparse.Namespace) -> int:
 
         setup = _setup(args)
     if setup.world is not None and not args.physics:
-        raise ConfigError(
-            f"{setup.files.hardware.world_word or '--world'} is of a robot with physics; give --physics too"
-        )
+        raise ConfigError(f"{setup.files.hardware.world_word or '--world'} requires physics; add --physics")
     acts, seed, duration_ns = _schedule(args, setup)
-    speed = 1.0 if args.speed is None and bridge is not None else _at_most(args.speed)
+    speed = 1.0 if args.speed is None and bridge is not None else _speed_limit(args.speed)
     robot = RobotUnderTest(setup, seed, world=setup.world)
-    _behave(robot, args)
+    _apply_quirks(robot, args)
     simulation = SimulationRun(setup, seed, acts, speed=speed, robot=robot)
     for note in () if simulation.robot.floor is None else simulation.robot.floor.notes:
         print(f"canopen-control: {note}", file=sys.stderr)
@@ -233,7 +228,7 @@ def _run_one(args: argparse.Namespace) -> int:
     return 1 if outcome.breaches or never else 0
 
 
-def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
+def _apply_quirks(robot: RobotUnderTest, args: argparse.Namespace) -> None:
     """Apply the personality of --like and the quirks of --quirk to all drives."""
     from canopen_control.personality import read_personality
 
@@ -244,7 +239,7 @@ def _behave(robot: RobotUnderTest, args: argparse.Namespace) -> None:
         drive.quirks, drive.like = [*own, *args.quirk], like
 
 
-def _at_most(speed: float | None) -> float | None:
+def _speed_limit(speed: float | None) -> float | None:
     """Return the highest speed as a multiple of real time, None if there is no limit."""
     return None if speed == math.inf else speed
 
@@ -274,9 +269,11 @@ def _run_world(args: argparse.Namespace) -> int:
 
     for option, value in (("--serve", args.serve), ("--ros", args.ros)):
         if value:
-            raise ConfigError(f"{option} is of one robot; give ROBOT, and --physics with --world")
-    drawn = known_faults(physics=True)
-    faults = drawn if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
+            raise ConfigError(f"{option} needs a ROBOT; with --world also give --physics")
+    all_faults = known_faults(physics=True)
+    faults = (
+        all_faults if args.faults == "all" else _faults("none" if args.faults is None else args.faults, known_faults())
+    )
     from canopen_control.cli.support.simulation_world import simulate_world
 
     return simulate_world(args, args.length or DEFAULT_NS, faults)
@@ -320,13 +317,13 @@ def _run_campaign(args: argparse.Namespace) -> int:
     served = ("--serve", args.serve), ("--ros", args.ros), ("--like", args.like), ("--quirk", args.quirk)
     for option, setting in (*singles, *served, ("--speed", args.speed), ("--world", args.world)):
         if setting:
-            raise ConfigError(f"{option} is for one simulation; --seeds draws schedules, as fast as it can")
+            raise ConfigError(f"{option} is for a single simulation; omit it with --seeds")
     if args.dask is not None and args.jobs is not None:
-        raise ConfigError("--jobs is for processes of this computer, --dask for those of a cluster: give one of both")
+        raise ConfigError("--jobs sets processes of this computer, --dask selects a cluster; give only one of them")
     with quick_start():
         setup = _setup(args)
-    drawn = known_faults(physics=args.physics)
-    faults = drawn if args.faults in (None, "all") else _faults(args.faults, known_faults())
+    all_faults = known_faults(physics=args.physics)
+    faults = all_faults if args.faults in (None, "all") else _faults(args.faults, known_faults())
     files = (("--bus", args.bus), ("--controllers", args.controllers), ("--description", args.description))
     words = [args.config or ".", *args.xacro]
     words += [word for option, value in (*files, ("--launch", args.launch)) if value for word in (option, value)]
@@ -363,9 +360,9 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
     if args.scenario is not None or args.recording is not None:
         option = "--scenario" if args.recording is None else "--recording"
         if faults:
-            raise ConfigError(f"--faults draws troubles from the seed, {option} says them: give one of both")
+            raise ConfigError(f"--faults draws faults from the seed, and {option} defines them; give only one of them")
         if args.scenario is not None and args.recording is not None:
-            raise ConfigError("--scenario and --recording both say what happens: give one of them")
+            raise ConfigError("--scenario and --recording both define the events; give only one of them")
         scenario = _recorded(args, setup) if args.scenario is None else read_scenario_steps(Path(args.scenario), setup)
         seed = args.seed if args.seed is not None else scenario.seed or 0
         last = max((act.at_ns + (act.for_ns or 0) for act in scenario.acts), default=0)
@@ -399,7 +396,7 @@ def _faults(text: str, known: list[str]) -> list[str]:
     names = [field.strip() for field in text.split(",")]
     for name in names:
         if not name:
-            raise ConfigError(f"--faults {text!r}: a name is empty; give names apart by commas, all, or none")
+            raise ConfigError(f"--faults {text!r}: a name is empty; write names separated by commas, all, or none")
         if name not in known:
             raise ConfigError(f"--faults: no fault {name!r}{nearest(name, known)}; see: canopen-control fault list")
     return names
@@ -430,7 +427,6 @@ def _watch(simulation: SimulationRun, duration_ns: int, record: str | None, *, q
 
 
 def _report(outcome: SimulationResult, failure: str | None, *, as_json: bool) -> None:
-
     if as_json:
         print(json_line(outcome))
         return

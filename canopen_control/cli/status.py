@@ -1,6 +1,6 @@
 """Show the state of a running robot: once, as JSON, or as a live table.
 
-Exit codes: 0 good; 1 the robot does not answer; 2 wrong usage, or no robot runs.
+Exit codes: 0 success; 1 the robot does not answer; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     )
 
 
-# Warnings and errors of a robot for people, each cause once.
+# Warnings and errors of a robot as text, each cause once.
 #
 # One failure causes several events: a drive sends an emergency message, its statusword shows the fault, and the stop
 # group of its joints is stopped. Programs need all three; a reader needs one line with place, cause and consequence.
@@ -68,17 +68,17 @@ class _Cause:
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
     """Return one line for each cause in `events`; errors in `current` (by node name) are omitted."""
-    folded: list[_Cause] = []
+    merged: list[_Cause] = []
     for cause in _gather(events):
-        same = next((previous for previous in folded if _same_cause(previous, cause)), None)
+        same = next((previous for previous in merged if _same_cause(previous, cause)), None)
         if same is None:
-            folded.append(cause)
+            merged.append(cause)
         else:
             same.count, same.until = same.count + 1, cause.until
-    for cause in folded:
+    for cause in merged:
         if cause.count == 1:
-            _leave_out(cause, current)
-    return [cause.line() for cause in folded if cause.clauses or cause.stopping]
+            _remove_shown(cause, current)
+    return [cause.line() for cause in merged if cause.clauses or cause.stopping]
 
 
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
@@ -128,7 +128,7 @@ def _same_cause(first: _Cause, second: _Cause) -> bool:
     return (first.who, first.clauses.keys(), first.stopping) == (second.who, second.clauses.keys(), second.stopping)
 
 
-def _leave_out(cause: _Cause, current: Mapping[str, str]) -> None:
+def _remove_shown(cause: _Cause, current: Mapping[str, str]) -> None:
     """Remove the clauses of a cause that are already shown as the present error of the node."""
     for error in current.values():
         place = _PLACE.fullmatch(error)
@@ -179,8 +179,8 @@ def run(args: argparse.Namespace) -> int:
 def run_plain(arguments: Sequence[str]) -> bool:
     """Run the verb without importing the modules for options and messages, which take most of the time.
 
-    Return False, with nothing done, where they are needed: other arguments, a robot of another version, one with a
-    true pose, or one that does not answer as it should.
+    Return False without output if these modules are needed: for other arguments, another version of the robot, a true
+    pose, or an unexpected answer.
     """
     match arguments:
         case []:
@@ -192,11 +192,11 @@ def run_plain(arguments: Sequence[str]) -> bool:
     status = request_plain(select_robot(name), "status")
     if status is None or getattr(status, "version", "") != __version__ or status.true_pose is not None:
         return False
-    _print_table(_completed(status))
+    _print_table(_with_attributes(status))
     return True
 
 
-def _completed(status: Any) -> Any:  # noqa: ANN401 - a Status but for its class
+def _with_attributes(status: Any) -> Any:  # noqa: ANN401 - a Status but for its class
     """Convert a plain status of this version: replace the dicts in it by objects with attributes."""
     status.active = [name for name, state in status.controllers.items() if state == "active"]
     status.cycle = SimpleNamespace(**status.cycle)
@@ -239,7 +239,7 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
         for axis in node.axes or (None,):
             table.add(_row(name, node, axis, None if axis is None else state.joints.get(axis.joint)))
     for name, joint in () if state.nodes else state.joints.items():
-        table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock, or simulated
+        table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock hardware or a simulation
     alone = bool(state.nodes) and all(len(node.axes) <= 1 for node in state.nodes.values())  # the node names the axis
     rows = table.lines(width, (*_EXPENDABLE, *(("joint",) if alone else ()), "position rad"))
     lines = [state.hint] if state.hint else []
@@ -303,7 +303,7 @@ def _marked(name: str, node: NodeReading) -> str:
 def _void_outputs(state: Snapshot) -> list[str]:
     """Return lines about the outputs whose command became void when their node was lost."""
     return [
-        f"  node {node.node_id} ({name}): void since it was lost, and not restored: {', '.join(node.void_outputs)}; "
+        f"  node {node.node_id} ({name}): outputs void since the node was lost: {', '.join(node.void_outputs)}; "
         "command them again"
         for name, node in state.nodes.items()
         if node.void_outputs
@@ -378,7 +378,7 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
-        if not ended:  # its process was killed; the last sample is no longer valid
+        if not ended:  # the robot's process was killed, so the last sample is outdated
             print(f"canopen-control: {error}", file=sys.stderr)
     return 0
 
@@ -392,10 +392,10 @@ class _LiveTable:
 
     def draw(self, sample: StateSample) -> None:
         """Redraw the table with a new sample."""
-        former, self._size = self._size, _terminal_size()
-        lines = _within(render(sample, self._size.columns), self._size.lines - 1)
+        previous, self._size = self._size, _terminal_size()
+        lines = _limited(render(sample, self._size.columns), self._size.lines - 1)
         up = f"\x1b[{self._height}A" if self._height else ""
-        if former is not None and former != self._size:  # the terminal has moved the rows
+        if previous is not None and previous != self._size:  # the terminal has moved the rows
             up = "\x1b[H\x1b[2J"
         print(up + "\x1b[K\n".join(painted(lines)) + "\x1b[K\n\x1b[J", end="", flush=True)
         self._height = len(lines)
@@ -418,11 +418,11 @@ def _terminal_size() -> os.terminal_size:
     return size if size.columns > 0 and size.lines > 1 else os.terminal_size((80, 24))
 
 
-def _within(lines: list[str], height: int) -> list[str]:
+def _limited(lines: list[str], height: int) -> list[str]:
     """Return at most `height` lines; if lines are omitted, the last line contains their number."""
     if len(lines) <= height:
         return lines
     return [
         *lines[: height - 1],
-        f"... {len(lines) - height + 1} more lines: a higher terminal, or canopen-control status",
+        f"... {len(lines) - height + 1} more lines: enlarge the terminal, or use canopen-control status",
     ]

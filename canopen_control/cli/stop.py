@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 EXAMPLE = "canopen-control stop"
-NEXT = "to go on: canopen-control axis enable all"
-LATCHED = "to go on: canopen-control stop --release"
-WITHOUT_DRIVES = "no drive is disabled, so the next command moves it; to forbid that: canopen-control stop --latch"
+NEXT = "to continue: canopen-control axis enable all"
+LATCHED = "to continue: canopen-control stop --release"
+WITHOUT_DRIVES = "no drive is disabled, so the next command moves it; to prevent this: canopen-control stop --latch"
 SOURCE = "canopen-control stop"
 TIMEOUT_S = 20.0
 

@@ -6,7 +6,8 @@ The base stops when no key arrives: --release seconds after a held key was relea
 only tapped (a terminal cannot report it earlier), and at once with space, k or any other key, when the terminal loses
 the focus, and at the end of the program. This is not an emergency stop (ISO 13850).
 
-Exit codes: 0 you quit; 1 the robot or the terminal is gone; 2 wrong usage, or no robot or controller for it.
+Exit codes: 0 quit by the user; 1 the robot or the terminal is gone; 2 wrong usage, or no robot, or no suitable
+controller.
 """
 
 from __future__ import annotations
@@ -94,11 +95,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     if args.topic is None and (args.stamped or args.frame_id):
-        raise ConfigError("--stamped and --frame-id go with --topic")
+        raise ConfigError("--stamped and --frame-id require --topic")
     if args.topic is not None:
         from canopen_control.cli.ros import begin_ros
 
-        begin_ros()  # it may start this process again, which the terminal must not notice
+        begin_ros()  # may restart this process, so the terminal is changed afterwards
     with contextlib.ExitStack() as stack:
         keyboard = stack.enter_context(Keyboard())
         target: TeleopTarget = TeleopRobot(args) if args.topic is None else RosTarget(args, stack)
@@ -141,7 +142,7 @@ def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
     """Command zero velocity several times, and finish the status line, even if the robot or the terminal is gone."""
-    with contextlib.suppress(RemoteError):  # after a refusal or a lost robot no command is in force
+    with contextlib.suppress(RemoteError):  # after a refusal or a loss of the robot no command is active
         for _ in range(ZEROS):
             target.send(ZERO)
     with contextlib.suppress(OSError, ValueError):
@@ -255,13 +256,11 @@ class TeleopRobot:
         self._robot.ask(request, TIMEOUT_S)
 
     def news(self) -> list[str]:
-        """Return the warnings and errors of the robot since the last call."""
         events = [message for message in self._robot.messages(0) if isinstance(message, RobotEvent)]
         lines, self._news = [*self._news, *(event.text for event in events if event.level != "info")], []
         return lines
 
     def close(self) -> None:
-        """Close the connection to the robot."""
         self._robot.close()
 
 
@@ -283,7 +282,7 @@ def choose(controllers: Sequence[ControllerReading], name: str | None) -> Contro
         raise ConfigError(f"several controllers are active: {_names(candidates)}; choose one with --controller")
     if not candidates:
         raise ConfigError(
-            f"no controller that could be commanded is active; there are: {_names(controllers)}. "
+            f"no active controller accepts commands; loaded: {_names(controllers)}. "
             "Activate one: canopen-control controller activate NAME"
         )
     return _usable(candidates[0])
@@ -298,7 +297,7 @@ def _usable(controller: ControllerReading) -> ControllerReading:
     interface = controller.interface or "several interfaces"
     raise ConfigError(
         f"{name} commands {interface} of {len(joints)} joint{'' if len(joints) == 1 else 's'}; teleop drives a base or "
-        f"two wheels by velocity. By values: canopen-control command {name} VALUE..."
+        f"two wheels by velocity. To command values: canopen-control command {name} VALUE..."
     )
 
 
@@ -307,7 +306,7 @@ _LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the le
 
 
 def sides(joints: Sequence[str]) -> tuple[int, int]:
-    """Return the signs of the angular speed for two wheels; unless the names tell otherwise, the first is left."""
+    """Return the signs of the angular speed for two wheels; the first is left, unless the names show the opposite."""
     swapped = "right" in joints[0].lower() or "left" in joints[1].lower()
     return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
 
@@ -321,7 +320,7 @@ class RosTarget:
 
     units = ("m/s", "rad/s")
     speeds = _BASE_SPEEDS
-    sideways = True  # whether the subscriber can is not known; teleop_twist_keyboard sends it too
+    sideways = True  # the subscriber is unknown; teleop_twist_keyboard also sends lateral velocities
 
     def __init__(self, args: argparse.Namespace, stack: contextlib.ExitStack) -> None:
         from canopen_control.ros.graph import open_graph
@@ -335,7 +334,6 @@ class RosTarget:
         self._topic = args.topic
 
     def send(self, velocities: Velocities) -> None:
-        """Publish the velocities as Twist or TwistStamped."""
         linear = {"x": velocities.linear, "y": velocities.lateral}
         twist: dict[str, object] = {"linear": linear, "angular": {"z": velocities.angular}}
         self._publication.fill(self._stamp(twist) if self._stamped else twist)
@@ -347,12 +345,12 @@ class RosTarget:
         return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self._frame_id}, "twist": twist}
 
     def news(self) -> list[str]:
-        """Report when the first subscriber connects and the last one disconnects."""
+        """Report the connection of the first subscriber, and the disconnection of the last."""
         alone = self._publication.subscribers() == 0
         before, self._alone = self._alone, alone
         if alone == before or (before is None and not alone):
             return []
-        return [f"nothing subscribes to {self._topic} yet" if alone else f"a program subscribes to {self._topic}"]
+        return [f"{self._topic} has no subscriber" if alone else f"{self._topic} has a subscriber"]
 
     def close(self) -> None:
         """Do nothing, because the caller closes the ROS graph."""

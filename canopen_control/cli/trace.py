@@ -4,19 +4,18 @@ The frames are live, or from a recording. Nothing is sent. Names come from the r
 (ROBOT), or from EDS files; without any of them the predefined connection set is shown. Ends with Ctrl-C, --count or
 --for.
 
-Exit codes: 0 good; 1 the bus is gone; 2 wrong usage, or no such file, channel or robot.
+Exit codes: 0 success; 1 the bus is gone; 2 wrong usage, or no such file, channel or robot.
 """
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import sys
 from functools import partial
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.arguments import add_duration, whole_number
+from canopen_control.cli.support.arguments import add_duration, argument, whole_number
 from canopen_control.cli.support.bus_description import (
     add_network_arguments,
     network_for,
@@ -29,6 +28,7 @@ from canopen_control.trace.decoder import Decoder
 from canopen_control.trace.frame_lines import Filter, LineWriter, document_of, node_ids_of, parse_ids, parse_services
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Iterable, Iterator
 
     from canopen_control.bus.port import BusEvent
@@ -60,28 +60,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select frames, and the format in which frames are shown."""
     parser.add_argument(
-        "--node", action="append", default=[], metavar="N", help="only this node: id or name (repeatable)"
+        "--node", action="append", default=[], metavar="N", help="show only this node, by id or name (repeatable)"
     )
     parser.add_argument(
         "--service",
-        type=_value(parse_services),
+        type=argument(parse_services),
         default=frozenset(),
         metavar="S,...",
-        help="only these services: pdo, sdo, emcy, nmt, hb, sync, time, lss, error, raw",
+        help="show only these services: pdo, sdo, emcy, nmt, hb, sync, time, lss, error, raw",
     )
     parser.add_argument(
         "--id",
         action="append",
         default=[],
-        type=_value(parse_ids),
+        type=argument(parse_ids),
         metavar="ID",
-        help="only this identifier or range, in hex: 181, 180-1FF (repeatable)",
+        help="show only this identifier or range, in hex: 181, 180-1FF (repeatable)",
     )
-    parser.add_argument("--changes", action="store_true", help="cyclic frames only when their data changed")
+    parser.add_argument("--changes", action="store_true", help="show cyclic frames only when their data change")
     parser.add_argument(
         "--events",
         action="store_true",
-        help="only events: changes of state, commands, modes, boot-ups, EMCY, aborts, errors",
+        help="show only events: changes of state, commands, modes, boot-ups, EMCY, aborts, errors",
     )
     parser.add_argument(
         "--count",
@@ -89,20 +89,10 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="end after N lines",
     )
-    parser.add_argument("--absolute", action="store_true", help="times of day instead of seconds since the first frame")
-    parser.add_argument("--json", action="store_true", help="one JSON object for each frame")
-
-
-def _value(parse: Callable[[str], object]) -> Callable[[str], object]:
-    """Return a parser like `parse` that raises ArgumentTypeError instead of ValueError."""
-
-    def parsed(text: str) -> object:
-        try:
-            return parse(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return parsed
+    parser.add_argument(
+        "--absolute", action="store_true", help="show times of day instead of seconds since the first frame"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object for each frame")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -122,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
         port.close()
     if port.stats.lost:
         print(
-            f"canopen-control: {port.stats.lost} frames were lost: they came faster than they were read",
+            f"canopen-control: {port.stats.lost} frames were lost: they arrived faster than they were read",
             file=sys.stderr,
         )
     return 0

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cli.support.arguments import add_duration, number, seconds
-from canopen_control.cli.support.commands import the_controller
+from canopen_control.cli.support.commands import find_controller
 from canopen_control.cli.support.output import Progress, json_text, print_result
 from canopen_control.client import RobotClient
 from canopen_control.client.robot_client import HEARTBEAT_S
@@ -56,10 +56,10 @@ _APART_S: Final = 0.045
 
 
 class TrajectoryRecording:
-    """Recorded positions of `joints` in rad or m at times in s, with at most `most` points."""
+    """Recorded positions of `joints` in rad or m at times in s, with at most `max_points` points."""
 
-    def __init__(self, joints: Sequence[str], most: int) -> None:
-        self.joints, self._most = tuple(joints), most
+    def __init__(self, joints: Sequence[str], max_points: int) -> None:
+        self.joints, self._max_points = tuple(joints), max_points
         self._times: list[float] = []
         self._positions: list[list[float]] = []
 
@@ -69,7 +69,7 @@ class TrajectoryRecording:
     @property
     def is_full(self) -> bool:
         """Whether the recording has the maximum number of points of a trajectory."""
-        return len(self) >= self._most
+        return len(self) >= self._max_points
 
     def add(self, time: float, positions: Sequence[float]) -> None:
         """Add the joint positions at a time in s; a time not later than the previous time is ignored."""
@@ -87,7 +87,7 @@ class TrajectoryRecording:
         while end > 1 and _near(self._positions[end - 2], self._positions[-1]):
             end -= 1
         if end < 2:
-            raise CanopenError("no joint has moved meanwhile, so there is nothing to play; move one while it records")
+            raise CanopenError("no joint moved, so there is nothing to record; move a joint during the recording")
         times, positions = self._times[:end], self._positions[:end]
         return [
             TrajectoryPoint(
@@ -122,8 +122,8 @@ EXAMPLE = """canopen-control trajectory play wave.yaml
          canopen-control trajectory record -o wave.yaml --for 10
          canopen-control trajectory cancel --controller arm_controller"""
 
-_PATIENCE_S: Final = 3600.0  # added to the duration: time may be scaled, and a goal may be waited for without limit
-_LOOK_S: Final = 0.2  # interval at which a recording checks whether to end
+_MARGIN_S: Final = 3600.0  # added to the duration: time may be scaled, and a goal may be waited for without limit
+_POLL_S: Final = 0.2  # interval at which a recording checks whether to end
 _ENDS: Final = (signal.SIGINT, signal.SIGTERM)
 
 _rate = number("rate in Hz above 0 and up to 200", lambda value: 0.0 < value <= 200.0)
@@ -158,9 +158,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points per second (default: 20)")
     add_duration(record, "end after S seconds", former="--duration", dest="duration")
     cancel = actions.add_parser("cancel", help="cancel the running trajectory: the joints brake")
-    for parser_of_action in (play, record, cancel):
-        parser_of_action.add_argument("--controller", help="controller name (default: the only active one)")
-        parser_of_action.add_argument("--name", help="the robot (default: the only one that runs)")
+    for action in (play, record, cancel):
+        action.add_argument("--controller", help="controller name (default: the only active one)")
+        action.add_argument("--name", help="the robot (default: the only one that runs)")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -189,9 +189,9 @@ def _play(args: argparse.Namespace) -> int:
         request = FollowTrajectory(
             controller=controller.name, joints=joints, points=remaining, source="trajectory", heartbeat=HEARTBEAT_S
         )
-        patience = points[-1].time_from_start + _PATIENCE_S if points else _PATIENCE_S
+        timeout = points[-1].time_from_start + _MARGIN_S if points else _MARGIN_S
         with robot.heartbeats():
-            result = robot.ask(request, patience)
+            result = robot.ask(request, timeout)
     reached = result.state == "succeeded"
     if args.json:
         print(json_text(result))
@@ -228,7 +228,7 @@ def _record(args: argparse.Namespace) -> int:
     """Record the joints until a signal, the end of --for or the maximum number of points, and write the file."""
     folder = Path(args.output).absolute().parent
     if not os.access(folder, os.W_OK):  # report this before the joints are moved, not afterwards
-        raise ConfigError(f"{args.output}: nothing can be written in {folder}; give another name")
+        raise ConfigError(f"{args.output}: {folder} is not writable; give another path")
     stopping = threading.Event()
     with RobotClient.connect(args.name) as robot:
         recording = TrajectoryRecording(_joints(robot, args), MAX_POINTS)
@@ -243,7 +243,7 @@ def _record(args: argparse.Namespace) -> int:
         ):
             robot.ask(Subscribe(state_rate=args.rate))
             while not is_over():
-                for message in robot.messages(_LOOK_S):
+                for message in robot.messages(_POLL_S):
                     if isinstance(message, StateSample):
                         _add(recording, message)
                     progress.at(len(recording))
@@ -251,7 +251,7 @@ def _record(args: argparse.Namespace) -> int:
                         break
     points = recording.points()
     write_trajectory(args.output, recording.joints, points)
-    full = f"; it ended with as many points as a trajectory may have, {MAX_POINTS}" if recording.is_full else ""
+    full = f"; ended at the maximum of {MAX_POINTS} points of a trajectory" if recording.is_full else ""
     seconds = points[-1].time_from_start
     done = {"file": args.output, "joints": recording.joints, "points": len(points), "seconds": seconds}
     print_result(args, done, f"{args.output}: {len(points)} points in {seconds:.1f} s{full}")
@@ -271,9 +271,9 @@ def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
     joints = robot.ask(GetStatus()).joints
     if args.joints is not None:
         names = [field.strip() for field in args.joints.split(",") if field.strip()]
-        strange = [controller for controller in names if controller not in joints]
-        if strange or not names:
-            raise ConfigError(f"--joints {args.joints}: the joints of the robot are {', '.join(joints)}; name some")
+        unknown = [name for name in names if name not in joints]
+        if unknown or not names:
+            raise ConfigError(f"--joints {args.joints}: name one or more joints of the robot: {', '.join(joints)}")
         return names
     controllers = [controller for controller in robot.ask(ListControllers()) if controller.tells == "trajectory"]
     named = [controller for controller in controllers if args.controller in (None, controller.name)]
@@ -283,4 +283,4 @@ def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
 
 
 def _controller(robot: RobotClient, args: argparse.Namespace) -> ControllerReading:
-    return the_controller(robot, args.controller, "trajectory", "joint trajectory controller")
+    return find_controller(robot, args.controller, "trajectory", "joint trajectory controller")

@@ -7,7 +7,7 @@ on a bare bus (--can, --eds) or through a robot without controllers, within limi
 confirm first (or with --yes). Ctrl-C, a limit, a fault or a lost terminal ends the run: the drive stops and is
 disabled. This is not an emergency stop (ISO 13850): have one in reach, and keep the shaft free.
 
-Exit codes: 0 good; 1 the run ended early or gave no usable result; 2 wrong usage, not confirmed, no such mode.
+Exit codes: 0 success; 1 the run ended early or gave no usable result; 2 wrong usage, not confirmed, no such mode.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from canopen_control.cli.support.open_session import (
     WarningPrinter,
     add_session_arguments,
     axis_of,
-    look_at_drive,
     open_session,
+    read_bare_drive,
     running_drive,
     with_counts,
 )
@@ -220,7 +220,7 @@ def _own(
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)
-    device = look_at_drive(args)
+    device = read_bare_drive(args)
     period_us = round(args.period * 1e3)
     robot = choose_tuned(device, request.kind, period_us, allow_unsupervised=args.allow_unsupervised)
     axis = axis_of(robot, args)

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the verb: 0 good."""
+    """Run the verb; return 0."""
     with Robot.attach(args.name) as robot:
         positions = {name: joint.position for name, joint in robot.joints().items()}
     if args.json:

@@ -33,7 +33,7 @@ def test_without_the_package_a_sentence_says_where_it_is(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "canopen_control_bench", None)
     assert main(["bench", "cycle"]) == 2
     said = capsys.readouterr().err
-    assert "not installed here" in said
+    assert "is not installed" in said
     assert "tools/bench" in said
 
 

@@ -117,7 +117,7 @@ def test_the_bit_rate_and_its_load(ports, capsys):
     ("arguments", "code", "message"),
     [
         (["status", "local:none"], 2, "bus local:none: no program has it open"),
-        (["status", "virtual:x"], 2, "only local: buses and CAN interfaces can be looked at"),
+        (["status", "virtual:x"], 2, "only local: buses and CAN interfaces have a status"),
         (["status", "can7"], 2, "no CAN interface 'can7'"),
         (["fault", "vcan0", "clear"], 2, "local: buses only"),
         (["fault", "local:none", "bitrate", "fast"], 2, "'fast' is not a bit rate"),

@@ -70,7 +70,7 @@ def test_every_listener_is_one_line_that_says_what_it_does(kernel):
         "  other (pid 14) receives some identifiers, on an interface that only root can see",
         "  isotprecv (pid 15) has a socket of CAN_ISOTP",
         "  watcher (pid 16) uses the kernel's broadcast manager",
-        "  3 more, of other users: type it with sudo to see them named",
+        "  3 more, of other users: run this with sudo to see their names",
     ]
 
 
@@ -78,4 +78,4 @@ def test_sockets_that_nobody_but_root_can_name_are_counted(kernel):
     kernel([Listener(10, "candump vcan0", "CAN_RAW", "vcan0", -1)], hearing=1)
     assert len(lines(VCAN0)) == 3
     kernel(hearing=2)
-    assert lines(VCAN0)[-1] == "  2 more, of other users: type it with sudo to see them named"
+    assert lines(VCAN0)[-1] == "  2 more, of other users: run this with sudo to see their names"

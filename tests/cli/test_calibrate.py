@@ -63,7 +63,7 @@ def test_a_simulated_base_is_calibrated_by_itself_and_its_yaml_is_copied(invente
     assert [line for line in copy.splitlines() if "multiplier" not in line] == YAML.read_text().splitlines()
     assert f"wheel_separation_multiplier: {base.factors[0]:.9g}\n" in copy
     assert main(["calibrate", "robby"]) == 2
-    assert "and the robot that runs has 1.0" in capsys.readouterr().err
+    assert "in the running robot; calibrate with the file" in capsys.readouterr().err
     assert base.driven == 6
     assert main(["calibrate", "--controllers", calibrate.OUTPUT, "-o", "two.yaml"]) == 0
     assert "nothing to correct: the largest error is 0.0 mm" in capsys.readouterr().out
@@ -113,10 +113,7 @@ def test_a_real_base_is_not_driven_where_nobody_can_be_asked(invented, capsys, m
     base = invented(simulated=False)
     monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: False))
     assert main(["calibrate"]) == 2
-    assert (
-        "there is no terminal to ask where it ends: run it in a terminal, or give --ends FILE"
-        in capsys.readouterr().err
-    )
+    assert "its end positions cannot be typed: run it in a terminal, or give --ends FILE" in capsys.readouterr().err
     assert base.driven == 0
 
 
@@ -124,7 +121,7 @@ def test_a_real_base_is_not_driven_where_nobody_can_be_asked(invented, capsys, m
     ("words", "sentence"),
     [
         ("calibrate -o mine.yaml", "--output is for a copy of a robot's YAML; name the robot's folder"),
-        ("calibrate robby -o there.yaml", "there.yaml is there already; give another --output, or --overwrite"),
+        ("calibrate robby -o there.yaml", "there.yaml already exists; give another --output, or --overwrite"),
         ("calibrate nobody", "nobody"),
         ("calibrate --controller robby_forward_controller", "is not a diff drive controller of the robot"),
     ],

@@ -55,7 +55,7 @@ def test_calibration_goes_along_where_that_is_asked_for(bus, capsys):
 
 def test_one_node_and_another_product_are_refused(bus, capsys):
     assert main(["clone", "3", "3", *bus.options]) == 2
-    assert "3 and 3 are one node" in capsys.readouterr().err
+    assert "3 and 3 are the same node" in capsys.readouterr().err
     before = bus.call(lambda: dict(bus.nodes[5].store.values))
     assert main(["clone", "3", "5", *bus.options]) == 2
     assert "belongs to another product than node 5" in capsys.readouterr().err

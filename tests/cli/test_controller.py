@@ -29,7 +29,7 @@ def test_the_list_tells_what_each_commands(controller):
     (line,) = [line for line in lines if line.startswith(BASE)]
     assert line.split()[2:] == ["unloaded", "-", "-"]
     (line,) = [line for line in lines if line.startswith(STATES)]
-    assert "nothing: it broadcasts" in line
+    assert "none (broadcaster)" in line
 
 
 def test_types_and_hardware(controller):
@@ -54,7 +54,7 @@ def test_a_controller_is_loaded_configured_switched_and_unloaded(controller):
 def test_activate_does_what_is_missing(controller):
     controller("deactivate", FORWARD)
     assert controller("activate", BASE) == f"{BASE}: active\n"
-    assert controller("activate", BASE, "--best-effort") == f"{BASE}: active, as before\n"
+    assert controller("activate", BASE, "--best-effort") == f"{BASE}: active, unchanged\n"
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_activate_does_what_is_missing(controller):
         (["unload", FORWARD], 1, "is active; deactivate it"),
         (["load", "robby_bas_controller"], 2, "did you mean"),
         (["deactivate", "nothing"], 2, "known: joint_state_broadcaster, robby_forward_controller"),
-        (["switch"], 2, "switch what? --activate"),
+        (["switch"], 2, "nothing to switch; give --activate"),
     ],
 )
 def test_what_is_refused_is_a_sentence_and_changes_nothing(controller, arguments, code, sentence):

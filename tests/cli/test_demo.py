@@ -47,4 +47,4 @@ def test_it_plays_its_motion_and_ends_with_0(stage):
 def test_it_never_moves_real_drives(capsys, words):
     assert main(["demo", *words]) == 2
     said = capsys.readouterr().err
-    assert "demo moves the robot by itself" in said
+    assert "demo moves the robot without a command" in said

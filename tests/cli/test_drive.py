@@ -39,7 +39,7 @@ def test_other_node_ids_are_refused_with_what_to_write(text):
 
 
 def test_drives_without_a_node_id_are_processes_of_their_own():
-    with pytest.raises(ConfigError, match="255 stands alone: a process for each drive without an id"):
+    with pytest.raises(ConfigError, match="255 is only allowed alone: one process per drive"):
         parse_node_ids("255,255")
 
 
@@ -171,7 +171,7 @@ def test_mistakes_in_files_are_told_before_the_drive_runs(processes, tmp_path, o
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [((), "drive needs --eds FILE"), (("--eds", "TMCM-1270.eds", "--json"), "--json is for drive --status")],
+    [((), "drive needs --eds FILE"), (("--eds", "TMCM-1270.eds", "--json"), "--json requires drive --status")],
 )
 def test_what_running_a_drive_needs_and_does_not_know_is_told(options, words):
     with pytest.raises(ConfigError, match=words):
@@ -209,10 +209,10 @@ def test_nodes_of_one_process_may_have_an_eds_each(given, others):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (["3=b.eds"], "node 2 has none"),
+        (["3=b.eds"], "no file for node 2"),
         (["a.eds", "b.eds"], "a.eds and b.eds are both for all nodes"),
-        (["a.eds", "9=b.eds"], "--node-id does not name it"),
-        (["a.eds", "3=b.eds", "2-3=c.eds"], "node 3: it has another one already"),
+        (["a.eds", "9=b.eds"], "it is not in --node-id"),
+        (["a.eds", "3=b.eds", "2-3=c.eds"], "node 3: another file is given for it"),
     ],
 )
 def test_an_eds_that_fits_no_node_or_too_many_is_told(given, words):

@@ -51,7 +51,7 @@ def test_a_node_and_its_axes_have_a_line_each():
 
 def test_what_is_wrong_stands_beside_the_node():
     (line,) = state_lines(drive(errors=[0x8611], faults=["rpdo_late"]))
-    assert line == "node 3, servo: OPERATIONAL, error 0x8611; faults that are on: rpdo_late"
+    assert line == "node 3, servo: OPERATIONAL, error 0x8611; active faults: rpdo_late"
 
 
 def test_the_quality_of_set_points_has_its_counts_ripple_and_phase():

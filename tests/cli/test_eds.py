@@ -205,10 +205,7 @@ def test_a_conversion_names_the_values_that_the_new_format_cannot_have(tmp_path,
     text = data_path("eds", TMCM).read_text(encoding="latin-1").replace("[6081]", "[6081]\nParameterValue=7", 1)
     (tmp_path / "a.dcf").write_text(text, encoding="latin-1")
     assert main(["eds", "convert", dcf, "-o", eds]) == 0
-    assert (
-        f"{eds}: without the 1 values of one device (ParameterValue); .dcf and .xdc keep them"
-        in capsys.readouterr().out
-    )
+    assert f"{eds}: without ParameterValue (1 in the input); .dcf and .xdc include it" in capsys.readouterr().out
     assert main(["eds", "convert", dcf, "-o", again, "--node-id", "3"]) == 0
     assert "without the" not in capsys.readouterr().out
 
@@ -222,8 +219,8 @@ def test_a_file_is_converted_to_the_format_of_the_outputs_ending(tmp_path, capsy
     assert read_eds(xdc).od.node_id == 3
     capsys.readouterr()
     for words, complaint in (
-        ([xdd, "-o", xdc], "c.xdc exists; take another name, or --force"),
-        ([xdd, "-o", f"{xdc}2"], "its ending names the format: .eds, .dcf, .xdd, .xdc"),
+        ([xdd, "-o", xdc], "c.xdc already exists; choose another name, or --force"),
+        ([xdd, "-o", f"{xdc}2"], "the suffix chooses the format, and must be one of: .eds, .dcf, .xdd, .xdc"),
         ([xdd, "-o", str(tmp_path / "d.dcf")], "a.xdd has no node id; give --node-id N"),
         ([xdd, "-o", str(tmp_path / "no" / "d.eds")], "cannot be written: no such folder"),
     ):

@@ -90,7 +90,7 @@ def test_a_drive_that_is_not_there_is_named_with_those_that_are(node, capsys):
 
 def test_without_any_drive_it_says_how_to_start_one(private_folders, capsys):
     assert main(["fault", "6", "silent", "on", "--can", "memory:other"]) == 1
-    assert "there is none; canopen-control drive starts one" in capsys.readouterr().err
+    assert "no virtual drive runs; start one with: canopen-control drive" in capsys.readouterr().err
 
 
 def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(node, capsys, monkeypatch):
@@ -101,8 +101,8 @@ def test_a_drive_of_a_running_robot_has_its_users_names_and_needs_no_channel(nod
     assert main(["fault", "5"]) == 0
     assert capsys.readouterr().out.splitlines() == [
         "node 5: silent",
-        "node 5: no fault is on",
-        "node 5: no fault is on",
+        "node 5: no active fault",
+        "node 5: no active fault",
     ]
     assert main(["fault", "right_drive", "silent"]) == 2
     assert "no node 'right_drive' of a running robot; there are: left_drive (5)" in capsys.readouterr().err

@@ -40,11 +40,11 @@ def refused(capsys, *words):
 def test_a_robot_is_made_and_the_next_commands_are_named(capsys):
     assert main(["init", "turntable", *TMCM, "--node-id", "5", "--joint", "table_joint"]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "turntable/ is made: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
+        "created turntable/: TMCM-1270.eds, bus.yml, ros2_controllers.yaml, turntable.urdf",
         "  node 5 table_drive: moves table_joint, velocity in PV",
-        "the counts of a turn are a guess for table_drive (guesses in bus.yml): measure them",
-        "turn it, on virtual devices: canopen-control demo turntable",
-        "real drives, after a look at bus.yml: canopen-control preflight turntable --can can0",
+        "counts per revolution are guessed for table_drive (guesses in bus.yml); measure them",
+        "turn it on virtual devices: canopen-control demo turntable",
+        "on real drives, after checking bus.yml: canopen-control preflight turntable --can can0",
     ]
     assert main(["check", "turntable", "--strict"]) == 0
 
@@ -63,8 +63,8 @@ def test_an_io_module_alone_is_a_bus_without_joints(here, capsys):
     assert main(["init", "lamps", "--eds", str(module), "--node-id", "7"]) == 0
     assert sorted(path.name for path in Path("lamps").iterdir()) == ["bus.yml", "module.eds"]
     said = capsys.readouterr().out
-    assert "nothing of them is a drive or a signal that is known, so there are no controllers" in said
-    assert said.endswith("boot it, on virtual devices: canopen-control run lamps\n")
+    assert "no device has a known drive or signal profile, so the robot has a bus but no controllers" in said
+    assert said.endswith("boot it on virtual devices: canopen-control run lamps\n")
     assert main(["check", "lamps"]) == 0
 
 
@@ -143,7 +143,7 @@ def test_an_eds_that_was_given_and_is_for_another_device_is_named(tmp_path, monk
     found(monkeypatch, FoundNode(5, who(0x99, vendor=0x1)))
     given = without_product(tmp_path / "maker.eds", 0x286)
     assert main(["init", "found", "--can", "local:x", "--eds", given]) == 2
-    assert f"{given} is for another device; add its own file with --eds" in capsys.readouterr().err
+    assert f"not the device of {given}; add its EDS with --eds" in capsys.readouterr().err
 
 
 def test_a_robot_may_be_made_at_a_path(capsys):
@@ -171,8 +171,8 @@ def test_who_is_on_the_bus_gets_the_eds_that_fits(monkeypatch, capsys):
     )
     assert main(["init", "found", "--can", "local:x"]) == 0
     said = capsys.readouterr()
-    assert "node 9, vendor 0x00000286, product 0x00000123: no EDS fits; add its file with --eds" in said.err
-    assert "node 10 answers no SDO" in said.err
+    assert "node 9, vendor 0x00000286, product 0x00000123: no matching EDS; add it with --eds" in said.err
+    assert "node 10 does not answer SDO requests" in said.err
     text = Path("found/bus.yml").read_text()
     assert "node_id: 2 " in text
     assert "# TMCM-1270, serial number 77, its EDS is for revision 0x" in text
@@ -248,7 +248,7 @@ def test_a_robot_is_made_of_the_drives_on_a_bus(stage):
     made = stage.call("init", "found", "--can", "local:initbus")
     assert made.wait() == 0, made
     assert "node 6 joint_1_drive: moves joint_1, velocity in PV" in made.out
-    assert "the counts of a turn are a guess" in made.out
+    assert "counts per revolution are guessed" in made.out
     assert stage.call("check", "found", "--strict").wait() == 0
 
 

@@ -45,7 +45,7 @@ def test_a_velocity_for_a_time_turns_and_leaves_the_drive_off(bench, no_terminal
     assert bench.drive.drives[0].state is State.SWITCH_ON_DISABLED
     assert 0.2 * TURN < bench.get(0x6064) < 1.5 * TURN
     said = capsys.readouterr().out
-    assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg each way" in said
+    assert "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg in each direction" in said
     assert "dead-man: the drive watches this computer's heartbeat (0x1016)" in said
     assert "OPERATION ENABLED, " in said
     assert said.endswith("duration elapsed: stopped and disabled\n")
@@ -93,7 +93,7 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
     with jog_bench(TMCM, "memory:counts") as bench:
         assert bench.jog("--velocity", "500pps", "--for", "0.5") == 0
         assert 0 < bench.get(0x6064) < 500
-        assert "counts a turn: neither in the EDS nor in the drive" in capsys.readouterr().out
+        assert "counts per turn unknown, as neither EDS nor drive" in capsys.readouterr().out
         assert bench.jog("--velocity", "10rpm", "--for", "1") == 2
         assert "give it with --counts N, or use raw units: pps or counts/s" in capsys.readouterr().err
         assert bench.jog("--velocity", "10rpm", "--for", "0.5", "--counts", "1600") == 0
@@ -106,11 +106,11 @@ def test_a_drive_whose_units_nobody_tells_is_turned_in_counts(private_folders, n
     ("words", "why"),
     [
         (("--velocity", "nan", "--for", "1"), "'nan' is not a velocity that a drive could reach"),
-        (("--velocity", "0", "--for", "1"), "that moves nothing"),
-        (("--velocity", "500rpm", "--for", "1"), "500rpm is beyond the limit of 6.28 rad/s (60.0 rpm); raise that"),
-        (("--position", "20turns"), "20turns is beyond the limit of 3600.0 deg; raise that, if it is safe: --max-tr"),
+        (("--velocity", "0", "--for", "1"), "moves nothing; give another value"),
+        (("--velocity", "500rpm", "--for", "1"), "500rpm exceeds the limit of 6.28 rad/s (60.0 rpm); if safe"),
+        (("--position", "20turns"), "20turns exceeds the limit of 3600.0 deg; if safe, raise the limit with --max-tr"),
         (("--axis", "3", "--for", "1"), "node 5 has no axis 3; it has 1, counted from 0"),
-        ((), "which the keys need; move for a time: --for S"),
+        ((), "so there are no keys; give a duration with --for S"),
     ],
 )
 def test_what_is_no_jog_is_refused_before_anything_moves(bench, no_terminal, capsys, words, why):
@@ -123,7 +123,7 @@ def test_another_device_than_the_eds_describes_is_refused(bench, no_terminal, ca
     assert bench.jog("--for", "1", eds=TMCM) == 2
     assert "node 5 is not the device of TMCM-1270.eds: vendor 0x00000286 in the EDS, 0x" in capsys.readouterr().err
     assert bench.jog("--for", "1", eds="generic_cia401.eds") == 2
-    assert "it describes no CiA 402 drive" in capsys.readouterr().err
+    assert "so the device is not a CiA 402 drive" in capsys.readouterr().err
 
 
 def test_a_fault_is_told_and_reset_only_on_demand_which_moves_nothing(bench, no_terminal, capsys):

@@ -9,7 +9,7 @@ from canopen_control.cli.main import main
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--config", "robby"], "--config, --bus and --eds go with --can"),
+        (["--config", "robby"], "--config, --bus and --eds require --can"),
         (["--name", "nobody"], "no robot 'nobody' is running"),
         (["--can", "local:x", "--config", "nowhere"], "nowhere"),
         (["--can", "local:x"], "bus local:x: no program has it open; no local bus is open now"),

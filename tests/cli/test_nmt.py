@@ -27,7 +27,7 @@ def state_of(drives, node_id):
 
 def test_a_command_reaches_its_node_alone_and_silence_is_told(bus, capsys):
     assert main(["nmt", "start", "3", *ON_BUS, "--wait", "0.05"]) == 0
-    assert capsys.readouterr().out == "node 3: start was sent; no heartbeat has confirmed it within 0.05 s\n"
+    assert capsys.readouterr().out == "node 3: start was sent; no heartbeat confirmed it within 0.05 s\n"
     assert (state_of(bus, 3), state_of(bus, 5)) == (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL)
 
 
@@ -63,7 +63,7 @@ def test_all_nodes_of_a_bus(bus, capsys):
     assert main(["nmt", "reset-node", "all", *ON_BUS, "--wait", "0.3"]) == 0
     assert capsys.readouterr().out.splitlines() == ["node 3: has booted", "node 5: has booted"]
     assert main(["nmt", "stop", "all", *ON_BUS, "--wait", "0.05"]) == 0
-    assert capsys.readouterr().out == "stop was sent to all; no heartbeat was heard within 0.05 s\n"
+    assert capsys.readouterr().out == "stop was sent to all; no heartbeat arrived within 0.05 s\n"
     assert eventually(lambda: {state_of(bus, 3), state_of(bus, 5)} == {NmtState.STOPPED})
 
 
@@ -86,7 +86,7 @@ def test_a_node_that_does_not_obey_is_named_and_the_exit_code_is_1(private_folde
         drives.call(lambda: setattr(drives.nodes[3].nmt, "command", lambda command: False))
         assert main(["nmt", "stop", "left_drive", "--wait", "0.5"]) == 1
         error = capsys.readouterr().err
-    assert error.startswith("canopen-control: node 3 (left_drive): stop is not confirmed within 0.5 s; it shows OPERAT")
+    assert error.startswith("canopen-control: node 3 (left_drive): stop was not confirmed within 0.5 s; it shows")
 
 
 @pytest.mark.parametrize(
@@ -114,4 +114,4 @@ def test_what_does_not_work_is_one_sentence(private_folders, arguments, said, ca
 def test_a_robot_without_nodes_is_not_silently_obeyed(private_folders, capsys):
     with running("no-bus"):
         assert main(["nmt", "stop", "all", "--name", "no-bus"]) == 2
-    assert "robot no-bus has no nodes: it runs on mock hardware, or simulated" in capsys.readouterr().err
+    assert "robot no-bus has no nodes: it runs on mock hardware or in a simulation" in capsys.readouterr().err

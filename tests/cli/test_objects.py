@@ -27,7 +27,7 @@ def test_a_drive_tells_what_it_holds_and_what_that_means(drive, capsys):
 
 def test_what_is_not_as_by_default_is_marked_and_can_be_had_alone(drive, capsys):
     assert objects("heartbeat", "--changed") == 1
-    assert "every object is as by default" in capsys.readouterr().err
+    assert "every object has its default value" in capsys.readouterr().err
     assert main(["sdo", "write", "5", "0x1017", "900", "--can", BUS, "--eds", TMCM]) == 0
     capsys.readouterr()
     assert objects("heartbeat", "--changed", "--json") == 0

@@ -85,7 +85,7 @@ def test_a_node_that_has_everything_needs_nothing(live, tmp_path, capsys):
         "    allow_unsupervised: true, heartbeat_producer: 1000, sdo: [{index: 0x2000, value: 5}]}\n"
     )
     live.call(lambda: (live.nodes[3].store.set(0x2000, 0, 5), live.nodes[3].store.set(0x1017, 0, 1000)))
-    assert plan(capsys, tmp_path, "--against", "memory:plan") == "node 3 (wheel, TMCM-1270.eds): nothing differs\n"
+    assert plan(capsys, tmp_path, "--against", "memory:plan") == "node 3 (wheel, TMCM-1270.eds): no differences\n"
 
 
 def test_a_node_that_does_not_answer_is_exit_code_1_and_the_others_are_shown(private_folders, capsys):

@@ -29,23 +29,23 @@ def results(found):
 @pytest.mark.parametrize(
     ("link", "expected", "words"),
     [
-        (CAN0, [("link", True), ("bit rate", True)], "1000000 bit/s, bus.yml says 1000000"),
+        (CAN0, [("link", True), ("bit rate", True)], "1000000 bit/s, and 1000000 in bus.yml"),
         (
             dataclasses.replace(CAN0, bitrate=500_000),
             [("link", True), ("bit rate", False)],
-            "500000 bit/s, bus.yml says 1000000",
+            "500000 bit/s, and 1000000 in bus.yml",
         ),
         (dataclasses.replace(CAN0, state="ERROR-PASSIVE"), [("link", False), ("bit rate", True)], "ERROR-PASSIVE"),
         (
             dataclasses.replace(CAN0, is_up=False),
             [("link", False)],
-            "type: canopen-control bus up can0 --bitrate 1000000",
+            "bring it up with: canopen-control bus up can0 --bitrate 1000000",
         ),
-        (None, [("link", False)], "can0 is not there"),
+        (None, [("link", False)], "can0 does not exist"),
         (
             CanInterface("can0", "vcan", is_up=True),
             [("link", True), ("bit rate", None)],
-            "is a vcan interface and has none",
+            "is a vcan interface, which has no bit rate",
         ),
     ],
     ids=["good", "other rate", "passive", "down", "missing", "virtual"],
@@ -71,7 +71,7 @@ def test_nodes_are_compared_to_bus_file_and_eds_and_strangers_are_named(stage):
     ours = [("node", True), ("EDS", True), ("errors", True), ("limits", None)]
     assert results(found) == [*ours, *ours, ("node", None)]
     assert found[0].text == "node 3 (left_drive): TMCM-1270, serial number 3"
-    assert found[-1].text == "node 9 answers and is not in bus.yml"
+    assert found[-1].text == "node 9 answers, but is not in bus.yml"
 
 
 @pytest.mark.rest
@@ -83,7 +83,7 @@ def test_a_node_that_is_missing_or_another_one_fails(stage, tmp_path):
     found = list(node_steps(setup.bus, "local:wrong"))
     assert [step.name for step in found if step.passed is False] == ["node", "node"]
     assert "revision 0x00000077 expected" in found[0].text
-    assert found[-1].text.startswith("node 2 (right_drive) does not answer; is it powered")
+    assert found[-1].text.startswith("node 2 (right_drive) does not answer; check power")
 
 
 @contextlib.contextmanager
@@ -104,7 +104,7 @@ def test_the_jog_measures_velocity_way_and_stop(private_folders):
 @pytest.mark.parametrize(
     ("edits", "words"),
     [
-        ({"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: 254.64790894703253"}, "turns the other way"),
+        ({"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: 254.64790894703253"}, "turns the wrong way"),
         (
             {"scale_vel_to_dev: -254.64790894703253": "scale_vel_to_dev: -2546.4790894703253"},
             "rad/s at a command of 0.5",
@@ -246,7 +246,7 @@ def test_control_c_at_a_question_ends_its_line_and_jogs_nothing(drives, monkeypa
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", interrupted, raising=False)
     assert main(["preflight", "robby", "--can", "local:flight"]) == 130
-    assert capsys.readouterr().out.endswith("Go on? [y/N] \n")
+    assert capsys.readouterr().out.endswith("Continue? [y/N] \n")
     assert speeds() == [0.0, 0.0]
 
 
@@ -256,7 +256,7 @@ def test_the_end_of_the_input_is_a_no_on_a_line_of_its_own(drives, monkeypatch, 
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdin.readline", lambda: "", raising=False)
     assert main(["preflight", "robby", "--can", "local:flight"]) == 1
-    assert "Go on? [y/N] \nFAIL  jog       not wanted\n" in capsys.readouterr().out
+    assert "Continue? [y/N] \nFAIL  jog       declined by the user\n" in capsys.readouterr().out
 
 
 class FakeJog:
@@ -292,8 +292,8 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
     flight = preflight.Preflight(None, told.append, lambda question: asked.append(question) or True, 0.5)
     assert flight.move() is True
     assert flight.covered == ["wheel"]
-    stays = "; it is not turned, and stays slow with --real"
-    assert f"note  jog       gripper has neither velocity nor position to command{stays}" in told
+    stays = "; it is not turned, and remains limited with --real"
+    assert f"note  jog       gripper has neither a velocity nor a position command interface{stays}" in told
     assert f"note  jog       lift: it is at its limit{stays}" in told
     assert [question for question in asked if "lift" in question or "gripper" in question] == []
     interfaces.pop("wheel")
@@ -306,7 +306,7 @@ def test_what_could_not_be_turned_is_said_and_not_covered_by_the_pass(monkeypatc
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ([], "there is no terminal to ask questions"),
+        ([], "standard input is not a terminal, so no question"),
         (["--mock"], "unrecognized arguments: --mock"),
         (["--no-drives"], "unrecognized arguments: --no-drives"),
         (["--real"], "unrecognized arguments: --real"),

@@ -47,7 +47,7 @@ def test_a_quirk_goes_on_and_off_without_a_master(node, capsys):
     assert main(["quirk", "5", "brake_delay", "off", "--can", CAN, "--json"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[:4] == [
-        "node 5: no quirk is on",
+        "node 5: no active quirk",
         "node 5: brake_delay=0.7",
         "node 5: brake_delay=0.7, remote_never",
         "node 5: brake_delay=0.7, remote_never",

@@ -100,7 +100,7 @@ def test_the_old_form_is_understood_and_told(folders, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert out.startswith(f"{path}: 0 frames of local:old")
     new = f"write: record --can local:old -o {path}\n"
-    assert err == f"canopen-control: the old form, which ends with the next release; {new}"
+    assert err == f"canopen-control: these options are deprecated; {new}"
     port.close()
 
 
@@ -149,7 +149,7 @@ def test_a_bus_that_nobody_has_is_no_bus_to_record(folders, tmp_path, capsys):
         (["--can", "memory:x", "-o", "run.log"], "inside one process"),
         (["-o", "run.log"], "no robot is running"),
         (["--can", "run.log"], "no robot is running"),  # the old form
-        (["--can", "local:x", "--bag", "run"], "--bag is of a robot, not of a bus"),
+        (["--can", "local:x", "--bag", "run"], "--bag records a robot, not a bus"),
     ],
 )
 def test_what_cannot_be_recorded_is_a_sentence(folders, options, words, capsys):
@@ -180,7 +180,7 @@ def test_a_bag_is_of_a_robot_and_alone(arguments, capsys):
 def test_what_is_not_in_the_file_is_said():
     whole = Recorded("x.trc", "can0", 10, lost=2, left_out=3, seconds=1.5)
     assert whole.sentence() == (
-        "x.trc: 10 frames of can0 in 1.5 s, 2 lost: they came faster than they were read, "
+        "x.trc: 10 frames of can0 in 1.5 s, 2 lost: they arrived faster than they were read, "
         "3 left out: the format cannot hold them"
     )
     assert plain(whole) == {

@@ -109,7 +109,7 @@ def test_ctrl_c_ends_it_and_it_says_how_far_it_came(folders, log, capsys, monkey
 @pytest.mark.parametrize("bad", ["memory:x", "virtual:x"])
 def test_a_bus_nobody_would_hear_is_refused(bad, log, capsys):
     assert main(["replay", log, "--can", bad]) == 2
-    assert "no other program would hear it" in capsys.readouterr().err
+    assert "no other program receives the frames" in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -129,7 +129,7 @@ def test_a_flight_recording_is_watched_as_a_robot_until_one_runs(stage, flight):
         assert "left_wheel_joint" in client.ask(GetDescription()).urdf
     other = stage.start("run", "robby", "--mock", "--for", "20")
     assert program.wait() == 0
-    assert "robot robby runs now; the recording ends" in program.err
+    assert "robot robby has started; the replay ends" in program.err
     again = stage.start("replay", flight, "--page")
     assert again.wait() == 2
     assert "robot robby runs, and STOP must always refer to one robot" in again.err
@@ -139,4 +139,4 @@ def test_a_flight_recording_is_watched_as_a_robot_until_one_runs(stage, flight):
 @pytest.mark.parametrize("words", [["run.log", "--page"], ["fault.zip", "--page", "--can", "local:x"]])
 def test_only_a_flight_recording_is_watched_and_played_into_no_bus(words, capsys):
     assert main(["replay", *words]) == 2
-    assert "--page shows a flight recording, a .zip, and plays into no bus" in capsys.readouterr().err
+    assert "--page requires a flight recording (.zip) and no --can" in capsys.readouterr().err

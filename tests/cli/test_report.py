@@ -75,13 +75,13 @@ def test_a_running_robot_is_watched(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "nothing went wrong yet"),
+        ([], "no fault was recorded yet"),
         (["--name", "nobody"], "of nobody"),
         (["gone.zip"], "gone.zip"),
         (["gone.log"], "gone.log"),
         (["gone.txt"], "gone.txt"),
         (["--for", "1"], "no robot"),
-        (["x.zip", "--for", "1"], "without FILE"),
+        (["x.zip", "--for", "1"], "omit FILE"),
     ],
 )
 def test_what_cannot_be_reported_is_a_sentence_and_exit_code_2(arguments, words, capsys):

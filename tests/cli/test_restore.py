@@ -129,4 +129,4 @@ def test_a_wrong_file_is_told(bus, tmp_path, capsys, content):
     assert main(["restore", str(path), "3", *bus.options]) == 2
     assert str(path) in capsys.readouterr().err
     assert main(["restore", "gone", "3", *bus.options]) == 2
-    assert "`backup NODE -o gone` makes one" in capsys.readouterr().err
+    assert "create one with: canopen-control backup NODE -o gone" in capsys.readouterr().err

@@ -91,7 +91,7 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
     assert json.loads(program("param", "get", "/peer", "use_sim_time", "--json")) is False
     assert program("param", "set", "/peer", "use_sim_time", "false") == ""
     said = program("param", "set", "/peer", "use_sim_time", "3", code=1)
-    assert said.startswith("canopen-control: /peer has not set use_sim_time: ")
+    assert said.startswith("canopen-control: /peer did not set use_sim_time: ")
 
 
 @pytest.mark.ros
@@ -99,7 +99,7 @@ def test_a_nodes_parameters_are_listed_read_and_set(program):
     ("arguments", "code", "sentence"),
     [
         (["topic", "echo", "/nobody", "--timeout", "0.5"], 1, "there is no topic /nobody"),
-        (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "nothing subscribes to /nobody"),
+        (["topic", "pub", "/nobody", TYPE, "--timeout", "0.5"], 1, "/nobody has no subscriber"),
         (["topic", "pub", "/x", TYPE, "{speed: 1}"], 2, "speed is not a field of the message"),
         (["topic", "pub", "/x", TYPE, "{data: ["], 2, "<data>:1"),
         (["topic", "pub", "/x", "std_msgs/msg/Nothing"], 2, "this ROS installation lacks the interface std_msgs"),

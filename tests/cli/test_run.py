@@ -22,7 +22,7 @@ def arguments(*words):
 
 @pytest.mark.parametrize("words", [["--can", "vcan0"], ["--real"], ["--name", "a"], ["--plant", "a.yml"]])
 def test_what_the_file_says_is_refused(words):
-    with pytest.raises(ConfigError, match=f"{words[0]}: without a robot --world runs all"):
+    with pytest.raises(ConfigError, match=f"{words[0]} is for a single robot"):
         run_shared(arguments(*words))
 
 
@@ -51,7 +51,7 @@ def test_an_argument_that_names_a_world_is_for_physics_and_counts_as_the_option(
     assert read_setup(parse("robby", word, "--physics")).world == hall
     assert read_setup(parse("robby", "--physics", "--world", str(hall))).world == hall
     for arguments, said in (
-        (["robby", word], f"{word} is of a robot with physics; give --physics too"),
+        (["robby", word], f"{word} requires physics; add --physics"),
         (["robby", "--physics", word, "--world", "o.yml"], f"{word} contradicts --world o.yml; omit one of them"),
     ):
         assert main(["run", *arguments]) == 2
@@ -81,13 +81,13 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--controller", "nobody"], "nobody"),
         (["robby", "--real", "--mock"], "--real"),
         (["robby", "--as", "a/b"], "a/b"),
-        (["robby", "--mock", "--teleop"], "show it with --view"),
+        (["robby", "--mock", "--teleop"], "requires the page; add --view"),
         (["robby", "--kernel-sync"], "--kernel-sync: the kernel cannot send SYNC on local:robby"),
         (["robby", "--kernel-sync", "--can", "pcan:PCAN_USBBUS1"], "a SocketCAN interface such as --can vcan0"),
         (["robby", "--kernel-sync", "--mock"], "--kernel-sync: there is no bus"),
         (["robby", "--mock", "--cpu", "4000"], "--cpu 4000: choose a processor that this process may use:"),
         (["robby", "--can", "nonsense"], "nonsense"),
-        (["robby", "--world", "hall.yml"], "--world is of a robot with physics"),
+        (["robby", "--world", "hall.yml"], "--world requires physics"),
         (["robby", "--physics", "--world", "none.sdf"], "none.sdf: cannot be read: No such file or directory"),
         (["robby", "world:=none.sdf"], "world:=none.sdf: there is no file none.sdf"),
         (["robby", "--like", "emo"], "no personality 'emo', did you mean 'elmo'?"),
@@ -102,8 +102,8 @@ def test_a_run_on_virtual_drives_in_this_process(capsys):
         (["robby", "--plant", "none.yml", "--can", "memory:x"], "use --can local:NAME"),
         (["robby", "--plant", "none.yml"], "none.yml"),
         (["robby", "--can", "left=can0"], "left"),
-        (["robby", "--mock", "--namespace", "two"], "start it with --ros"),
-        (["robby", "--mock", "--ros-args", "-p", "rate:=20.0"], "start it with --ros"),
+        (["robby", "--mock", "--namespace", "two"], "requires the ROS bridge; add --ros"),
+        (["robby", "--mock", "--ros-args", "-p", "rate:=20.0"], "requires the ROS bridge; add --ros"),
         ([], "bundled robot"),
     ],
 )

@@ -76,7 +76,7 @@ def test_missing_and_additional_nodes_are_told(private_folders, capsys):
     _, two, three, nine, *_known = capsys.readouterr().out.splitlines()
     assert two.endswith("right_drive: as expected")
     assert three.split() == ["3", *["-"] * 8, "left_drive:", "missing"]
-    assert nine.endswith("not in it")
+    assert nine.endswith("not listed")
 
 
 def test_the_same_as_json(bus, capsys):
@@ -96,7 +96,7 @@ def test_a_node_that_answers_no_sdo_is_known_by_its_heartbeat(private_folders, c
         assert scan("--config", "robby") == 1
     _, two, three, *_known = capsys.readouterr().out.splitlines()
     assert two.endswith("right_drive: missing")
-    assert three.split() == ["3", *["-"] * 6, "STOPPED", "-", "left_drive:", "answers", "no", "SDO"]
+    assert three.split() == ["3", *["-"] * 6, "STOPPED", "-", "left_drive:", "does", "not", "answer", "SDO", "requests"]
 
 
 class Beating:
@@ -144,12 +144,12 @@ def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(priv
             assert two.endswith("right_drive: as expected")
             assert three.endswith("left_drive: as expected")
             assert stranger.split()[0] == str(STRANGER)
-            assert stranger.endswith("not in it")
+            assert stranger.endswith("not listed")
         monkey.undo()
         assert main(["scan", "--name", "scanrobot", *FAST]) == 0
         said = capsys.readouterr()
         assert len(said.out.splitlines()) == 4
-        assert "memory:scanrobot can be opened once only" in said.err
+        assert "memory:scanrobot can be opened only once" in said.err
         history = [(label, frame) for label, frame in drives_history() if frame.can_id in (0x602, 0x603)]
         assert {label for label, _ in history} == {"master"}  # one client for each server
         assert drives.errors == []

@@ -181,7 +181,7 @@ def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, 
 @pytest.mark.parametrize(
     ("words", "code", "why"),
     [
-        (("5:0x6064", "--trigger", "1:rising:1e9", "--wait", "0.2"), 1, "no shot was taken"),
+        (("5:0x6064", "--trigger", "1:rising:1e9", "--wait", "0.2"), 1, "no capture, as the trigger"),
         (("5:0x6064", "--trigger", "2:rising:0"), 2, "counted from 1 to 1"),
         (("5:0x6064", "--before", "1"), 2, "--before is of a trigger"),
         (("5",), 2, "'5' is not a signal"),

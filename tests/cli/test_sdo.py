@@ -116,7 +116,7 @@ def test_on_a_bare_bus_a_type_or_an_eds_is_told_and_reading_needs_neither(bus, c
         "node 5: 0x60FF:00: 4294967289 (0xFFFFFFF9, signed -7)",
     ]
     assert main(["sdo", "write", "5", "0x60FF", "-7", *bus]) == 2
-    assert capsys.readouterr().err == ("canopen-control: 0x60FF:00: there is no EDS: give its type, as in --type u32\n")
+    assert capsys.readouterr().err == ("canopen-control: 0x60FF:00: there is no EDS; give its type, as in --type u32\n")
 
 
 def test_json_has_value_and_bytes(robby, capsys):
@@ -175,7 +175,7 @@ def test_a_file_may_be_a_stream(bus, monkeypatch):
         (["read", "9", "0x1000"], 2, "robot sdorobot has no node '9'; its nodes: 2 right_drive, 3 left_drive"),
         (["read", "3", "Vendor"], 2, "did you mean 0x1018:01 Vendor-ID?"),
         (["write", "3", "0x6060", "300"], 2, "value 300 is not a valid INTEGER8: the range is -128 to 127"),
-        (["write", "3", "0x9999", "1"], 2, "the EDS does not have it: give its type"),
+        (["write", "3", "0x9999", "1"], 2, "it is not in the EDS; give its type"),
         (["write", "3", "0x6060", "1", "--type", "u9"], 2, "no data type 'u9'"),
         (["read", "3", "0x1000", "--name", "nobody"], 2, "no robot 'nobody' is running; running: sdorobot"),
         (["read", "3", "0x1000", "--eds", "nope.eds"], 2, "no EDS file nope.eds"),

@@ -144,7 +144,7 @@ def test_mock_hardware_has_joints_without_nodes():
 def test_outputs_that_are_void_are_named_also_when_their_node_is_back():
     node = {**STATE["nodes"]["left_drive"], "node_id": 5, "axes": [], "void_outputs": ["do0", "ao1"]}
     lines = render(sample_of({**STATE, "nodes": {"io": node}}))
-    assert lines[-1] == "  node 5 (io): void since it was lost, and not restored: do0, ao1; command them again"
+    assert lines[-1] == "  node 5 (io): outputs void since the node was lost: do0, ao1; command them again"
 
 
 def test_a_drive_that_nothing_stops_has_a_mark_and_a_line():

@@ -139,7 +139,7 @@ def test_the_active_base_controller_comes_first():
 @pytest.mark.parametrize(
     ("controllers", "wanted", "sentence"),
     [
-        ([BROADCASTER], None, "no controller that could be commanded is active; there are: states. Activate one"),
+        ([BROADCASTER], None, "no active controller accepts commands; loaded: states. Activate one"),
         (
             [controller("a"), controller("b")],
             None,

@@ -153,7 +153,7 @@ def test_a_restore_that_is_killed_is_undone_and_no_drive_moves_before(tmp_path, 
         assert mixed not in ([77, 77, 77], before)
         capfd.readouterr()
         assert main(["jog", "3", "--velocity", "10rpm", "--for", "1", *where, "--eds", TMCM_NAME]) == 1
-        assert "nothing moves with a part of each" in capfd.readouterr().err
+        assert "the drive is not moved with mixed parameters" in capfd.readouterr().err
         (journal,) = journals()
         assert main(["restore", str(journal), "3", *where]) == 0
         assert bus.call(lambda: [store.get(index) for index in (0x6081, 0x6083, 0x6084)]) == [77, 77, 77]

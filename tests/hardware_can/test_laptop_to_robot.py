@@ -10,7 +10,7 @@ SAYS = {
     "bus status": ["can0: can, up, ERROR-ACTIVE, 1000000 bit/s, transmit errors 0, receive errors 0"],
     "scan --can": ["left_drive"],
     "preflight robby": [
-        "ok    bit rate  1000000 bit/s, bus.yml says 1000000\n",
+        "ok    bit rate  1000000 bit/s, and 1000000 in bus.yml\n",
         "ok    link      can0 is up and ERROR-ACTIVE\n",
         "robby has passed; run it with --real",
     ],

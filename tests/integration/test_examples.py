@@ -187,7 +187,7 @@ def run(stage, words):
 #: what a verb says beside its work
 NOTES = {
     "dump": "reading node 3 (left_drive)",  # a busy machine takes long
-    "replay": "no program has local:bench open, it is made now",
+    "replay": "no program has local:bench open, so it is created",
 }
 
 

@@ -16,7 +16,7 @@ LONG_S = 60.0
 def test_robby_passes_its_boot_and_a_fault(stage, tmp_path):
     channel = channel_of(NAME)
     judge = stage.start("conform", "--master", "--can", channel, "--node-id", JUDGED, "--for", 22, "--json")
-    assert eventually(lambda: "waits for its master" in judge.err, LONG_S), str(judge)
+    assert eventually(lambda: "is waiting for its master" in judge.err, LONG_S), str(judge)
     stage.drive(NAME, OTHER)
     robot = stage.start("run", copy_robby(tmp_path, bus=PATIENT_ROBBY), "--as", NAME, "--can", channel, "--no-drives")
     robot.until(f"{NAME} runs", LONG_S)

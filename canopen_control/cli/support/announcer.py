@@ -9,7 +9,7 @@ from typing import Final, TextIO
 from canopen_control.cli.support.output import with_token
 
 _WAITING_LINES: Final = 1000
-_CLOSE_S: Final = 1.0  # for lines that wait when an announcer is closed
+_CLOSE_S: Final = 1.0  # for queuing the end mark, and again for printing the queued lines
 
 
 class Announcer:
@@ -26,7 +26,6 @@ class Announcer:
         self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
 
     def start(self) -> None:
-        """Start the thread that prints."""
         self._thread.start()
 
     def say(self, line: str, *, token: bool = False) -> None:
@@ -47,9 +46,9 @@ class Announcer:
         self._thread.join(_CLOSE_S)
 
     def _print(self) -> None:
-        while (waiting := self._lines.get()) is not None:
-            line, token = waiting
+        while (item := self._lines.get()) is not None:
+            line, token = item
             try:
                 print(with_token(line) if token else line, file=self._stream, flush=True)
-            except (OSError, ValueError):  # the reader has gone; the robot goes on
+            except (OSError, ValueError):  # the output was closed; the robot keeps running
                 self.dropped += 1

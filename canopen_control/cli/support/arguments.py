@@ -18,12 +18,12 @@ T = TypeVar("T")
 
 
 def argument(read: Callable[[str], T]) -> Callable[[str], T]:
-    """Return an argparse type that calls `read`, and turns a ConfigError into a usage error."""
+    """Return an argparse type that calls `read`, and turns its ConfigError or ValueError into a usage error."""
 
     def as_argument(text: str) -> T:
         try:
             return read(text)
-        except ConfigError as error:
+        except (ConfigError, ValueError) as error:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return as_argument
@@ -81,7 +81,6 @@ class _Renamed(argparse.Action):
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: object, option: str | None = None
     ) -> None:
-        """Store the value, and print a notice that names the new option."""
         print(f"{parser.prog}: {option} is now called {self.new}; the former name is still understood", file=sys.stderr)
         setattr(namespace, self.dest, values)
 

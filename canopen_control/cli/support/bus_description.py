@@ -47,7 +47,7 @@ class WatchedBus:
     nameless: bool = False
 
     def report_notes(self) -> None:
-        """Print a note if object names are unknown, and the notes of the description."""
+        """Print the notes of the description, after a note if object names are unknown."""
         if self.nameless:
             print(_NO_NAMES, file=sys.stderr)
         _report(self.network)
@@ -96,7 +96,7 @@ def _refuse_channel(config: str | None) -> None:
         channel = parse_channel(config)
     except ConfigError:
         return
-    raise ConfigError(f"{channel} is a bus, no robot: write --can {channel}")
+    raise ConfigError(f"{channel} is a bus, not a robot: write --can {channel}")
 
 
 def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
@@ -116,7 +116,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
 
 
 def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -> NetworkDescription | None:
-    """Return the network of ROBOT, with nodes added by --eds; None without both options."""
+    """Return the network of ROBOT and the --eds files, in which ROBOT takes precedence; None if neither is given."""
     by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
     if args.config is None:
         return by_eds
@@ -135,7 +135,7 @@ def config_layout(config: str, bus: str | None = None, *, units: bool = False) -
 
 
 def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
-    """Return the axes of prismatic joints; if the URDF cannot be read, print a note and return none."""
+    """Return the axes of prismatic joints; if the URDF cannot be read, print a note and return an empty set."""
     from canopen_control.runtime.robot_files import find_robot
     from canopen_control.runtime.sync_choice import linear_axes
     from canopen_control.urdf.description import DescriptionReader
@@ -147,14 +147,17 @@ def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
         with DescriptionReader(files.description, mappings=files.mappings()) as reader:
             return linear_axes(bus, reader.result())
     except CanopenError as error:
-        print(f"canopen-control: every joint is taken for one that turns: {error}", file=sys.stderr)
+        print(
+            f"canopen-control: joint types are unknown, so all joints are in rad: {error}",
+            file=sys.stderr,
+        )
         return frozenset()
 
 
 def _chosen(buses: Mapping[str, T], name: str | None, owner: str) -> T:
-    """Return the bus `name`, or the only bus if None; ConfigError if there is no such bus."""
+    """Return the bus `name`, or the only bus if `name` is None; ConfigError if this selects no bus."""
     if not buses:
-        raise ConfigError(f"{owner} has no bus: it runs on mock hardware, or simulated")
+        raise ConfigError(f"{owner} has no bus: it runs on mock hardware or in a simulation")
     if name is None and len(buses) == 1:
         return next(iter(buses.values()))
     if name is None or name not in buses:
@@ -177,10 +180,10 @@ def _report(network: NetworkDescription) -> None:
         print(f"canopen-control: {note}", file=sys.stderr)
 
 
-# Frames of FILE and their names: FILE is a recording of frames, or a flight recording, which contains the names.
+# Frames of FILE, which is a recording of frames, or a flight recording, which also contains the object names.
 #
-# One bus of a flight recording is read, chosen by --bus if there are several. A description by arguments (ROBOT, --eds)
-# takes precedence over that in the recording.
+# One bus of a flight recording is read; --bus chooses among several. A description from the arguments (ROBOT, --eds)
+# takes precedence over the description in the recording.
 
 
 class FlightSource:
@@ -196,7 +199,7 @@ class FlightSource:
         self.network = networks_of(file).get(chosen)
         self.skipped = file.unread_lines
         self._frames = [RecordedFrame(time_ns, frame) for time_ns, name, frame in file.frames if name == chosen]
-        self.problem = "" if self._frames else f"{path}: no frame of bus {chosen} is in it"
+        self.problem = "" if self._frames else f"{path} contains no frame of bus {chosen}"
 
     def __iter__(self) -> Iterator[RecordedFrame]:
         return iter(self._frames)
@@ -211,7 +214,7 @@ def open_frames(path: str, bus: str | None = None) -> Source:
 
 
 def report_gaps(source: Source) -> None:
-    """Print to standard error, after reading, how many lines were skipped, and why reading ended early."""
+    """Print the number of skipped lines, and the reason if reading ended early, to standard error."""
     if source.skipped:
         lines = "1 line is not a frame" if source.skipped == 1 else f"{source.skipped} lines are not frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)
@@ -227,13 +230,13 @@ def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
 
 
 def _chosen_channel(path: str, file: FlightFile, name: str | None) -> str:
-    """Return the bus `name`, or the only bus if None; ConfigError if the recording has no such bus."""
+    """Return the bus `name`, or the only bus if `name` is None; ConfigError if this selects no bus."""
     buses = list(file.meta.buses)
     if name is None and len(buses) == 1:
         return buses[0]
     if name is not None and name in buses:
         return name
     if not buses:
-        raise ConfigError(f"{path}: the robot had no bus: it ran on mock hardware, or simulated")
-    problem = "several buses are in it" if name is None else f"no bus {name!r} is in it"
-    raise ConfigError(f"{path}: {problem}; choose with --bus: {', '.join(buses)}")
+        raise ConfigError(f"{path}: the robot had no bus: it ran on mock hardware or in a simulation")
+    problem = "contains several buses" if name is None else f"contains no bus {name!r}"
+    raise ConfigError(f"{path} {problem}; choose with --bus: {', '.join(buses)}")

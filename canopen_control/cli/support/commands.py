@@ -1,9 +1,9 @@
-"""Commands to a controller that are repeated until Ctrl-C or for a time, and then set to zero.
+"""Commands to a controller, repeated until Ctrl-C or for a given time, and then set to zero.
 
 Repeated commands end with this process; a command with `--once` ends after its timeout. Drives that are being enabled
-are awaited; if nothing can move, the command ends with the robot's sentence and exit code 1. The end of a command
-causes no new motion: a velocity or an effort becomes zero. A position
-is not set to zero, which would be a new target; when the connection closes, the joint holds its actual position.
+are awaited; if nothing can move, the command ends with the robot's error and exit code 1. The end of a command causes
+no new motion: a velocity or an effort becomes zero. A position is not set to zero, which would be a new target; when
+the connection closes, the joint holds its actual position.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 PERIOD_S = 0.1
 TARGET = "target"
-ENABLING_S = 3.0  # for drives that are being enabled
-_LOOK_S = 0.05
-_COMING = "NotYetEnabled"
-_OFF = "NotEnabled"
+ENABLING_S = 3.0  # timeout for drives that are being enabled
+_RETRY_S = 0.05
+_NOT_YET_ENABLED = "NotYetEnabled"
+_NOT_ENABLED = "NotEnabled"
 
 
 def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,53 +47,53 @@ def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 
-def send(args: argparse.Namespace, moving: Command, zeros: Command | None) -> int:
-    """Send `moving` once or at 10 Hz, and `zeros` at the end; RemoteError if the robot refuses a command.
+def send(args: argparse.Namespace, command: Command, zeros: Command | None) -> int:
+    """Send `command` once or at 10 Hz, and `zeros` at the end; RemoteError if the robot refuses a command.
 
     Without `zeros` the command ends when the connection is closed.
     """
     stopped = threading.Event()
     with on_signals((signal.SIGTERM,), stopped.set), RobotClient.connect(args.name) as robot:
-        _begin(robot, moving, stopped)
+        _begin(robot, command, stopped)
         sent = 1
         end = None if args.seconds is None else time.monotonic() + args.seconds
         try:
-            for sent in () if args.once else _repeat(robot, moving, end, stopped):  # noqa: B007 - the last one counts
+            for sent in () if args.once else _repeat(robot, command, end, stopped):  # noqa: B007 - the last one counts
                 pass
         except KeyboardInterrupt:
-            pass  # the usual way to end it
+            pass  # the usual end of the verb
         finally:
             if zeros is not None and not args.once:
-                with _where_nothing_moves():
+                with _ignore_disabled_drives():
                     robot.ask(zeros)
     print_result(args, {"controller": args.controller, "sent": sent, "once": args.once})
     return 0
 
 
 @contextlib.contextmanager
-def _where_nothing_moves() -> Iterator[None]:
+def _ignore_disabled_drives() -> Iterator[None]:
     """Context that ignores the refusal of a command while drives are disabled, since nothing moves then."""
     try:
         yield
     except RemoteError as error:
-        if error.kind not in (_COMING, _OFF):
+        if error.kind not in (_NOT_YET_ENABLED, _NOT_ENABLED):
             raise
 
 
-def _begin(robot: RobotClient, moving: Command, stopped: threading.Event) -> None:
+def _begin(robot: RobotClient, command: Command, stopped: threading.Event) -> None:
     """Send the first command, repeatedly while drives are being enabled, for at most `ENABLING_S`."""
     end = time.monotonic() + ENABLING_S
     while True:
         try:
-            robot.ask(moving)
+            robot.ask(command)
         except RemoteError as error:
-            if error.kind != _COMING or time.monotonic() > end or stopped.wait(_LOOK_S):
+            if error.kind != _NOT_YET_ENABLED or time.monotonic() > end or stopped.wait(_RETRY_S):
                 raise
         else:
             return
 
 
-def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: threading.Event) -> Iterator[int]:
+def _repeat(robot: RobotClient, command: Command, end: float | None, stopped: threading.Event) -> Iterator[int]:
     """Send the command every `PERIOD_S`; yield the number of commands sent so far."""
     sent = 1
     while not stopped.is_set():
@@ -101,9 +101,9 @@ def _repeat(robot: RobotClient, moving: Command, end: float | None, stopped: thr
         if delay <= 0 or stopped.wait(delay):
             return
         try:
-            robot.ask(moving)
+            robot.ask(command)
         except RemoteError as error:
-            if error.kind != _COMING:
+            if error.kind != _NOT_YET_ENABLED:
                 raise
         sent += 1
         yield sent
@@ -150,8 +150,8 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
     return [interface.endswith(("/position", "/target")) for interface in interfaces]
 
 
-def the_controller(robot: RobotClient, name: str | None, tells: str, title: str) -> ControllerReading:
-    """Return the controller `name`, or the only active one whose samples are `tells`; ConfigError otherwise.
+def find_controller(robot: RobotClient, name: str | None, samples: str, title: str) -> ControllerReading:
+    """Return the controller `name`, or if None the only active controller with this kind of samples; else ConfigError.
 
     `title` is the kind of controller in the error text.
     """
@@ -162,7 +162,7 @@ def the_controller(robot: RobotClient, name: str | None, tells: str, title: str)
             loaded = ", ".join(controller.name for controller in controllers)
             raise ConfigError(f"no controller {name!r} is loaded; there are {loaded}")
         return named
-    matching = [controller for controller in controllers if controller.tells == tells and controller.active]
+    matching = [controller for controller in controllers if controller.tells == samples and controller.active]
     if len(matching) != 1:
         names = ", ".join(controller.name for controller in matching)
         problem = f"several are active: {names}" if matching else f"no {title} is active"

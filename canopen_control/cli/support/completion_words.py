@@ -1,7 +1,7 @@
 """Shell completion of verbs, options and names of running robots, by argcomplete.
 
-Completion raises no error and does not wait: what is not known at once is not offered. Only the module of the verb on
-the line is imported.
+Completion raises no error, and offers only words that are available without delay. Only the module of the verb on the
+line is imported.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def parser_for(words: Sequence[str]) -> argparse.ArgumentParser:
     verbs = parser.add_subparsers()
     for name, text in VERBS.items():
         verbs.add_parser(name, help=text)
-    with contextlib.suppress(CanopenError):  # of a verb whose package is missing only the name is known
+    with contextlib.suppress(CanopenError):  # without an optional package of the verb only its name is offered
         if verb in VERBS:
             verbs.choices[verb] = parser_of(verb)
             _attach_completers(verbs.choices[verb], verb)
@@ -148,7 +148,7 @@ class _Completer:
     def __call__(
         self, *, prefix: str, action: argparse.Action, parser: argparse.ArgumentParser, parsed_args: argparse.Namespace
     ) -> dict[str, str]:
-        """Return the words to offer, with explanations; only those that are known at once."""
+        """Return the words to offer, with explanations; none if their source fails or is slow."""
         words: dict[str, str] = {}
         with contextlib.suppress(CanopenError, OSError, KeyError, ValueError):
             for word, text in self.kind(parsed_args):
@@ -161,14 +161,10 @@ class _Completer:
 
 
 def _robots(_line: argparse.Namespace) -> Candidates:
-    from canopen_control.client import find_robots
-
     return [(name, "running") for name in find_robots()]
 
 
 def _ask(line: argparse.Namespace, request: Request[A]) -> A:
-    from canopen_control.client import RobotClient
-
     with RobotClient.connect(line.name, timeout=_TIMEOUT_S) as robot:
         return robot.ask(request)
 
@@ -181,9 +177,7 @@ def _controllers(line: argparse.Namespace) -> Candidates:
 
 def _nodes(line: argparse.Namespace) -> Candidates:
     if getattr(line, "can", None) is not None:
-        return []  # a bare bus: node ids
-    from canopen_control.rpc.messages.robot import GetNodes
-
+        return []  # a bare bus has node ids, and no names
     return [(node.name, f"node {node.node_id}") for node in _ask(line, GetNodes()).nodes]
 
 
@@ -259,7 +253,7 @@ def _modes(_line: argparse.Namespace) -> Candidates:
 
 #: (verb, option or positional), option or positional, or metavar -> function that yields the words to offer
 _KINDS: Final[dict[tuple[str, str] | str, Callable[[argparse.Namespace], Candidates]]] = {
-    "--as": lambda _line: (),  # a new one
+    "--as": lambda _line: (),  # a new name
     ("help", "verb"): _verbs,
     ("fault", "name"): _faults,
     ("fault", "what"): lambda line: [("list", "explain all faults"), *_drives(line)],

@@ -51,19 +51,16 @@ class VerbRun(JobRun):
     _progress: Progress | None = None
 
     def part(self, doing: str, unit: str = "") -> None:
-        """Begin a part of the work, with a progress display of its own."""
         super().part(doing, unit)
         self.close()
         self._progress = Progress(doing, unit, rate=unit == "bytes")
 
     def show(self, done: int, total: int | None) -> None:
-        """Update the progress display."""
         super().show(done, total)
         if self._progress is not None:
             self._progress.at(done, total)
 
     def note(self, text: str) -> None:
-        """Print a note to standard error."""
         if self._progress is not None:
             self._progress.end()
         print(f"canopen-control: {text}", file=sys.stderr)

@@ -1,8 +1,8 @@
 """Robot for a jog or a tuning run: one drive on a bare bus, booted like every robot, or a drive of a running robot.
 
-It uses the normal boot: from the EDS alone `init` chooses mode, PDOs and supervision; the runtime boots the drive as a
-bus without controllers, monitors it and stops it. The drive detects the end of this process by its heartbeat or by
-guarding, within `DEAD_MAN_S`. A drive that a controller of a running robot commands is refused.
+The boot is the normal one: `init` chooses mode, PDOs and supervision from the EDS; the runtime boots, monitors and
+stops the drive on a bus without controllers. The drive detects the end of this process by heartbeat or guarding, within
+`DEAD_MAN_S`. A drive that a controller of a running robot commands is refused.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 HEARTBEAT_MS: Final = 50
-COMMAND_LIFE_S: Final = 0.4
+COMMAND_LIFE_S: Final = 0.4  # command timeout of the controllers
 DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five heartbeat periods
 
 
@@ -111,7 +111,7 @@ def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
 
 
 def dead_man_words(supervision: Supervision) -> str:
-    """Return a text that says how the drive stops if this process ends."""
+    """Return a sentence on how the drive stops if this process ends."""
     if supervision.consumer:
         return (
             f"the drive watches this computer's heartbeat (0x1016) and stops by itself {DEAD_MAN_S:g} s after its end"
@@ -153,17 +153,17 @@ def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:
-        lines = [field for field in str(error).split("\n") if not field.startswith("    ")]
+        lines = [line for line in str(error).split("\n") if not line.startswith("    ")]
         text = re.sub(re.escape(str(path)) + r"(:\d+)*: ", "", "\n".join(lines)).replace(f"{path.parent}{os.sep}", "")
         raise RobotConfigError(
-            f"{robot.nodes[0].device.eds}: what follows from this EDS cannot be run:\n{text}"
+            f"{robot.nodes[0].device.eds}: the robot generated from this EDS cannot run:\n{text}"
         ) from None
 
 
 def _short_lived(setup: RobotSetup) -> RobotSetup:
     """Shorten the command timeout of the controllers, so that a stopped terminal stops the drive."""
-    renewed = {
+    controllers = {
         name: replace(config, params=Params.of({"joint": name, "command_timeout": COMMAND_LIFE_S}, name))
         for name, config in setup.controllers.controllers.items()
     }
-    return replace(setup, controllers=replace(setup.controllers, controllers=renewed))
+    return replace(setup, controllers=replace(setup.controllers, controllers=controllers))

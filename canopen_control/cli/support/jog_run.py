@@ -1,7 +1,7 @@
 """Jog loop: turns key presses into commands, shows samples on a status line, and stops the drive at the end.
 
-Each command ends with this connection (`dead_man`), and every exit from `run` requests the
-stop and waits until the drive is disabled. The output to the terminal never affects the motion.
+Each command ends with this connection (`dead_man`), and every exit from `run` requests the stop and waits until the
+drive is disabled. The output to the terminal never affects the motion.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Keyboard:
 
     def __enter__(self) -> Keyboard:
         if not sys.stdin.isatty():
-            raise ConfigError("standard input is not a terminal, which the keys need; run it in a terminal")
+            raise ConfigError("standard input is not a terminal, so there are no keys; run this in a terminal")
         self._fd = sys.stdin.fileno()
         self._saved = termios.tcgetattr(self._fd)
         self._signals.enter_context(on_signals(_ENDING, self._end))
@@ -135,8 +135,8 @@ class JogRun:
         self._sample: StateSample | None = None
         self._current = DriveCurrent(drive)
         self._terminal_closed = False
-        self.ended = JogEnd.NONE  # reason of the end, and travel in rad
-        self.travelled = 0.0
+        self.ended = JogEnd.NONE
+        self.travelled = 0.0  # rad
 
     def run(self) -> int:
         """Enable, move, stop and disable; return 1 if the jog failed, CanopenError if the drive is the reason."""

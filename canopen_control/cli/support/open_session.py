@@ -48,14 +48,14 @@ def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True)
         "--timeout",
         type=timeout_seconds,
         metavar="S",
-        help="timeout of each answer in s (default: 0.5, or that of bus.yml)",
+        help="timeout of each answer in s (default: 0.5, or the value in bus.yml)",
     )
     add_target_arguments(parser)
 
 
 @contextlib.contextmanager
 def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[NodeSession]:
-    """Context with a session with `node`, by default the node of the arguments.
+    """Context with a session with a node, by default the NODE of the arguments.
 
     If --can names the channel of a running robot, its nodes are reached through that robot.
     """
@@ -85,28 +85,30 @@ def running_drive(
     """Return a drive of a running robot, to be moved in `mode`, with the scale of the joint."""
     client = stack.enter_context(RobotClient.connect(name))
     drive = drive_of_robot(client, args.node, args.axis, mode)
-    text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, and moved through it"
+    text = f"node {args.node} is {drive.joint} of the running robot {client.robot}, which moves it"
     print(text, file=sys.stderr if getattr(args, "json", False) else sys.stdout)
     return drive, JogScale(args.counts or math.tau, is_known=True, of_joint=True)
 
 
-def look_at_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
+def read_bare_drive(args: argparse.Namespace, *, with_fault: bool = False) -> Device:
     """Read a drive on a bare bus, with the drive's own units; ConfigError or DriveError if it must not move."""
     from canopen_control.cli.init import ask_drives
     from canopen_control.scaffold.new_robot import Device
 
     with open_session(args) as node:
         if not len(node.axes()):
-            raise ConfigError(f"{args.eds} has no controlword (0x6040): it describes no CiA 402 drive, nothing to turn")
+            raise ConfigError(f"{args.eds} has no controlword (0x6040), so the device is not a CiA 402 drive")
         if differing := node.identity_differences():
             raise ConfigError(f"{node} is not the device of {args.eds}: {'; '.join(differing)}; give its own EDS")
         if not with_fault and (words := fault_words(node)):
             again = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
-            raise DriveError(f"{node} has a fault: {words}; nothing is reset by itself: {again}")
+            raise DriveError(f"{node} has a fault: {words}; reset it with: {again}")
         if reason := why_not_free(node):
             raise DriveError(reason)
         if unfinished := unfinished_words(node, reached(args)):
-            raise DriveError(f"{unfinished}; nothing moves with a part of each; where that is meant, delete the file")
+            raise DriveError(
+                f"{unfinished}; the drive is not moved with mixed parameters; to allow it, delete the file"
+            )
         device = Device(node.node_id, find_eds(args.eds).resolve(), node.dictionary)
     ask_drives(args.can, [device], args.timeout or 0.5)
     return device
@@ -139,7 +141,6 @@ class WarningPrinter(RobotObserver):
     """Observer that prints warnings and errors while the drive is booted and moved."""
 
     def event(self, event: Event) -> None:
-        """Print an event that is a warning or worse."""
         from canopen_control.master.event_log import Level
 
         if event.level >= Level.WARNING:
@@ -173,7 +174,7 @@ def backup_file(word: str) -> ParameterSet:
     """Read the DCF file that `word` names; ConfigError if there is no such file."""
     path = as_file(word)
     if path is None:
-        raise ConfigError(f"{word}: no such file; `backup NODE -o {word}` makes one")
+        raise ConfigError(f"{word}: no such file; create one with: canopen-control backup NODE -o {word}")
     return read_backup(path)
 
 
@@ -192,20 +193,20 @@ def read_like(session: NodeSession, file: ParameterSet) -> Side:
 
 
 def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
-    """Read both sides of a comparison, files or nodes; from a node only the objects of a file on the other side."""
+    """Read both sides of a comparison, files or nodes; a node is read only as far as a file on the other side."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
-    parameters = []
+    result = []
     for word, file, other_file in zip((a, b), files, reversed(files), strict=True):
         if file is not None:
-            parameters.append(Side(file))
+            result.append(Side(file))
             continue
         with open_session(args, word) as session:
-            parameters.append(
+            result.append(
                 read_all(session, twice=False)
                 if other_file is None
                 else read_like(like_file(session, other_file), other_file)
             )
-    return parameters[0], parameters[1]
+    return result[0], result[1]
 
 
 def reached(args: argparse.Namespace) -> Reached:

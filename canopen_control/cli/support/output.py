@@ -2,7 +2,7 @@
 
 Progress goes to standard error, so that results stay clean; short work prints none. The line on a terminal is erased
 before anything else is printed. Without a terminal (a log, a pipe) there are no control characters. JSON is ASCII, and
-a number that is not finite is null.
+nan and infinite numbers become null.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-SOON_S: Final = 0.5  # on a terminal: work that takes less shows nothing
+SOON_S: Final = 0.5  # on a terminal, shorter work shows no progress
 REDRAW_S: Final = 0.2
-PLAIN_S: Final = 5.0  # between two lines, if the stream is no terminal
+PLAIN_S: Final = 5.0  # time between two lines, if the stream is not a terminal
 
 
 def json_text(document: object, *, indent: int | None = 2) -> str:
@@ -138,16 +138,16 @@ def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) 
 
 ENDS: Final = ("stopping", "stopped")
 _ALWAYS: Final = ("demo", "flight", "view", *ENDS)
-_CHATTER: Final = ("note", "mode", "state", "failed")  # a run ends with the last one, on standard error
+_CHATTER: Final = ("note", "mode", "state", "failed")  # the verb itself prints why a run failed
 
 
 def is_printed(kind: str, *, notable: bool) -> bool:
-    """Whether the terminal of `run` shows events of this kind; `notable` events are those of a high level."""
+    """Whether `run` prints events of this kind; `notable` is True for events of a high level."""
     return kind in _ALWAYS or (notable and kind not in _CHATTER)
 
 
 def with_token(text: str) -> str:
-    """Return a line with the tokens of page addresses added, because events do not contain them; reads files."""
+    """Return a line in which page addresses are completed by their access tokens, which are read from files."""
     from canopen_control.view.page_address import page_addresses
 
     with contextlib.suppress(CanopenError):

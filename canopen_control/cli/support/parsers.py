@@ -1,4 +1,4 @@
-"""The parsers of the command line; the module of a verb is imported when its parser is made."""
+"""Parsers of the command line; the module of a verb is imported only if its parser is needed."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 
-XACRO = "xacro"  # attribute of the arguments for words NAME:=VALUE
-_EXIT_CODES = "Exit codes: 0 good; 1 it failed, or nothing was done; 2 wrong usage or configuration."
+XACRO = "xacro"  # attribute with the NAME:=VALUE arguments
+_EXIT_CODES = "Exit codes: 0 success; 1 failure, or nothing was done; 2 wrong usage or configuration."
 _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 
 
@@ -89,16 +89,16 @@ class _VerbParser(argparse.ArgumentParser):
     def parse_known_args(  # type: ignore[override]  # of its three signatures, the one that is called
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse the arguments; each NAME:=VALUE before --ros-args is added to `xacro`."""
+        """Parse the arguments; every NAME:=VALUE before --ros-args goes to `XACRO`."""
         words = list(sys.argv[1:] if args is None else args)
         if not any(action.dest == XACRO for action in self._actions):
             return super().parse_known_args(words, namespace)
         end = words.index("--ros-args") if "--ros-args" in words else len(words)
-        options = [word for word in words[:end] if _ARGUMENT.match(word)]
-        positionals = [word for word in words[:end] if not _ARGUMENT.match(word)]
-        namespace_filled, unknown = super().parse_known_args([*positionals, *words[end:]], namespace)
-        setattr(namespace_filled, XACRO, [*getattr(namespace_filled, XACRO), *options])
-        return namespace_filled, unknown
+        mappings = [word for word in words[:end] if _ARGUMENT.match(word)]
+        others = [word for word in words[:end] if not _ARGUMENT.match(word)]
+        filled, unknown = super().parse_known_args([*others, *words[end:]], namespace)
+        setattr(filled, XACRO, [*getattr(filled, XACRO), *mappings])
+        return filled, unknown
 
 
 def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) -> None:
@@ -126,7 +126,6 @@ class _TopParser(argparse.ArgumentParser):
     """Parser before the verb; its help is the overview of the verbs."""
 
     def format_help(self) -> str:
-        """Return the overview of the most used verbs."""
         return overview()
 
 

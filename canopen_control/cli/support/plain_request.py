@@ -17,13 +17,13 @@ TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     from typing import Any
 
-PROTOCOL = 2  # `rpc.messages.declare` has the same, which a test compares
+PROTOCOL = 2  # equal to that of `rpc.messages.declare`, without its import; a test compares them
 
 
 def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
-    """Call a method without parameters, and return the fields of the result; RemoteError without an answer.
+    """Call a method without parameters, and return the fields of the result; RemoteError if no answer arrives.
 
-    Return None if the typed client has to find out what is wrong: another protocol, a refusal, no JSON.
+    None for another protocol version, a refusal or invalid JSON: the typed client reports the cause of these.
     """
     label = f"robot {robot}"
     with LineClient(socket_path("robot", robot), timeout, label=label) as stream:
@@ -32,7 +32,7 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
         if not isinstance(hello, dict) or hello.get("protocol") != PROTOCOL:
             return None
         stream.send(json.dumps({"id": 1, "method": method, "params": {}}).encode() + b"\n", timeout)
-        late = f"{label} has not answered {method!r} within {timeout:g} s"
+        late = f"{label} did not answer {method!r} within {timeout:g} s"
         deadline = time.monotonic() + timeout
         while True:
             answer = _object_in(stream.receive(max(0.0, deadline - time.monotonic())), late)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 _SHRUNK: Final = 5  # breaches of a campaign that are shrunk: each takes a hundred simulations
-_INTERRUPTED: Final = 130  # as a shell has it for Ctrl-C
+_INTERRUPTED: Final = 130  # the exit code that shells use for Ctrl-C
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class CampaignDocument:
 def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     """Run seeds, shrink failing ones, print the result; return 1 after a breach or error, 130 after Ctrl-C.
 
-    A robot that does not run even without failures is reported once, and no seed is run; then 1.
+    A robot that fails even without injected faults is reported once; then no seed is run, and 1 is returned.
     """
     if order.folder is not None:
         make_folder(order.folder)  # before the seeds, which may take hours
@@ -156,4 +156,4 @@ def _sum_up(totals: Totals, scenarios: tuple[str, ...], real_s: float, order: Ca
     )
     print(f"edges walked: {coverage_words(totals.edges)}")
     if order.faults:
-        print(f"kinds of trouble by state: {cells_words(totals.cells, order.faults)}")
+        print(f"faults by state: {cells_words(totals.cells, order.faults)}")

@@ -47,13 +47,13 @@ _SAMPLE_NS: Final = 100_000_000
 
 
 def check_recording_name(path: Path) -> None:
-    """Raise ConfigError if `path` is no name of a flight recording, or if it cannot be written."""
+    """Raise ConfigError if `path` is not the name of a flight recording, or if it cannot be written."""
     if not is_flight_file(path):
         raise ConfigError(f"--record {path}: a recording of a simulation is a flight recording, as {path.stem}.zip")
     if path.is_dir():
-        raise ConfigError(f"--record {path}: that is a folder; give the name of a file in it")
+        raise ConfigError(f"--record {path}: this is a folder; give the name of a file in it")
     if not os.access(path.parent, os.W_OK):
-        raise ConfigError(f"--record {path}: nothing can be written to {path.parent}; give a folder that is there")
+        raise ConfigError(f"--record {path}: {path.parent} does not exist or is not writable; choose another folder")
 
 
 class SimulationRecorder(SimulationObserver):
@@ -82,7 +82,6 @@ class SimulationRecorder(SimulationObserver):
         self._robot.time.later(_SAMPLE_NS, self._sample)
 
     def event(self, event: Event) -> None:
-        """Record an event."""
         self._events.append(event_message(event, self._robot.core.wall_offset_ns))
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
@@ -109,7 +108,7 @@ class SimulationRecorder(SimulationObserver):
 
 
 def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
-    """Return the requests by which a client causes a scenario event; [] if the event is no client's."""
+    """Return the requests by which a client causes a scenario event; [] if clients do not cause this event."""
     name, values = act.target, list(act.values)
     controllers = [name for name, state in active.items() if state == "active" and "broadcaster" not in name]
     if act.kind == "command":
@@ -138,7 +137,7 @@ def recorded_scenario(path: Path, setup: RobotSetup) -> Scenario:
     from canopen_control.bus.recordings import Recording
 
     if len(setup.buses) > 1:
-        raise ConfigError(f"{path} is of one bus, and {setup.name} has {len(setup.buses)}; give a flight recording")
+        raise ConfigError(f"{path} contains one bus, and {setup.name} has {len(setup.buses)}; use a flight recording")
     [bus] = setup.buses
     recording = Recording(path)
     frames = [(now, bus, frame) for now, frame in recording]

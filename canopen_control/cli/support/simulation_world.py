@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from canopen_control.master.event_log import Event
 
 
-_OF_ONE: Final = ("scenario", "recording", "record", "seeds", "jobs", "dask", "aim", "out")
-_OF_FILE: Final = ("can", "controller")
+_NEEDS_ROBOT: Final = ("scenario", "recording", "record", "seeds", "jobs", "dask", "aim", "out")
+_IN_WORLD_FILE: Final = ("can", "controller")
 
 
 class EventPrinter(SimulationObserver):
@@ -31,19 +31,18 @@ class EventPrinter(SimulationObserver):
         self._progress, self._prefix = progress, prefix
 
     def event(self, event: Event) -> None:
-        """Print an event."""
         self._progress.end()
         print(f"{event.time / 1e9 - 1.0:9.3f} {self._prefix}{event.sentence}")
 
 
 def simulate_world(args: argparse.Namespace, duration_ns: int, faults: Sequence[str]) -> int:
     """Simulate the robots of a world file; return 1 if an invariant was violated, else 0; Ctrl-C ends early."""
-    for option in _OF_ONE:
+    for option in _NEEDS_ROBOT:
         if getattr(args, option) is not None:
-            raise ConfigError(f"--{option} is of one robot; --world FILE alone simulates those that the file names")
-    for option in _OF_FILE:
+            raise ConfigError(f"--{option} needs a ROBOT; --world FILE alone simulates all robots of the file")
+    for option in _IN_WORLD_FILE:
         if getattr(args, option):
-            raise ConfigError(f"--{option} is of one robot; the file of a world says it of each")
+            raise ConfigError(f"--{option} needs a ROBOT; a world file sets it for each robot")
     world = Path(args.world)
     setups = [robot.setup for robot in read_shared(world)]
     simulation = SharedSimulation(setups, world, args.seed or 0, duration_ns, faults)

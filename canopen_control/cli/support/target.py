@@ -1,7 +1,7 @@
 """Target of a verb: the nodes of a running robot through its API, or a bare bus.
 
-An SDO server has one client. The nodes of a running robot are reached through the robot alone; on
-a bus on which a robot runs, only the other nodes are reached directly.
+An SDO server has one client. The nodes of a running robot are reached through the robot alone; on a bus on which a
+robot runs, only the other nodes are reached directly.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SHORTEST_S, _LONGEST_S = 0.5, 3.0  # a busy computer reads a heartbeat late
 _HEARTBEAT = (0x1017, 0)
 _NMT_S, _RESET_S = 0.3, 3.0  # time in which a node must show a state
 _MUTE_S = 0.02  # for a node without heartbeat: only a pause before the next request
-LABEL = "canopen-control"  # name of a verb for the other members of a bus
+LABEL = "canopen-control"  # label of a verb as a member of a bus
 
 
 class Target(abc.ABC):
@@ -98,7 +98,7 @@ def robot_on(channel: str) -> tuple[str, NodeListing] | None:
             with RobotClient.connect(name, timeout=2.0) as robot:
                 listing = robot.ask(GetNodes())
         except ConfigError:
-            continue  # it has ended meanwhile
+            continue  # the robot has just ended
         except RemoteError as error:
             if error.kind == "BusClosed":
                 continue
@@ -117,7 +117,6 @@ class RobotTarget(Target):
         self.listing = robot.ask(GetNodes())
 
     def close(self) -> None:
-        """Close the connections to the robot."""
         for session in self._sessions.values():
             session.transfers.close()
         self.robot.close()
@@ -128,7 +127,6 @@ class RobotTarget(Target):
         return [self._with(place) for place in sorted(self.listing.nodes, key=lambda node: node.node_id)]
 
     def session(self, word: str) -> NodeSession:
-        """Return the session with a node, by name or node id; ConfigError lists the existing nodes."""
         for session in self.sessions:
             if word in (session.name, str(session.node_id)):
                 return session
@@ -156,7 +154,6 @@ class BusTarget(Target):
         self.bus = DirectBus.open(channel, label=LABEL, timeout_s=timeout or 0.5)
 
     def close(self) -> None:
-        """Close the bus."""
         self.bus.close()
 
     def session(self, word: str) -> NodeSession:
@@ -181,11 +178,9 @@ class BusTransfers(Transfers):
         self._mute = False  # the node sends no heartbeat
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object."""
         return self._bus.read(self._node_id, index, subindex, block=block)
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object."""
         self._bus.write(self._node_id, index, subindex, data)
 
     def be_patient(self, seconds: float | None) -> None:

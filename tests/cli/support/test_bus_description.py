@@ -108,7 +108,7 @@ def test_one_of_several_buses_is_chosen_by_name(tmp_path):
 
 
 def test_a_bus_in_place_of_a_robot_is_told_where_it_goes(tmp_path, monkeypatch):
-    with pytest.raises(ConfigError, match="local:bare is a bus, no robot: write --can local:bare"):
+    with pytest.raises(ConfigError, match="local:bare is a bus, not a robot: write --can local:bare"):
         watched_bus(arguments("local:bare"), None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "can0").mkdir()

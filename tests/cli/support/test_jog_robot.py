@@ -74,7 +74,7 @@ def test_a_running_robot_of_one_drive_is_jogged_through_it(private_folders, monk
             for where in (["--name", "jog_5"], ["--can", bench.bus.channel, "--eds", GENERIC]):
                 assert main(["jog", "5", *where, "--velocity", "1rad/s", "--for", "0.5"]) == 0
         assert bench.get(0x6064) > 5000
-    assert "node 5 is joint_1_drive of the running robot jog_5, and moved through it" in capsys.readouterr().out
+    assert "node 5 is joint_1_drive of the running robot jog_5, which moves it" in capsys.readouterr().out
 
 
 def test_a_command_that_nobody_renews_ends_soon(private_folders):

@@ -81,7 +81,7 @@ def test_a_robot_that_is_not_there_or_has_gone_is_an_error(answer):
 
 
 @pytest.mark.parametrize(
-    ("lines", "sentence"), [([b""], "does not answer"), ([HELLO, b"\n"], "has not answered 'status'")]
+    ("lines", "sentence"), [([b""], "does not answer"), ([HELLO, b"\n"], "did not answer 'status'")]
 )
 def test_a_robot_that_hangs_is_an_error(answer, lines, sentence):
     answer(*lines)

@@ -69,9 +69,9 @@ def test_frames_alone_say_what_went_wrong(tmp_path, capsys):
         (["--record", "run.log"], "as run.zip"),
         (["--recording", "/nowhere.zip"], "/nowhere.zip"),
         (["--recording", "/nowhere.log"], "recording /nowhere.log does not exist"),
-        (["--recording", "a.zip", "--scenario", "b.yml"], "give one of them"),
-        (["--recording", "a.zip", "--faults", "all"], "give one of both"),
-        (["--recording", "a.zip", "--seeds", "3"], "--recording is for one simulation"),
+        (["--recording", "a.zip", "--scenario", "b.yml"], "give only one of them"),
+        (["--recording", "a.zip", "--faults", "all"], "give only one of them"),
+        (["--recording", "a.zip", "--seeds", "3"], "--recording is for a single simulation"),
         (["--record", "/nowhere/a.zip", "--for", "100ms"], "/nowhere/a.zip"),
     ],
 )

@@ -35,7 +35,7 @@ def test_as_json_it_is_one_object(hall, capsys):
 )
 def test_what_is_of_one_robot_is_refused(hall, words, capsys):
     assert main(["simulate", "--world", hall, *words]) == 2
-    assert f"{words[0]} is of one robot; " in capsys.readouterr().err
+    assert f"{words[0]} needs a ROBOT; " in capsys.readouterr().err
 
 
 def test_a_world_without_robots_needs_one(tmp_path, capsys):
@@ -44,5 +44,5 @@ def test_a_world_without_robots_needs_one(tmp_path, capsys):
     assert main(["simulate", "--world", str(path)]) == 2
     assert "it names no robots" in capsys.readouterr().err
     assert main(["simulate", "robby", "--world", str(path)]) == 2
-    assert "give --physics too" in capsys.readouterr().err
+    assert "add --physics" in capsys.readouterr().err
     assert main(["simulate", "robby", "--physics", "--world", str(path), "--for", "1"]) == 0
