@@ -89,6 +89,12 @@ def test_a_node_that_does_not_obey_is_named_and_the_exit_code_is_1(private_folde
     assert error.startswith("canopen-control: node 3 (left_drive): stop was not confirmed within 0.5 s; it shows")
 
 
+def test_a_wait_shorter_than_the_answer_of_the_robot_still_reads_the_state_once(private_folders, capsys):
+    with live_robot("nmtrobot"):
+        assert main(["nmt", "preop", "left_drive", "--wait", "1e-6"]) in (0, 1)
+    assert "node 3 (left_drive)" in "".join(capsys.readouterr())
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
