@@ -196,7 +196,7 @@ class AnswerInvariants:
                 axis.reported = True
                 if not self.reported(view.node_id, since):
                     late = (now - max(since, axis.moved_at)) / 1e9
-                    text = f"node {view.node_id} is asked for motion and stands for {late:.1f} s, and nothing says why"
+                    text = f"node {view.node_id} ignores a motion command for {late:.1f} s, and no event gives a reason"
                     self._report("motion_missing", text)
 
     def _since(self, axis: _Axis, now: int) -> Iterator[int]:

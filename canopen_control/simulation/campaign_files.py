@@ -114,14 +114,14 @@ def html_summary(robot: str, totals: Totals) -> str:
 <p>{len(totals.results)} schedules, {totals.robot_s / 3600:.2f} hours of the robot, {totals.frames} frames,
 {len(totals.broken)} seeds with breaches</p>
 <h2>Breaches</h2><ul>{breaches or "<li>none</li>"}</ul>
-<h2>What went wrong, by the state of the robot</h2>
+<h2>Faults by the state of the robot</h2>
 <table><tr>{head}</tr>
 {rows}</table>
-<h2>What went wrong, by the states of the nodes that it hit</h2>
+<h2>Faults by the states of the affected nodes</h2>
 {_cell_tables(totals)}
-<h2>Edges of the state machines</h2>
+<h2>Transitions of the state machines</h2>
 <p>{escape(coverage_words(edges))}</p>
-<table><tr><th>machine</th><th>state</th><th>trigger, or the state after</th><th>walked</th></tr>
+<table><tr><th>machine</th><th>state</th><th>trigger or next state</th><th>count</th></tr>
 {walked}</table></html>
 """
 
@@ -149,4 +149,4 @@ def _counts(kind: str, counts: Sequence[int]) -> str:
 
 
 def _edge(edge: Edge, count: int) -> str:
-    return "".join(f"<td>{escape(cell)}</td>" for cell in (*edge, str(count) if count else "not walked"))
+    return "".join(f"<td>{escape(cell)}</td>" for cell in (*edge, str(count) if count else "not covered"))

@@ -47,7 +47,7 @@ def run_on_cluster(
     require_cluster()
     with _connected(address) as client:
         if not client.scheduler_info()["workers"]:
-            note(f"the cluster at {address} has no worker yet, and is waited for; one is: dask worker {address}")
+            note(f"the cluster at {address} has no worker yet; waiting for one (start it with: dask worker {address})")
         yield from _results(client, campaign, seeds, address)
 
 
@@ -56,12 +56,12 @@ def _connected(address: str) -> Iterator[Client]:
     from distributed import Client
 
     if not _ADDRESS.fullmatch(address):
-        raise ConfigError(f"--dask {address!r} is not an address of a Dask cluster; one is tcp://host:8786")
+        raise ConfigError(f"--dask {address!r} is not an address of a Dask cluster, such as tcp://host:8786")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # relevant messages are reported as sentences
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except OSError as error:
-        raise ConfigError(f"--dask {address}: no Dask cluster answers there: {error}") from None
+        raise ConfigError(f"--dask {address}: no Dask cluster answers at this address: {error}") from None
     try:
         yield client
     finally:
@@ -93,7 +93,7 @@ def _why(future: Future, error: BaseException | None, address: str) -> str:
         return f"the workers at {address} cannot run a simulation: {error}; install canopen-control[cluster] there"
     if error is not None:
         return f"the cluster at {address} could not run a seed: {type(error).__name__}: {error}"
-    return f"the cluster at {address} has gone: its scheduler gave a seed back as {future.status}"
+    return f"the cluster at {address} was lost: its scheduler returned a seed as {future.status}"
 
 
 # -- on a worker
@@ -106,7 +106,9 @@ def _same(packed: bytes) -> bytes:
 def _run_seed(packed: bytes, seed: int, version: str) -> SeedResult:
     """Run a seed on a worker; raise ConfigError if the worker has another version of this package."""
     if version != __version__:
-        raise ConfigError(f"a worker has canopen-control {__version__}, and {version} is here; install the same")
+        raise ConfigError(
+            f"a worker has canopen-control {__version__}, and this computer has {version}; install the same on both"
+        )
     with _ONE_AT_A_TIME:
         campaign: Campaign = _unpacked(packed)
         return campaign.run_seed(seed)

@@ -293,7 +293,7 @@ class EventPlayer:
         except CanopenError as error:
             # a failed activation ends the request; controllers stopped for it stay inactive
             if _active(core) != before and "could not be activated" not in str(error):
-                self.torn.append(f"{act.kind} {act.target} was refused ({error}) and has changed what is active")
+                self.torn.append(f"{act.kind} {act.target} was refused ({error}) but changed the active controllers")
             raise
 
     def _ask(self, act: ScenarioEvent, verb: Callable[[RobotCore], object]) -> None:

@@ -85,7 +85,7 @@ class ReportInvariants:
         moved = {joint.node.node_id for joint in joints if joint is not None}
         axes = [node for node in self._nodes if node.node_id in moved]
         if axes and all(_is_off(node, now) for node in axes):
-            self._report("command_taken", f"a command to {act.target} is taken, and its drives are off")
+            self._report("command_taken", f"a command to {act.target} was accepted although its drives are disabled")
 
     def sampled(self, now: int) -> None:
         """Check the present reports of the robot against the bus."""
@@ -112,9 +112,12 @@ class ReportInvariants:
         latch_held, latched = self._robot.core.latch.held, self._latched
         if latch_held is not latched or self._wrong_since:
             self._hold(
-                "STOP was latched by {}, and is not any more", "a client", latched is True and not latch_held, now
+                "STOP is not latched any more, though {} has latched it",
+                "a client",
+                latched is True and not latch_held,
+                now,
             )
-            self._hold("STOP is latched, and {} asked for it", "nobody", latched is False and latch_held, now)
+            self._hold("STOP is latched, though {} has requested it", "no client", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
         """Check that the state is not RUNNING with a silent or faulty node; return whether the node is so."""
@@ -124,8 +127,8 @@ class ReportInvariants:
         if not (silent or fault or self._wrong_since):
             return False
         name, running = self._names[node.node_id], self._robot.core.state is RobotState.RUNNING
-        self._hold("running, and {} is silent", name, running and silent, now)
-        self._hold("running, and {} is in fault", name, running and fault, now)
+        self._hold("the state is RUNNING although {} is silent", name, running and silent, now)
+        self._hold("the state is RUNNING although {} is in fault", name, running and fault, now)
         return silent or fault
 
     def _judge_axes(self, node: ObservedNode, now: int, *, troubled: bool) -> None:
@@ -136,10 +139,14 @@ class ReportInvariants:
         for joint in self._robot.core.joints.values():
             if joint.node.node_id == node.node_id:
                 reported = wrong and joint.enabled
-                self._hold("{} is reported as enabled, and its statusword says no", joint.joint, reported, now)
+                self._hold(
+                    "{} is reported as enabled, but its statusword shows another state", joint.joint, reported, now
+                )
                 claimed = wrong and not troubled and not joint.axis.number and joint.claimed not in (None, TARGET)
                 off = claimed and self._robot.core.state is RobotState.RUNNING
-                self._hold("running, and {} is claimed by a controller and off", joint.joint, off, now)
+                self._hold(
+                    "the state is RUNNING although {} is claimed by a controller and disabled", joint.joint, off, now
+                )
 
     def _hold(self, text: str, subject: str, wrong: bool, now: int) -> None:
         """Report a violation that lasts longer than the time allowed for a report, once."""
@@ -157,7 +164,7 @@ class ReportInvariants:
         if self._blocks is None:
             self._blocks = blocks
         elif blocks - self._blocks > _BLOCKS:
-            self._report("memory", f"{blocks - self._blocks} blocks of memory more than after a minute")
+            self._report("memory", f"{blocks - self._blocks} more memory blocks than a minute after the start")
             self._blocks = blocks
 
 
@@ -202,7 +209,9 @@ class ClientInvariants:
         if client.reads and client.waits_since is not None and now - max(client.waits_since, since) > _ANSWER_NS:
             self._report_once(client, "client_waits", f"a client has waited for an answer for {_ANSWER_NS // _MS} ms")
         elif not client.reads and client.asks and not client.dropped and now - max(client.came_ns, since) > _DEAF_NS:
-            self._report_once(client, "client_kept", f"a client that reads nothing is kept for {_DEAF_NS // _MS} ms")
+            self._report_once(
+                client, "client_kept", f"a client that never reads stays connected for {_DEAF_NS // _MS} ms"
+            )
 
     def _report_once(self, client: SimulatedClient, rule: str, text: str) -> None:
         self._reports.add(client)

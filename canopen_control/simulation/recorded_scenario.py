@@ -210,8 +210,8 @@ def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenari
     """Convert a recording to a scenario; ConfigError without a frame on a bus of the robot."""
     known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
-        buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no frame"
-        raise ConfigError(f"the recording holds {buses}, the robot has the buses {', '.join(setup.buses)}")
+        buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no bus"
+        raise ConfigError(f"the recording has frames of {buses}, but the robot has the buses {', '.join(setup.buses)}")
     end = _end(recorded, known[-1][0])
     origin, early = _origin(recorded, known[0][0])
     requests = RequestActs(motions_of(setup))

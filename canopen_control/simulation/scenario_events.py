@@ -28,47 +28,73 @@ class EventKind(NamedTuple):
 
 
 KINDS: Final = {
-    "fault": EventKind("node", "switches a fault of a virtual drive on, and off after `for`", lasts=True, breaks=True),
+    "fault": EventKind(
+        "node", "switches a fault of a virtual drive on, and off again after `for`", lasts=True, breaks=True
+    ),
     "heal": EventKind("node", "switches a fault of a virtual drive off"),
     "quirk": EventKind(
-        "node", "switches a quirk of a virtual drive on, `NAME=VALUE@AXIS`, and off after `for`", lasts=True
+        "node", "switches a quirk of a virtual drive on, `NAME=VALUE@AXIS`, and off again after `for`", lasts=True
     ),
     "quirk_off": EventKind("node", "switches a quirk of a virtual drive off"),
-    "plant": EventKind("node", "sets numbers of what hangs on an axis"),
-    "world": EventKind("", "puts on a payload, pushes, blocks a joint, or changes the grip of the floor", lasts=True),
-    "power": EventKind("node", "takes the supply of a drive away, for good or for a while", lasts=True, breaks=True),
-    "stall": EventKind(
-        "member", "lets a process do nothing for a while: `master`, or a drive's node id", lasts=True, breaks=True
+    "plant": EventKind("node", "sets values of the simulated load on an axis"),
+    "world": EventKind(
+        "", "adds a payload, pushes the robot, blocks a joint, or changes the friction of the floor", lasts=True
     ),
-    "kill": EventKind("", "kills the robot's process; it starts again after `for`", lasts=True, breaks=True),
-    "cut": EventKind("member", "cuts the cable of `master`, or of a drive, for a while", lasts=True, breaks=True),
-    "bus_off": EventKind("member", "sends a CAN controller off the bus", lasts=True, breaks=True),
-    "lose": EventKind("member", "loses some frames of a member, or of all", lasts=True, values=True, breaks=True),
-    "double": EventKind("member", "doubles some frames of a member, or of all", lasts=True, values=True, breaks=True),
-    "disturb": EventKind("member", "disturbs some frames, which are sent again", lasts=True, values=True, breaks=True),
-    "frame": EventKind("", "puts an unexpected frame onto the bus: identifier, then bytes", values=True, breaks=True),
-    "command": EventKind("controller", "commands values, ten times a second", lasts=True, values=True),
+    "power": EventKind("node", "switches the supply of a drive off, and on again after `for`", lasts=True, breaks=True),
+    "stall": EventKind(
+        "member", "suspends the process of the robot (`master`) or of a drive for a while", lasts=True, breaks=True
+    ),
+    "kill": EventKind("", "kills the robot's process, and restarts it after `for`", lasts=True, breaks=True),
+    "cut": EventKind(
+        "member", "disconnects the robot (`master`) or a drive from the bus for a while", lasts=True, breaks=True
+    ),
+    "bus_off": EventKind("member", "puts a CAN controller into bus-off for a while", lasts=True, breaks=True),
+    "lose": EventKind(
+        "member", "drops every n-th frame of one bus member, or of all members", lasts=True, values=True, breaks=True
+    ),
+    "double": EventKind(
+        "member",
+        "duplicates every n-th frame of one bus member, or of all members",
+        lasts=True,
+        values=True,
+        breaks=True,
+    ),
+    "disturb": EventKind(
+        "member",
+        "disturbs every n-th frame by an error frame, so that it is sent again",
+        lasts=True,
+        values=True,
+        breaks=True,
+    ),
+    "frame": EventKind("", "sends an unexpected frame: identifier, then data bytes", values=True, breaks=True),
+    "command": EventKind("controller", "commands values ten times a second", lasts=True, values=True),
     "trajectory": EventKind(
         "controller",
-        "sends a trajectory to positions, there after `for`, or by way of several at `times`",
+        "sends a trajectory to positions that ends after `for`, or has a point at each of `times`",
         lasts=True,
         values=True,
     ),
-    "cancel": EventKind("controller", "cancels what a trajectory controller follows"),
-    "silent": EventKind("", "connects clients that say nothing: how many, 1 without a value", lasts=True, values=True),
-    "deaf": EventKind("", "connects a client that watches everything, asks on and on, and reads nothing", lasts=True),
-    "ask": EventKind("", "asks for the status as a client that waits for each answer", lasts=True),
+    "cancel": EventKind("controller", "cancels the active goal of a trajectory controller"),
+    "silent": EventKind(
+        "", "connects clients that send nothing; the value is their number (default 1)", lasts=True, values=True
+    ),
+    "deaf": EventKind(
+        "", "connects a client that subscribes to everything and sends requests, but never reads", lasts=True
+    ),
+    "ask": EventKind("", "connects a client that requests the status and waits for each answer", lasts=True),
     "dead_man": EventKind(
         "controller",
-        "commands values once, as a client with whose connection the command ends, and leaves after `for`",
+        "commands values once with the dead-man option, and disconnects after `for`",
         lasts=True,
         values=True,
     ),
     "stop": EventKind("", "stops the robot"),
-    "latch": EventKind("", "stops the robot and latches it"),
-    "release": EventKind("", "releases a latched stop"),
-    "axis": EventKind("", "enable, disable, halt, quick-stop or fault-reset (`name`) of all drives"),
-    "activate": EventKind("controller", "switches to a controller"),
+    "latch": EventKind("", "stops the robot and latches STOP"),
+    "release": EventKind("", "releases a latched STOP"),
+    "axis": EventKind(
+        "", "runs the axis action `name` on all drives: enable, disable, halt, quick-stop or fault-reset"
+    ),
+    "activate": EventKind("controller", "activates a controller instead of the active one"),
     "deactivate": EventKind("controller", "deactivates a controller"),
 }
 

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 _ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
-_SAYS: Final = "do, fault, plant, or with physics payload, push, block or friction"
+_ACTION_KEYS: Final = "do, fault, quirk and plant (with --physics also payload, push, block and friction)"
 _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() for state in states]
 
 
@@ -73,7 +73,7 @@ def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
             acts.extend(_Checked(step, nodes, controllers, setup).acts())
         length = None if file.length is None else nanoseconds_at(file.here, file.length)
         if length == 0:
-            file.here.error("for: 0 simulates nothing; give a time above 0, as 20s")
+            file.here.error("for: a simulation of 0 s does nothing; write a time above 0, such as 20s")
         elif length is not None:
             _check_ends(file, length)
         scenarios.append(Scenario(tuple(sorted(acts, key=lambda act: act.at_ns)), length, file.seed))
@@ -87,7 +87,7 @@ def _check_ends(file: ScenarioFile, length: int) -> None:
     for step in file.steps:
         with contextlib.suppress(ValueError):  # of a time that is reported already
             if (at := nanoseconds_of(step.at)) > length:
-                step.here.error(f"at: {at / 1e9:g} s never comes, the scenario ends at {length / 1e9:g} s (for)")
+                step.here.error(f"at: {at / 1e9:g} s is after the end of the scenario at {length / 1e9:g} s (for)")
 
 
 def _kind_of(step: ScenarioStep) -> str:
@@ -112,13 +112,13 @@ class _Checked:
             yield from self._world(happens)
             return
         if step.do == "world" or not (step.do or step.fault or step.quirk or step.plant):
-            step.here.error(f"a step says what happens: {_SAYS}")
+            step.here.error(f"a step needs one of {_ACTION_KEYS}")
             return
         kind = step.do or _kind_of(step)
         target = str(step.target if step.node is None else step.node)
         name = step.fault or step.quirk or step.name
         if kind not in KINDS:
-            step.here.error(f"do: {kind} is nothing that can be done{nearest(kind, KINDS)}")
+            step.here.error(f"do: {kind!r} is not a kind of event{nearest(kind, KINDS)}")
             return
         self._check_target(kind, target)
         self._check_name(kind, name)
@@ -129,13 +129,13 @@ class _Checked:
         if kind == "frame":
             self._check_frame()
         elif kind in ("lose", "double", "disturb") and values and not _is_count(values):
-            step.here.error(f"values: of {kind} is one whole number n from 1 on, for every n-th frame")
+            step.here.error(f"values: {kind} needs one integer n of 1 or more, for every n-th frame")
         if step.times:
             self._check_times(kind)
         if kind == "plant":
             self._check_axis(step.axis)
         if step.when and step.when not in _MOMENTS:
-            step.here.error(f"when: {step.when} is not a state{nearest(step.when, _MOMENTS)}")
+            step.here.error(f"when: {step.when!r} is not a state{nearest(step.when, _MOMENTS)}")
         numbers, plant, times = tuple(values), tuple(step.plant.items()), tuple(step.times)
         yield ScenarioEvent(step.at_ns, kind, target, name, numbers, lasts, plant, step.axis, times, step.when)
 
@@ -146,14 +146,16 @@ class _Checked:
             step.node is not None or step.fault or step.quirk or step.plant or step.values or step.target or step.name
         )
         if len(happens) > 1 or named or step.do not in ("", "world"):
-            step.here.error("a step has one of payload, push, block and friction, and at, for and when beside it alone")
+            step.here.error(
+                "a step can have one of payload, push, block and friction, and besides only at, for and when"
+            )
         if not setup.physics:
-            step.here.error("payload, push, block and friction need a floor: give --physics")
+            step.here.error("payload, push, block and friction need a physics simulation: add --physics")
         lasts = step.for_ns
         if lasts is not None and not step.block:
             self._no("for", "payload, push and friction")
         if step.when and step.when not in _MOMENTS:
-            step.here.error(f"when: {step.when} is not a state{nearest(step.when, _MOMENTS)}")
+            step.here.error(f"when: {step.when!r} is not a state{nearest(step.when, _MOMENTS)}")
         for world_act in happens:
             self._check_part(world_act)
             yield ScenarioEvent(step.at_ns, "world", for_ns=lasts, when=step.when, world=world_act)
@@ -169,7 +171,7 @@ class _Checked:
             here.error(f"on: the robot has no link {world_act.on!r}{nearest(world_act.on, list(model.links))}")
 
     def _no(self, key: str, kind: str) -> tuple[float, ...]:
-        self._step.here.error(f"{key}: does not go with {kind}")
+        self._step.here.error(f"{key}: is not possible with {kind}")
         return ()
 
     def _check_target(self, kind: str, target: str) -> None:
@@ -178,15 +180,17 @@ class _Checked:
         if target_kind == "controller" and target not in self._controllers:
             here.error(f"target: the robot has no controller {target!r}{nearest(target, self._controllers)}")
         elif target_kind == "node" and target not in node_ids:
-            here.error(f"{kind}: there is no node {target or 'named'}; there are: {', '.join(node_ids)}")
+            here.error(f"{kind}: needs a node of this robot, not {target or 'none'}; there are: {', '.join(node_ids)}")
         elif (
             target_kind == "member"
             and target not in (*node_ids, MASTER)
             and (target or kind in ("stall", "cut", "bus_off"))
         ):
-            here.error(f"target: {target or 'nobody'} is not on a bus; there are: {MASTER}, {', '.join(node_ids)}")
+            here.error(
+                f"target: {target or 'none'} is not a member of a bus; there are: {MASTER}, {', '.join(node_ids)}"
+            )
         elif target_kind == "" and target and kind != "axis":
-            here.error(f"target: does not go with {kind}")
+            here.error(f"target: is not possible with {kind}")
 
     def _check_name(self, kind: str, name: str) -> None:
         here = self._step.here
@@ -198,9 +202,9 @@ class _Checked:
                 self._check_axis(parse_quirk(name).axis)
         elif kind == "axis":
             if name not in _ACTIONS:
-                here.error(f"name: {name or 'nothing'} is not an action; there are: {', '.join(_ACTIONS)}")
+                here.error(f"name: {name or 'none'} is not an action; there are: {', '.join(_ACTIONS)}")
         elif name:
-            here.error(f"name: does not go with {kind}")
+            here.error(f"name: is not possible with {kind}")
 
     def _check_axis(self, axis: int | None) -> None:
         """Report an axis number that the step's node does not have."""
@@ -216,7 +220,7 @@ class _Checked:
             self._no("times", kind)
         elif list(times) != sorted(set(times)) or times[0] <= 0 or len(self._step.values) % len(times):
             self._step.here.error(
-                "times: those of the points of a trajectory in s, growing, and values for each of them"
+                "times: write increasing times above 0 in s, one per point of the trajectory, and values for each point"
             )
 
     def _check_frame(self) -> None:
@@ -224,7 +228,7 @@ class _Checked:
         data = values[1:]
         legal = 1 <= len(values) <= 9 and 0 <= values[0] <= 0x7FF and all(0 <= byte <= 255 for byte in data)
         if not legal or any(byte != int(byte) for byte in values):
-            self._step.here.error("values: of a frame are its identifier, 0 to 0x7FF, and up to eight bytes")
+            self._step.here.error("values: a frame needs an identifier from 0 to 0x7FF and up to eight data bytes")
 
 
 def _is_count(values: Sequence[float]) -> bool:

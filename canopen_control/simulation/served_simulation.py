@@ -106,7 +106,7 @@ class ServedSimulation:
             self._held.close()
             owner = f" (process {error.pid})" if error.pid else ""
             raise RobotConfigError(
-                f"a robot named {name} runs already{owner}; stop that one, or choose another name with --as"
+                f"a robot named {name} is already running{owner}; stop it, or choose another name with --as"
             ) from error
         self._held.callback(close_listener, self._socket)
         self._front.add_reader(self._socket, self._on_connection)

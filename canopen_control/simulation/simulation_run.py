@@ -120,8 +120,8 @@ class SimulationRun:
         ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
         if core.has_run or not ended:
             return ""
-        why = core.failure or core.hint or "its events say how far it came; give it more time: --for"
-        return f"{core.setup.name} never ran in {seconds:g} s: {why}"
+        why = core.failure or core.hint or "see its events for the progress, or allow more time with --for"
+        return f"{core.setup.name} did not reach the state RUNNING within {seconds:g} s: {why}"
 
     def close(self) -> None:
         """Shut down robot, drives and served socket, and delete temporary files."""

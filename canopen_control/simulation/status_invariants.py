@@ -224,7 +224,7 @@ class StatusInvariants:
             if self._wrong_since:
                 self._wrong_since.pop((faces, subject, what), None)
         elif self._lasts((faces, subject, what), _SOON_NS, now):
-            self._report_shown(faces, f"{subject} is reported as {claim}, it is {truth}")
+            self._report_shown(faces, f"{subject} is reported as {claim} but is {truth}")
 
     def _judge_values(
         self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
@@ -247,7 +247,7 @@ class StatusInvariants:
                 self._wrong_since.pop((faces, shaft.joint, quantity), None)
         elif self._lasts((faces, shaft.joint, quantity), _EVERY_NS, now):
             true = shaft.truth[-1][which]
-            self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value}, it is {true:.4f}")
+            self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value} but is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Check the values and the time stamp of `/joint_states`."""
@@ -261,7 +261,7 @@ class StatusInvariants:
             self._wrong_since.pop(_STAMP, None)
         elif self._lasts(_STAMP, _SOON_NS, now):
             old = f"{now / 1e9 - sample.time:.3f} s"
-            self._report_shown(_PUBLISHED, f"stamped {old} ago, each cycle brings new ones")
+            self._report_shown(_PUBLISHED, f"the time stamp is {old} old, though every cycle has new values")
 
     def _report_shown(self, faces: Faces, text: str) -> None:
         for face in faces:
@@ -293,9 +293,9 @@ class StatusInvariants:
         if not limit or now < max(since, self._disturbed.hidden_at) + limit + _SOON_NS:
             return
         if reading.ready:
-            self._report_once(name, since, "shown_wrong", f"status: {name} is reported as ready and has no supply")
+            self._report_once(name, since, "shown_wrong", f"status: {name} is reported as ready but has no supply")
         elif was_ready and not _has_event(events, name, since):
-            self._report_once(name, since, "event_missing", f"{name} was lost, and no event says so")
+            self._report_once(name, since, "event_missing", f"{name} was lost, and no event reports the loss")
 
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that a drive fault on the bus has an event."""
@@ -306,7 +306,9 @@ class StatusInvariants:
             and hidden + _CALM_NS < view.fault_at < now - _SOON_NS
             and not _has_event(events, name, view.fault_at)
         ):
-            self._report_once(name, view.fault_at, "event_missing", f"{name} is in fault, and no event says so")
+            self._report_once(
+                name, view.fault_at, "event_missing", f"{name} is in fault, and no event reports the fault"
+            )
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that an EMCY with an error has an event; one event is enough for a series."""
@@ -320,7 +322,7 @@ class StatusInvariants:
         self._emcys[name], self._emcys_told[name] = 0, sent
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns)
         if hidden + _CALM_NS < sent and not _has_event(events, name, sent - _FLOOD_NS, "emcy"):
-            self._report("event_missing", f"{name} has sent an EMCY, and no event says so")
+            self._report("event_missing", f"{name} has sent an EMCY, and no event reports it")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
         """Check that a repeated toggle bit in a guarding answer has an event."""
@@ -329,7 +331,7 @@ class StatusInvariants:
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
         if was_ready and at < now - _SOON_NS and not _has_event(events, name, at, "guarding"):
             self._report_once(
-                name, at, "event_missing", f"the guarding toggle bit of {name} was wrong, and no event says so"
+                name, at, "event_missing", f"the guarding toggle bit of {name} was wrong, and no event reports it"
             )
 
     def _judge_jumps(self, events: list[RobotEvent]) -> None:
@@ -346,7 +348,7 @@ class StatusInvariants:
             since = max(self._disturbed.moved(node_id), self._disturbed.hidden_at, self._robot.started_ns)
             put = self._disturbed.put(node_id) / 1e9
             if since / 1e9 < event.time - _CALM_NS / 1e9 and not 0.0 <= event.time - put < _PUT_S:
-                self._report("shown_wrong", f"events: {event.text}, and its shaft has turned on")
+                self._report("shown_wrong", f"events: {event.text}, but the shaft has not jumped")
 
     def _report_once(self, name: str, since: int, rule: str, text: str) -> None:
         if self._told_faults.get((name, text)) != since:
@@ -444,16 +446,21 @@ class GoalInvariants:
             goal.there_since = (goal.there_since or now) if arrived else 0
             if not (arrived and now > max(goal.over_ns, goal.there_since) + _LATE_NS):
                 return now < goal.over_ns + 10 * _LATE_NS
-            self._report("goal_wrong", f"the goal of {goal.act.target} has been reached, and it does not end")
+            self._report("goal_wrong", f"the goal of {goal.act.target} was reached but does not end")
         elif goal.goal.state is GoalState.SUCCEEDED:
             for joint, (_, least) in off.items():
                 if least > _GOAL_SLACK:
-                    text = f"the goal of {goal.act.target} is reported as reached, {joint} is off by {least:.4f} more"
+                    text = (
+                        f"the goal of {goal.act.target} is reported as reached, but {joint} is off by {least:.4f} more"
+                    )
                     self._report("goal_wrong", f"{text} than its tolerance")
         elif goal.goal.code is ResultCode.GOAL_TOLERANCE_VIOLATED and _all_within(off):
-            self._report("goal_wrong", f"the goal of {goal.act.target} is reported as missed, and all joints are there")
+            self._report(
+                "goal_wrong",
+                f"the goal of {goal.act.target} is reported as missed, but all joints are within their tolerances",
+            )
         elif goal.goal.code is ResultCode.INVALID_GOAL and off and self._hides_its_stop(goal, now):
-            message = f"a stop has ended the goal of {goal.act.target}, which says: {goal.goal.text}"
+            message = f"a stop has ended the goal of {goal.act.target}, whose result is: {goal.goal.text}"
             self._report("goal_wrong", message)
         return False
 
@@ -476,7 +483,7 @@ class GoalInvariants:
             return True
         for joint, way in travels:
             if way > _GOAL_SLACK:
-                text = f"the goal of {goal.act.target} was cancelled, and {joint} moves on"
+                text = f"the goal of {goal.act.target} was cancelled, but {joint} still moves"
                 self._report("goal_wrong", text)
         return False
 

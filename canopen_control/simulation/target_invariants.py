@@ -199,7 +199,7 @@ class TargetInvariants:
             wrong = ""
         if wrong and not axis.wrong and (pushes or self._is_calm(view, now)):
             rule = "limit_ignored" if view.enabled else "target_disabled"
-            self._report(rule, f"node {view.node_id} gets the command {wrong}")
+            self._report(rule, f"node {view.node_id} is commanded {wrong}")
             axis.wrong = wrong
         elif not wrong:
             axis.wrong = ""
@@ -224,12 +224,12 @@ class TargetInvariants:
                 return ""
             place = float(drive.objects.units.user(drive.mover.plant.position))
             inside = low - _LEAST <= place <= high + _LEAST  # otherwise it may hold its position
-            return f"to go to {target}, its software limits are {low} and {high}" if inside else ""
+            return f"to move to {target}, beyond its software position limits {low} and {high}" if inside else ""
         if mode not in (_PV, _CSV):
             return ""
         target = targets.get(_VELOCITY, 0)
         if most and abs(target) > most + 1:
-            return f"to turn at {target}, its greatest velocity is {most}"
+            return f"to move at {target}, above its maximum velocity {most}"
         return ""
 
     def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
@@ -241,21 +241,21 @@ class TargetInvariants:
             return ""
         targets = view.targets_since(_VELOCITY, now - _LAG_NS)
         pushes = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _LEAST
-        return f"to turn at {targets[-1]}, against the limit that it has come to" if pushes else ""
+        return f"to move at {targets[-1]}, against its active limit" if pushes else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
         """Return a text about a target of a disabled drive that is not standstill, else ""."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
         if target := view.targets.get(_VELOCITY, 0):
-            return f"to turn at {target}, and it is off"
+            return f"to move at {target} while disabled"
         place = view.targets.get(o.TARGET_POSITION)
         plant, units = drive.mover.plant, drive.objects.units
         if place is None or abs(plant.velocity) > _LEAST:
             return ""
         here = float(units.user(plant.position))
         off = abs(wrap32(place - round(here)))
-        return f"to go to {place}, and it is off at {here:.0f}" if off > _LEAST + _reach(drive) else ""
+        return f"to move to {place} while disabled at {here:.0f}" if off > _LEAST + _reach(drive) else ""
 
     # -- the shaft follows the targets
 
@@ -270,7 +270,7 @@ class TargetInvariants:
         elif mode == _CSP:
             least, most = min(targets), max(targets)
             place, reach = float(units.user(plant.position)), most - least + _reach(drive)
-            self._within(axis, drive, place, targets, 1.0, (least - reach, most + reach), "is at {} of its units")
+            self._within(axis, drive, place, targets, 1.0, (least - reach, most + reach), "is at {} position units")
         else:
             limited, unit = drive.limits.velocity, units.velocity
             low = high = limited(targets[0] * unit)
@@ -304,7 +304,7 @@ class TargetInvariants:
             axis.reported = True
             motion = does.format(round(value))
             commanded = ", ".join(f"{unit * target:.0f}" for target in targets)
-            text = f"the shaft of node {axis.view.node_id} {motion}, told {commanded}"
+            text = f"the shaft of node {axis.view.node_id} {motion}, commanded were {commanded}"
             if drive.modes.gate is not None and drive.modes.gate.closed_by:
                 self._answers.unless_reported(axis.view.node_id, "target_missed", text, axis.view.enabled_at)
             else:
@@ -333,7 +333,10 @@ class TargetInvariants:
             self._wrong.discard(joint)
         elif joint not in self._wrong:
             self._wrong.add(joint)
-            self._report("target_wrong", f"the drive of {joint} gets {target:.0f}, commanded was {commanded[-1]:.0f}")
+            self._report(
+                "target_wrong",
+                f"the drive of {joint} gets the target {target:.0f} instead of the commanded {commanded[-1]:.0f}",
+            )
 
     def _judge_life(self, joint: str, view: ObservedNode, recent: Sequence[float], now: int) -> None:
         """Report a standstill command to a drive while a client renews a motion command."""
@@ -346,7 +349,7 @@ class TargetInvariants:
             self._lost.discard(joint)
         elif joint not in self._lost:
             self._lost.add(joint)
-            text = f"the drive of {joint} is told to stand, and {value:g} is commanded on and on"
+            text = f"the drive of {joint} is commanded to stand still while a client keeps commanding {value:g}"
             device = self._robot.drives[view.node_id].device
             if device is not None and device.drives[0].modes.number not in (_PV, _CSV):  # the robot waits for the mode
                 self._answers.unless_reported(view.node_id, "command_lost", text, view.enabled_at)

@@ -123,7 +123,7 @@ class ConfigurationInvariants:
         wrong = [name for name in wrong if not self._answers.reported(node.plan.node_id, since, name)]
         if wrong:
             names = ", ".join(wrong)
-            self._report("plan_unwritten", f"{node.name} is ready, and does not hold what the plan writes to {names}")
+            self._report("plan_unwritten", f"{node.name} is ready but does not have the planned values of {names}")
 
     # -- forbidden values
 
@@ -174,7 +174,8 @@ class ConfigurationInvariants:
             values: list[Any] = [value for _, value in observed]
             if isinstance(reported, int | float) and not min(values) <= reported <= max(values):
                 self._report(
-                    "shown_wrong", f"process data: {_name(mapped)} of {node.name} is {reported}, it is {values[-1]}"
+                    "shown_wrong",
+                    f"process data: {_name(mapped)} of {node.name} is reported as {reported} but is {values[-1]}",
                 )
                 observed.clear()
 
@@ -268,7 +269,7 @@ class WireInvariants:
         gap = now - last
         if period and last > self._excused(now) and gap > period * _LATE:
             self._report(
-                "late", f"{service} of the master came after {gap / 1e6:.1f} ms, its period is {period / 1e6:g} ms"
+                "late", f"{service} of the master was sent after {gap / 1e6:.1f} ms instead of {period / 1e6:g} ms"
             )
 
     def _request(self, node: int, data: bytes, now: int) -> None:
@@ -287,8 +288,8 @@ class WireInvariants:
             return
         pending = self._waiting.get(node)
         if pending is not None and 0 < now - pending[0] < _SDO_WAIT_NS and self._all_recorded_since(pending[0]):
-            again = f"{(now - pending[0]) / 1e6:.1f} ms after {pending[1].hex(' ')}, which has no answer yet"
-            self._report("sdo_overlap", f"node {node} is asked {data.hex(' ')} {again}")
+            again = f"{(now - pending[0]) / 1e6:.1f} ms after {pending[1].hex(' ')}, which was not answered yet"
+            self._report("sdo_overlap", f"node {node} gets the SDO request {data.hex(' ')} {again}")
         self._waiting[node] = (now, data)
 
     def _all_recorded_since(self, asked_ns: int) -> bool:
@@ -311,7 +312,7 @@ class WireInvariants:
         self._window, self._bits = now, self._wire.bits
         booting = any(node.booted_at > now - _BOOT_NS for node in self._view.nodes.values())
         if load > self._budget and not booting and now > self._quiet_until and now > self._last_start + _BOOT_NS:
-            self._report("bus_budget", f"the bus is loaded to {load:.0%}, its budget is {self._budget:.0%}")
+            self._report("bus_budget", f"the bus load is {load:.0%}, above its budget of {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:
         """Return until when the master may be late after a stall, a restart, or a bus fault."""

@@ -139,14 +139,14 @@ def test_a_robot_that_never_runs_is_exit_1_and_a_sentence(capsys, tmp_path):
     path.write_text("for: 1s\nsteps:\n  - {at: 0s, node: 3, fault: silent}\n")
     code, _, err = simulate(capsys, "robby", "--scenario", str(path))
     assert code == 1
-    assert "robby never ran in 1 s" in err
+    assert "robby did not reach the state RUNNING within 1 s" in err
 
 
 def test_seeds_of_a_robot_that_never_runs_are_one_sentence(capsys, tmp_path):
     folder = copy_robby(tmp_path, bus={"node_id: 3": "node_id: 3\n    product_code: 7"})
     code, out, err = simulate(capsys, str(folder), "--seeds", "3", "--for", "2s")
     assert (code, out) == (1, "")
-    assert err.count("robby never ran in 5.1 s: node 3 (left_drive): boot error M") == 1
+    assert err.count("robby did not reach the state RUNNING within 5.1 s: node 3 (left_drive): boot error M") == 1
     assert "product code" in err
 
 

@@ -102,7 +102,7 @@ def test_a_seed_whose_workers_die_again_and_again_runs_here(campaign, monkeypatc
         (Made("error", ModuleNotFoundError("No module named 'canopen_control'")), "install canopen-control"),
         (Made("error", ConfigError("arm.eds: not there")), "^arm.eds: not there$"),
         (Made("error", ValueError("odd")), "could not run a seed: ValueError: odd"),
-        (Made("cancelled"), "tcp://there:1 has gone"),
+        (Made("cancelled"), "tcp://there:1 was lost"),
     ],
 )
 def test_what_ends_a_campaign_is_a_sentence(campaign, monkeypatch, made, said):
@@ -111,7 +111,7 @@ def test_what_ends_a_campaign_is_a_sentence(campaign, monkeypatch, made, said):
 
 
 def test_a_worker_of_another_version_is_told(campaign):
-    with pytest.raises(ConfigError, match=r"0\.0\.1 is here; install the same"):
+    with pytest.raises(ConfigError, match=r"this computer has 0\.0\.1; install the same"):
         cluster._run_seed(b"", 1, "0.0.1")
 
 
@@ -123,7 +123,7 @@ def test_what_is_no_address_is_told(campaign, address):
 
 def test_no_cluster_at_an_address_is_told_soon(campaign, monkeypatch):
     monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
-    with pytest.raises(ConfigError, match=r"tcp://127\.0\.0\.1:9: no Dask cluster answers there"):
+    with pytest.raises(ConfigError, match=r"tcp://127\.0\.0\.1:9: no Dask cluster answers at this address"):
         list(run_on_cluster(campaign, SEEDS, "tcp://127.0.0.1:9"))
 
 

@@ -30,9 +30,9 @@ def test_the_truth_is_no_news(judged):
 def test_running_while_a_drive_is_in_fault_or_silent_is_told_once(judged, monkeypatch):
     monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
     judged.do("fault", 3, name="drive_fault").run(1.5)
-    assert judged.told == [("state_told", "running, and node 3 is in fault")]
+    assert judged.told == [("state_told", "the state is RUNNING although node 3 is in fault")]
     judged.do("power", 2).run(2.0)
-    assert judged.told[1:] == [("state_told", "running, and node 2 is silent")]
+    assert judged.told[1:] == [("state_told", "the state is RUNNING although node 2 is silent")]
 
 
 def test_an_error_of_the_program_is_told(judged):
@@ -59,7 +59,7 @@ def test_a_latch_holds_until_it_is_released_whoever_leaves_or_restarts(judged):
 
 
 @pytest.mark.parametrize(
-    ("kind", "held", "words"), [("latch", None, "is not any more"), ("", "me", "nobody asked for it")]
+    ("kind", "held", "words"), [("latch", None, "a client has latched it"), ("", "me", "no client has requested it")]
 )
 def test_a_latch_that_is_lost_is_told_and_one_that_nobody_asked_for(judged, kind, held, words):
     if kind:
@@ -74,7 +74,10 @@ def test_a_latch_that_is_lost_is_told_and_one_that_nobody_asked_for(judged, kind
 def test_running_is_a_lie_while_a_claimed_drive_is_off(judged, monkeypatch):
     monkeypatch.setattr(RobotCore, "state", property(lambda self: RobotState.RUNNING))
     judged.do("axis", name="disable").run(1.0)
-    told = {f"running, and {side}_wheel_joint is claimed by a controller and off" for side in ("left", "right")}
+    told = {
+        f"the state is RUNNING although {side}_wheel_joint is claimed by a controller and disabled"
+        for side in ("left", "right")
+    }
     assert {text for _, text in judged.told} == told
 
 

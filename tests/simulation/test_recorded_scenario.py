@@ -210,7 +210,7 @@ def test_it_ends_with_its_robot():
 
 def test_what_is_no_recording_of_the_robot_is_told():
     other = [(BEGIN, "front", CanFrame(0x80))]
-    with pytest.raises(ConfigError, match="the recording holds front, the robot has the buses can"):
+    with pytest.raises(ConfigError, match="the recording has frames of front, but the robot has the buses can"):
         scenario_of_recording(RecordedRobot(other), setup_of())
-    with pytest.raises(ConfigError, match="the recording holds no frame"):
+    with pytest.raises(ConfigError, match="the recording has frames of no bus"):
         scenario_of_recording(RecordedRobot([]), setup_of())

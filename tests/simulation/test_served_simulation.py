@@ -154,7 +154,7 @@ def test_who_reads_nothing_is_let_go_and_holds_up_nobody(served):
 
 
 def test_the_name_of_a_robot_that_runs_is_refused(served):
-    with pytest.raises(RobotConfigError, match="a robot named robby runs already"):
+    with pytest.raises(RobotConfigError, match="a robot named robby is already running"):
         ServedSimulation(served.player)
 
 

@@ -65,9 +65,9 @@ def test_a_goal_that_ends_as_its_tolerances_say_is_no_news(arm):
 @pytest.mark.parametrize(
     ("verdict", "when", "words"),
     [
-        (REACHED, lambda self: True, "is reported as reached, joint_1 is off by"),
-        (MISSED, lambda self: self.over, "is reported as missed, and all joints are there"),
-        (None, lambda self: True, "has been reached, and it does not end"),
+        (REACHED, lambda self: True, "is reported as reached, but joint_1 is off by"),
+        (MISSED, lambda self: self.over, "is reported as missed, but all joints are within their tolerances"),
+        (None, lambda self: True, "was reached but does not end"),
     ],
 )
 def test_a_goal_that_ends_otherwise_is_told(arm, monkeypatch, verdict, when, words):
@@ -89,7 +89,7 @@ def test_a_cancelled_trajectory_that_goes_on_is_told_unless_something_newer_lead
         go(arm, 3.0)
     arm.run(0.8)
     assert set(arm.broken) == (set() if newer else {"goal_wrong"})
-    assert newer or arm.told[0][1] == f"the goal of {ARM} was cancelled, and joint_1 moves on"
+    assert newer or arm.told[0][1] == f"the goal of {ARM} was cancelled, but joint_1 still moves"
 
 
 @pytest.mark.sources
@@ -97,7 +97,7 @@ def test_a_goal_that_a_stop_has_ended_says_so(arm, monkeypatch):
     monkeypatch.setattr(UpdateLoop, "forget", lambda self, now, why: None)
     go(arm).run(0.5).do("stop").run(0.2)
     assert arm.broken == ["goal_wrong"]
-    assert "a stop has ended the goal of arm_controller, which says: joint_1 (joint_1_drive)" in arm.told[0][1]
+    assert "a stop has ended the goal of arm_controller, whose result is: joint_1 (joint_1_drive)" in arm.told[0][1]
 
 
 @pytest.mark.sources

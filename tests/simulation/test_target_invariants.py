@@ -130,7 +130,7 @@ def test_a_drive_that_is_off_is_told_to_stand(judged, monkeypatch):
     monkeypatch.setattr(JointTargets, "hold", lambda self: None)
     judged.robot.core.joints["left_wheel_joint"].axis.output(0x60FF).set(500)
     judged.run(0.5)
-    assert judged.told == [("target_disabled", "node 3 gets the command to turn at 500, and it is off")]
+    assert judged.told == [("target_disabled", "node 3 is commanded to move at 500 while disabled")]
 
 
 def limits(*steps):

@@ -39,7 +39,7 @@ def test_a_parameter_that_was_not_written_is_told_by_its_address(judged):
     judged.rules._nodes[0].boots = 0
     judged.robot.drives[3].device.store.set(0x6083, 0, 1)
     judged.run(0.2)
-    text = "left_drive is ready, and does not hold what the plan writes to 0x6083:00"
+    text = "left_drive is ready but does not have the planned values of 0x6083:00"
     assert judged.told == [("plan_unwritten", text)]
     judged.run(0.5)
     assert len(judged.told) == 1
@@ -102,7 +102,7 @@ def test_a_wide_object_is_decoded_as_it_is():
     told = run.invariants.breaches
     run.close()
     assert [each.rule for each in told][:1] == ["shown_wrong"]
-    assert "0x2000:00 of counter is 320255973501901, it is 81985529216486895" in told[0].text
+    assert "0x2000:00 of counter is reported as 320255973501901 but is 81985529216486895" in told[0].text
 
 
 @pytest.mark.parametrize(("value", "holds"), [(20000, True), (1, False)])
