@@ -514,7 +514,7 @@ def test_a_file_of_absurd_size_is_refused_before_it_is_read(tmp_path):
     path = tmp_path / "huge.eds"
     with path.open("wb") as file:
         file.truncate(40_000_000_000)
-    with pytest.raises(EdsError, match=r"it has 40000\.0 MB, 32 MB are enough"):
+    with pytest.raises(EdsError, match=r"it has 40000\.0 MB, more than the limit of 32 MB"):
         read_eds(path)
     with pytest.raises(EdsError, match="it is not a regular file"):
         read_eds("/dev/zero")
