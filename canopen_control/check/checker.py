@@ -238,7 +238,7 @@ def _of_eds(config: BusConfig) -> Iterator[Finding]:
         if odd:
             count = "1 issue" if len(odd) == 1 else f"{len(odd)} issues"
             text = f"{count} in this file, the first at line {odd[0].line}: {odd[0].text}"
-            yield Finding(str(path), 0, Severity.NOTE, text, f"canopen-control eds check {path.name} lists them")
+            yield Finding(str(path), 0, Severity.NOTE, text, f"canopen-control eds check {path.name} lists all")
 
 
 def _placed(text: str, path: Path) -> Finding:
@@ -268,17 +268,17 @@ def _with_known_period(config: BusConfig, budget: Budget, control: ControllersFi
         path, line, cure = control.path, control.manager_lines.get("update_rate", 0), "lower update_rate"
     if not budget.fits:
         period = f"a cycle of {budget.period_ns / 1e6:g} ms"
-        text = f"{period} cannot carry its {budget.worst_bits} bits at {kbits} kbit/s"
+        text = f"{period} is too short for its {budget.worst_bits} bits at {kbits} kbit/s"
         fix = f"the shortest possible period is {shortest:.2f} ms; {cure}, raise the bit rate, or map less"
         yield Finding(path, line, Severity.ERROR, text, fix)
     elif budget.load > HIGH:
-        text = f"the bus is loaded to {budget.load:.0%} by process data and heartbeats alone"
-        fix = f"above {HIGH:.0%} too little is left for SDO and EMCY; {cure}, raise the bit rate, or map less"
+        text = f"the bus has a load of {budget.load:.0%} by process data and heartbeats alone"
+        fix = f"above {HIGH:.0%} too little bandwidth is left for SDO and EMCY; {cure}, raise the bit rate, or map less"
         yield Finding(path, line, Severity.WARNING, text, fix)
     window = config.master.sync_window
     if window and budget.shortest_period_ns > window * 1000:
         text = f"the synchronous PDOs take {shortest:.2f} ms, sync_window is {window / 1000:g} ms"
         yield Finding(config.path, 0, Severity.WARNING, text, "widen the window, or map less")
     for name in budget.unbounded:
-        text = f"{name} is sent on events and has no inhibit_time: counted once per cycle, it may come more often"
-        yield Finding(config.path, 0, Severity.NOTE, text, "give it an inhibit_time, or transmission 1")
+        text = f"{name} is sent on events without an inhibit_time, and may be sent more often than once per cycle"
+        yield Finding(config.path, 0, Severity.NOTE, text, "set inhibit_time, or transmission 1")

@@ -35,15 +35,15 @@ def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
             if carried.isdisjoint({objects.POSITION_ACTUAL + offset, objects.VELOCITY_ACTUAL + offset}):
                 text = (
                     f"{name}: no TPDO carries 0x{objects.POSITION_ACTUAL + offset:04X} or "
-                    f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without any feedback"
+                    f"0x{objects.VELOCITY_ACTUAL + offset:04X}: it is moved without feedback"
                 )
                 place, od = bus.place(name, "tpdo"), bus.dictionaries[name]
                 measured = [index + offset for index in (objects.POSITION_ACTUAL, objects.VELOCITY_ACTUAL)]
                 fix = "map one of them"
                 if not any(od.get(index) for index in measured):
-                    fix = f"{node.identity.dcf} has neither, so no loop can be closed over it"
+                    fix = f"{node.identity.dcf} has neither object, so control loops are impossible"
                 elif not any(_shown(od, index) for index in measured):
-                    fix = f"{node.identity.dcf} lets neither be mapped, so no loop can be closed over it"
+                    fix = f"{node.identity.dcf} allows mapping neither object, so control loops are impossible"
                 yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
 
@@ -81,19 +81,19 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
                 if interface in joint.state_interfaces and objects.axis_index(index, int(axis)) not in carried
             }
             for interface, index in lacks.items():
-                text = f"joint {joint.name} asks for its {interface}, and no TPDO of {name} carries 0x{index:04X}"
+                text = f"joint {joint.name} has {interface} as state interface, but no TPDO of {name} has 0x{index:04X}"
                 derived = interface == VELOCITY and objects.axis_index(MEASURED[POSITION], int(axis)) in carried
-                end = "it is made of its positions, later and coarser" if derived else "it has none"
+                end = "the velocity is derived from positions, later and coarser" if derived else "the value is unknown"
                 counts = _shown(bus.dictionaries[name], index)
                 file = bus.nodes[name].identity.dcf
-                fix = f"map 0x{index:04X} in {bus.path}" if counts else f"{file} has none that can be mapped"
+                fix = f"map 0x{index:04X} in {bus.path}" if counts else f"{file} has no such object that can be mapped"
                 severity = Severity.NOTE if derived else Severity.WARNING
                 yield Finding(description.path, joint.place.line, severity, f"{text}: {end}", fix)
     for name, controller in robot.configured.items() if silent else ():
         if ALL_STATES in controller.state_interface_names():
             config = robot.config(name)
-            text = f"{name} would have nothing to publish: no TPDO carries a position, a velocity or an effort"
-            fix = "map 0x6064 or 0x606C, or leave it out"
+            text = f"{name} has nothing to publish: no TPDO carries a position, a velocity or an effort"
+            fix = "map 0x6064 or 0x606C, or remove the broadcaster"
             yield Finding(config.path, config.line, robot.severity(name), text, fix)
 
 
@@ -109,7 +109,7 @@ def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
             continue
         for axis in sorted({*range(len(plan.motors.subindices))} - axes):
             place = bus.place(name, "motor_subindices")
-            text = f"axis {axis} of {name} has no joint: it is enabled with the others, and nothing sees its faults"
+            text = f"axis {axis} of {name} has no joint: it is enabled with the others, but its faults are not detected"
             fix = f'give a joint <param name="axis">{axis}</param>'
             yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
@@ -132,8 +132,8 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
                 section.path,
                 section.line,
                 Severity.NOTE,
-                f"{name} is known as {drive.title}, and such drives need `{text}`: {key.why} ({key.source})",
-                "add it, or leave it out where this one differs",
+                f"{name} is a {drive.title} drive, and such drives need `{text}`: {key.why} ({key.source})",
+                "add the key, unless this drive differs",
             )
 
 
@@ -170,7 +170,7 @@ def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
             if not any((index + offset, subindex) in carried for offset in plan.axes):
                 place = bus.place(name, f"{kind}_mode")
                 text = f"{name}: no RPDO carries 0x{index:04X}:{subindex:02X}, the target of {mode_words(mode)}"
-                fix = f"map it, or take a {kind}_mode whose target is mapped"
+                fix = f"map it, or use a {kind}_mode whose target is mapped"
                 yield Finding(place.path, place.line, Severity.ERROR, text, fix, column=place.column)
 
 

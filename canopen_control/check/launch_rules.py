@@ -86,7 +86,7 @@ def _walk(launch: _Launch, element: Element, namespace: str) -> None:
         _walk(launch, child, space)
 
 
-_GIVE: Final = "give what it is with NAME:=VALUE"
+_GIVE: Final = "give the value with NAME:=VALUE"
 
 
 def _check_python(launch: _Launch, path: Path) -> None:
@@ -98,10 +98,10 @@ def _check_python(launch: _Launch, path: Path) -> None:
         launch.findings += findings_at(error, launch.path)
         return
     if not content.generates:
-        text = "it has no function generate_launch_description, for which ros2 launch looks"
+        text = "the function generate_launch_description, which ros2 launch calls, is missing"
         launch.findings.append(Finding(launch.path, 1, Severity.WARNING, text))
     for name, default in content.arguments.items():
-        value = f"default {default!r}" if default is not None else "no default that is written there"
+        value = f"default {default!r}" if default is not None else "no constant default"
         text = f"argument {name}: {value}"
         launch.findings.append(Finding(launch.path, content.argument_lines[name], Severity.NOTE, text))
     outer = "".join(content.pushed)
@@ -112,7 +112,7 @@ def _check_python(launch: _Launch, path: Path) -> None:
         if place.text is not None:
             _python_files(launch, file, place.text, place.line)
     for line, expression in dict.fromkeys(content.computed):
-        text = f"{expression} is computed, and not known without running the file"
+        text = f"{expression} is computed, and unknown without running the file"
         fix = "give it by --bus, --controllers or --description" if " file " in expression else _GIVE
         launch.findings.append(Finding(launch.path, line, Severity.NOTE, text, fix))
 
@@ -126,7 +126,7 @@ def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
 
 def _python_node(launch: _Launch, node: LaunchNode, outer: str) -> None:
     if node.name and not _NODE_NAME.fullmatch(node.name) and "$(" not in node.name:
-        text = f"node name {node.name!r} is not legal: letters, digits and _ only"
+        text = f"node name {node.name!r} is not valid: letters, digits and _ only"
         launch.findings.append(Finding(launch.path, node.line, Severity.ERROR, text))
     title = "/".join(part for part in (node.package, node.plugin or node.executable) if part) or "a node"
     arguments = [argument for argument in node.arguments if argument.text is not None]
@@ -147,7 +147,7 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
             continue  # a bare name is part of a path that is joined elsewhere
         absent = file.absent_packages(word)
         for package in absent:
-            problem = f"package {package!r} is neither around this file nor in ROS_PACKAGE_PATH nor sourced"
+            problem = f"package {package!r} was not found near this file, in ROS_PACKAGE_PATH or sourced"
             launch.findings.append(Finding(launch.path, line, Severity.NOTE, problem))
         name = None if absent else file.resolved(word)
         if name is not None and not (file.path.parent / name).is_file():
@@ -159,9 +159,7 @@ def _check_spawned(launch: _Launch, name: str, namespace: str, line: int) -> Non
     """Check that a spawned controller is in ros2_controllers.yaml, and store its namespace."""
     control = launch.robot.control
     if control is not None and name not in control.controllers:
-        text = (
-            f"the spawner is to load {name!r}, which {control.path} does not have{nearest(name, control.controllers)}"
-        )
+        text = f"the spawner loads {name!r}, which is not in {control.path}{nearest(name, control.controllers)}"
         fix = "use a name of the file, or add the controller to it"
         launch.findings.append(Finding(launch.path, line, Severity.ERROR, text, fix))
     if control is not None:
@@ -185,7 +183,7 @@ def _node(launch: _Launch, element: Element, namespace: str) -> None:
     name, package = launch.text(element, "name"), launch.text(element, "pkg")
     if name and "$(" not in name and not _NODE_NAME.fullmatch(name):
         better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "node"
-        text = f"node name {name!r} is not legal: letters, digits and _ only"
+        text = f"node name {name!r} is not valid: letters, digits and _ only"
         launch.add(element, Severity.ERROR, text, f"call it {better!r}")
     kind = launch.text(element, "type") or launch.text(element, "exec")
     if package == "controller_manager" and kind in SPAWNERS:
@@ -227,7 +225,7 @@ def _parameter(launch: _Launch, element: Element) -> None:
 
 
 def _renamed(launch: _Launch, element: Element, name: str) -> None:
-    text = f"the description is called {name!r}; the controllers, Gazebo and rviz look for {DESCRIPTION!r}"
+    text = f"the description is called {name!r}; the controllers, Gazebo and rviz use {DESCRIPTION!r}"
     launch.add(element, Severity.ERROR, text, f"call it {DESCRIPTION!r}")
 
 
@@ -241,6 +239,6 @@ def _transmissions(launch: _Launch) -> Iterator[Finding]:
         controller = robot.configured.get(name)
         for joint in controller.joints if controller is not None and not controller.is_broadcaster else ():
             if joint in description.joints and joint not in joints:
-                text = f"joint {joint!r} has no <transmission>, so {name} finds no interface of it"
-                fix = "add a <transmission> with a SimpleTransmission, its joint and its actuator"
+                text = f"joint {joint!r} has no <transmission>, so {name} finds no interface of the joint"
+                fix = "add a <transmission> with a SimpleTransmission, the joint and the actuator"
                 yield Finding(description.path, description.joints[joint].place.line, Severity.ERROR, text, fix)

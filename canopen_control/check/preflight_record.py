@@ -249,9 +249,9 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
         return "its files have changed since it passed the pre-flight"
     for name, serial in serials.items():
         if serial is None:
-            return f"{name} does not answer, so that it is unknown whether it is the drive that passed"
+            return f"{name} does not answer, so it may be another drive than in the pre-flight"
         if passed.serials.get(name) != serial:
-            return f"{name} is another drive than the one that passed the pre-flight (serial number {serial})"
+            return f"{name} is not the drive that passed the pre-flight (serial number {serial})"
     return None
 
 

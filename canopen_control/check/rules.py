@@ -69,7 +69,7 @@ def _line(config: ControllerConfig, *names: str) -> int:
 def _jerk(robot: CheckedRobot) -> Iterator[Finding]:
     for name, base, config in _bases(robot):
         for axis in base.frozen:
-            text = f"{name}: {axis}.max_jerk: 0 freezes the robot: it can neither start nor begin to brake"
+            text = f"{name}: {axis}.max_jerk: 0 prevents any motion: the robot can neither start nor brake"
             fix = f"remove it, or give {axis}.has_jerk_limits: false" if base.radius_key in _DIFF_DRIVE else "remove it"
             yield Finding(config.path, _line(config, f"{axis}.max_jerk"), Severity.ERROR, text, fix)
 
@@ -91,13 +91,13 @@ def _frames(robot: CheckedRobot) -> Iterator[Finding]:
             )
         elif joint is not None and base.publishes_tf:
             text = (
-                f"{name}: {child} gets two parents: {odom} by odometry, and {joint.parent} by the "
+                f"{name}: {child} has two parents: {odom} by odometry, and {joint.parent} by the "
                 f"{joint.type} joint {joint.name} ({description.path}:{joint.place.line})"
             )
             fix = f"remove that joint and its parent, or set base_frame_id: {_root(parents, child)}"
             yield Finding(config.path, line, Severity.WARNING, text, fix)
         elif odom in description.links:
-            text = f"{name}: odom_frame_id {odom!r} is a link of {description.path} already"
+            text = f"{name}: odom_frame_id {odom!r} is already a link of {description.path}"
             yield Finding(config.path, line, Severity.WARNING, text, "call it odom")
 
 
@@ -124,7 +124,7 @@ def _sizes(robot: CheckedRobot) -> Iterator[Finding]:
 def _size(name: str, config: ControllerConfig, key: str, used: float, urdf: float | None) -> Iterator[Finding]:
     line = config.params.line(key)
     if not line and not config.ros1 and key in _DIFF_DRIVE:
-        text = f"{name}: {key} is missing; ROS 2 refuses that, here the description's {used:g} m is taken"
+        text = f"{name}: {key} is missing, which ROS 2 refuses; here the description's {used:g} m is used"
         yield Finding(config.path, config.line, Severity.WARNING, text, f"write {key}: {used:g}")
     elif line and urdf is not None and abs(used - urdf) > SAME * urdf:
         text = f"{name}: {key} is {used:g} m, the description's wheels have {urdf:g} m"
@@ -139,7 +139,7 @@ def _sides(robot: CheckedRobot) -> Iterator[Finding]:
     for name, base, config in _bases(robot):
         left, right = (_middle(geometry, side) for side in (base.left, base.right))
         if left is not None and right is not None and left < right:
-            text = f"{name}: the left wheels are on the right of the robot ({left:g} m and {right:g} m along y)"
+            text = f"{name}: the left wheels are on the right side of the robot ({left:g} m and {right:g} m along y)"
             line = _line(config, "left_wheel_names", "left_wheel")
             yield Finding(config.path, line, Severity.WARNING, text, "swap left and right wheel names")
         for wheel in (*base.left, *base.right):
@@ -147,7 +147,7 @@ def _sides(robot: CheckedRobot) -> Iterator[Finding]:
             if axis is not None and axis[1] < -0.5:
                 text = f"joint {wheel}: its axis points to the right, so a positive velocity drives backwards"
                 joint = description.joints[wheel]
-                yield Finding(description.path, joint.place.line, Severity.WARNING, text, "turn its <axis> round")
+                yield Finding(description.path, joint.place.line, Severity.WARNING, text, "reverse its <axis>")
 
 
 def _middle(geometry: WheelGeometry, joints: Sequence[str]) -> float | None:
@@ -164,9 +164,9 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
         signs = {key: math.copysign(1.0, getattr(node.units, key)) for key in SCALES}
         if len(set(signs.values())) > 1:
             negative = ", ".join(key for key, sign in signs.items() if sign < 0)
-            text = f"node {node.node_id} ({node.name}): only {negative} is negative; position, velocity and both ways"
+            text = f"node {node.node_id} ({node.name}): only {negative} is negative, but position and velocity must"
             fix = "give all four scales the same sign, or the drive runs away from its set-point"
-            yield Finding(bus.path, node.line, Severity.ERROR, f"{text} turn the same way", fix)
+            yield Finding(bus.path, node.line, Severity.ERROR, f"{text} have the same direction", fix)
     for _, base, _ in _bases(robot):
         yield from _mirrored(robot, base)
 
@@ -284,7 +284,7 @@ def _configure(robot: CheckedRobot) -> Iterator[Finding]:
         except CanopenError as error:
             idle = robot.started is not None and name not in robot.started
             severity = (Severity.NOTE if robot.chosen else Severity.WARNING) if idle else Severity.ERROR
-            fix = "it is not activated at the start, and cannot be later" if idle else ""
+            fix = "it is not activated at the start, and cannot be activated later" if idle else ""
             yield Finding(config.path, config.line, severity, str(error), fix)
             continue
         try:
@@ -335,7 +335,7 @@ def _illegal_names(robot: CheckedRobot) -> Iterator[Finding]:
     for name, config in control.controllers.items():
         if not LEGAL_NAME.fullmatch(name):
             better = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "controller"
-            text = f"{name!r} is not a legal node name: letters, digits and _ only"
+            text = f"{name!r} is not a valid node name: letters, digits and _ only"
             yield Finding(control.path, config.line, Severity.ERROR, text, f"call it {better!r}")
 
 
@@ -347,9 +347,9 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
         expected = robot.launch_namespaces.get(name, control.namespace)
         if not is_within(config.namespace, expected):
             here, other = config.namespace or "/", expected or "/"
-            text = f"{name} stands in the namespace {here!r}, its controller_manager in {other!r}"
+            text = f"{name} is in the namespace {here!r}, but its controller_manager in {other!r}"
             block = f"{expected}/{name}" if expected else repr(name)
-            fix = f"name the block {block}, else ROS does not find its parameters"
+            fix = f"name the block {block}, otherwise ROS does not find its parameters"
             yield Finding(control.path, config.block_line, Severity.WARNING, text, fix)
 
 
@@ -394,7 +394,7 @@ def _why_not(
         return f"joint {joint!r} is not in {source}{nearest(joint, parts)}", "use the description's name"
     if joint not in parts:
         tag = "<transmission>" if description.ros1 else "<ros2_control>"
-        return f"joint {joint!r} has no place in the {tag} of {source}", f"add it to {tag}, or nothing drives it"
+        return f"joint {joint!r} is not in the {tag} of {source}", f"add it to {tag}, so that a drive moves it"
     interfaces = [
         interface for part in parts[joint] for interface in part.command_interfaces
     ]  # of all tags that contain the joint
@@ -428,7 +428,7 @@ def _devices(robot: CheckedRobot) -> Iterator[Finding]:
         ids = {name: node.node_id for name, node in bus.nodes.items()} | bus.unreadable
         for part in (*tag.sensors, *tag.gpios):
             if device_of(part, ids) is None:
-                text = f"{part.name} of {tag.name} names no device of {bus.path}: it has no interfaces"
+                text = f"{part.name} of {tag.name} names no device of {bus.path} and has no interfaces"
                 fix = 'add <param name="device_name">NODE</param>'
                 yield Finding(description.path, part.place.line, Severity.WARNING, text, fix)
 
@@ -450,7 +450,7 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
     if name is not None and name not in nodes:
         title = f"actuator {name!r}" if robot.description.ros1 else f"device_name {name!r}"
         text = f"joint {joint.name}: {title} is not a node of {robot.bus.path}{nearest(name, nodes)}"
-        yield Finding(path, joint.place.line, Severity.ERROR, text, "use a name that stands under nodes:")
+        yield Finding(path, joint.place.line, Severity.ERROR, text, "use a name under nodes:")
     elif name is None and node_id is None:
         text = f"joint {joint.name} of {tag.name}: no device_name; the nodes of {robot.bus.path} are {', '.join(nodes)}"
         yield Finding(path, joint.place.line, Severity.ERROR, text, 'add <param name="device_name">NODE</param>')
@@ -472,29 +472,31 @@ def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
             place = bus.place(node.name, key)
             severity = Severity.WARNING if unset else Severity.NOTE
             why = (
-                "0x608F and 0x6092 of the EDS are 1/1, as in a device that was never set up"
+                "0x608F and 0x6092 of the EDS are 1/1, as in a device without a configuration"
                 if unset
-                else "neither EDS nor drive has it"
+                else "neither the EDS nor the drive has the value"
             )
             text = f"{node.name}: {key} is a guess: {why}"
             yield Finding(place.path, place.line, severity, text, _MEASURE, column=place.column)
         counts = node.units.counts_per_revolution
         if counts is not None and counts <= 1.0:
             place = bus.place(node.name, "counts_per_revolution")
-            text = f"{node.name}: counts_per_revolution {counts:g}: a whole turn is one count, a default and no encoder"
+            text = (
+                f"{node.name}: counts_per_revolution {counts:g}: a whole turn is one count, as a default value has it"
+            )
             yield Finding(place.path, place.line, Severity.WARNING, text, _MEASURE, column=place.column)
 
 
 _MEASURE: Final = (
-    "measure it: jog the axis by --position 1000counts, see how far it turns, write the counts of one turn, and remove "
-    "the key from guesses"
+    "measure it: jog the axis by --position 1000counts, measure how far it turns, write the counts of one turn, and "
+    "remove the key from guesses"
 )
 
 
 def _no_hardware(robot: CheckedRobot) -> Iterator[Finding]:
     description = robot.description
     if description is not None and not description.hardware:
-        text = "no <ros2_control> tag and no <transmission>; nothing says which drive moves which joint"
+        text = "no <ros2_control> tag and no <transmission> assigns drives to joints"
         yield Finding(description.path, 1, Severity.ERROR, text, "add a <ros2_control> tag with the joints and drives")
 
 
@@ -511,7 +513,7 @@ def _plugins(robot: CheckedRobot) -> Iterator[Finding]:
         hint = nearest(name, GAZEBO_PLUGINS)
         if name not in GAZEBO_PLUGINS and "did you mean" in hint:
             text = f"no Gazebo plugin {plugin.filename!r}{hint}"
-            yield Finding(description.path, plugin.line, Severity.ERROR, text, "Gazebo would run without controllers")
+            yield Finding(description.path, plugin.line, Severity.ERROR, text, "Gazebo runs without controllers")
 
 
 GAZEBO_PLUGINS: Final = (
@@ -536,7 +538,7 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
     line = control.manager_lines.get("update_rate", 0)
     if line and sync and rate * sync > 1_000_000:  # without SYNC the bus load rule reports it
         cycle = 1_000_000 / sync
-        text = f"update_rate {rate} Hz is more than the bus carries: the SYNC of {bus.path} comes at {cycle:g} Hz"
+        text = f"update_rate {rate} Hz is higher than the SYNC rate of {bus.path}, {cycle:g} Hz"
         fix = f"set update_rate: {cycle:g}, or sync_period: {1_000_000 // rate}"
         yield Finding(control.path, line, Severity.WARNING, text, fix)
     elif line and sync and abs(1_000_000 / (rate * sync) - _whole(1_000_000 / (rate * sync))) > UNEVEN:
@@ -549,8 +551,8 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         yield Finding(control.path, line, Severity.WARNING, text, fix)
     elif line and 0 < rate * sync * 1.5 < 1_000_000:  # a rate that is nearer to the cycle's is the cycle's
         cycle = 1_000_000 / sync
-        text = f"controllers run at {rate} Hz, though the SYNC of {bus.path} comes at {cycle:g} Hz"
-        yield Finding(control.path, line, Severity.NOTE, text, f"set update_rate: {cycle:g} to have them in each cycle")
+        text = f"controllers run at {rate} Hz, though the SYNC rate of {bus.path} is {cycle:g} Hz"
+        yield Finding(control.path, line, Severity.NOTE, text, f"set update_rate: {cycle:g} to run them in each cycle")
 
 
 UNEVEN: Final = 0.01
@@ -574,7 +576,7 @@ def _publish_rates(robot: CheckedRobot) -> Iterator[Finding]:
         if rate > STREAM_RATE:
             config = robot.config(name)
             line = config.params.line("publish_rate") or config.params.line("update_rate") or config.line
-            text = f"{name} publishes at {rate:g} Hz, ROS and bags ask for {STREAM_RATE:g} Hz by themselves"
+            text = f"{name} publishes at {rate:g} Hz, but ROS and bags request {STREAM_RATE:g} Hz by default"
             fix = f"run the bridge with --ros-args -p rate:={rate:.1f}, record with --rate {rate:g}"
             yield Finding(config.path, line, Severity.NOTE, text, fix)
 
@@ -588,18 +590,18 @@ def _timeouts(robot: CheckedRobot) -> Iterator[Finding]:
             if timeout is None and setting is not None and isinstance(setting.value, int | float):
                 timeout = setting.value
             if timeout and 0.0 < timeout < 2 * COMMAND_PERIOD_S:
-                text = f"{name}: {key} {timeout:g} s is below two command periods; the robot stutters"
+                text = f"{name}: {key} {timeout:g} s is below two command periods, so the robot stutters"
                 fix = f"give {2 * COMMAND_PERIOD_S:g} s or more: teleop and `twist` send every {COMMAND_PERIOD_S:g} s"
                 yield Finding(config.path, config.params.line(key) or config.line, Severity.WARNING, text, fix)
 
         for notice in controller.notices:
             if notice.kind == ONE_UPDATE:
                 line = config.params.line("reference_timeout") or config.params.line("cmd_vel_timeout") or config.line
-                fix = "the robot stutters unless twists come as often as it updates; 0.5 s is usual"
+                fix = "the robot stutters unless each update receives a twist; 0.5 s is usual"
                 yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
             if notice.kind == ENDLESS:
                 line = config.params.line("command_timeout") or config.params.line("cmd_vel_timeout") or config.line
-                fix = f"give the time after which silence is a stop, such as {DEFAULT_LIFE_S:g} s"
+                fix = f"give the time without a command after which the joints stop, such as {DEFAULT_LIFE_S:g} s"
                 yield Finding(config.path, line, Severity.WARNING, notice.text, fix)
 
 

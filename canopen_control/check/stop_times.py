@@ -103,9 +103,9 @@ class StopTime:
         title = f"stop of {facts.joint} ({facts.node})"
         if math.isinf(facts.speed) and case.bound:
             noticed = f"{case.cause} {case.detection_s:.3f} s"
-            return f"{title}: {noticed}, then {case.by} from a speed that the files do not limit"
+            return f"{title}: {noticed}, then {case.by} from an unlimited speed"
         if math.isinf(case.total_s):
-            return f"{title}: nothing bounds it when {case.cause}: {case.by}"
+            return f"{title}: no limit if {case.cause}: {case.by}"
         total = f"{case.total_s:.3f} s at most from {facts.speed:.0f} units/s"
         return f"{title}: {total}: {case.cause} {case.detection_s:.3f} s, {case.by} {case.ramp_s:.3f} s"
 
@@ -122,13 +122,13 @@ def ramp_s(speed: float, deceleration: float | None) -> float:
 
 def _cases(facts: AxisFacts) -> Iterator[StopCase]:
     ramp, by = _masters_ramp(facts)
-    yield StopCase("a stop is asked", facts.cycle_s, ramp, by)
+    yield StopCase("a stop is requested", facts.cycle_s, ramp, by)
     for name, life in facts.lives.items():
         yield StopCase(f"the command of {name} ends", life + facts.cycle_s, ramp, by)
     if facts.silence_s:
         yield StopCase("a node of its group is silent", facts.silence_s + facts.cycle_s, ramp, by)
     if facts.data_s:
-        yield StopCase("the TPDOs of a node of its group stay away", facts.data_s + facts.cycle_s, ramp, by)
+        yield StopCase("the TPDOs of a node of its group are missing", facts.data_s + facts.cycle_s, ramp, by)
     if facts.master_s:
         yield StopCase("the master is silent", facts.master_s, *_drives_ramp(facts, _on_lost_master(facts)))
     yield StopCase("it has a fault", 0.0, *_drives_ramp(facts, o.FAULT_REACTION_OPTION))
@@ -151,17 +151,17 @@ def _on_lost_master(facts: AxisFacts) -> int | None:
 def _drives_ramp(facts: AxisFacts, option: int | None) -> tuple[float, str, bool]:
     """Return duration in s and name of the drive's own ramp, and whether there is such a ramp."""
     if option is None:
-        return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, with which no ramp stops it", False
+        return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, a reaction without a ramp", False
     code = _option(facts, option)
     chosen = OPTION_CODES[option].get(code)
     reaction = None if chosen is None else chosen.reaction
     index = _RAMPS.get(reaction)  # type: ignore[arg-type]
     if index is None:
-        why = "is the manufacturer's own" if chosen is None else f"means: {chosen.reaction.value}"
+        why = "is manufacturer-specific" if chosen is None else f"means: {chosen.reaction.value}"
         return math.inf, f"0x{option:04X} is {code}, which {why}", False
     slope = facts.objects.get(index)
     if not slope:
-        return math.inf, f"0x{index:04X} is not known", False
+        return math.inf, f"0x{index:04X} is unknown", False
     return ramp_s(facts.speed, slope), _named(index, slope), True
 
 

@@ -141,8 +141,8 @@ def _never_in_time(config: BusConfig, period_ns: int) -> Iterator[Finding]:
             pdo = node.boot.rpdo.get(layout.number)
             text = (
                 f"RPDO {layout.number} of {name}{{more}} has a deadline of {layout.event_ms} ms "
-                f"(0x{0x1400 + layout.number - 1:04X}:05), and the cycle that sends it takes {period_ns / 1e6:g} ms: "
-                "one that comes late raises EMCY 0x8250"
+                f"(0x{0x1400 + layout.number - 1:04X}:05), but is sent with a cycle of {period_ns / 1e6:g} ms: "
+                "a late cycle causes EMCY 0x8250"
             )
             fix = f"set event_deadline: {math.ceil(3 * period_ns / 1e6)} or more, or 0 for none"
             settings[pdo is not None and pdo.event_timer is not None].add(node, layout, text, fix)
@@ -155,11 +155,11 @@ def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Findin
     master = config.master
     if axes and not master.follows_closely and master.sync_producer in ("kernel", "other"):
         text = (
-            f"sync_order: last with sync_producer: {master.sync_producer}: the cycle comes half a period after SYNC, "
-            f"and one that is {master.sync_period / 2000:g} ms late doubles a set-point of {joint_words(axes)} and "
+            f"sync_order: last with sync_producer: {master.sync_producer}: the cycle is half a period after SYNC, "
+            f"and a cycle that is {master.sync_period / 2000:g} ms late repeats a set-point of {joint_words(axes)} and "
             "loses another"
         )
-        yield Finding(config.path, config.period_line, Severity.WARNING, text, "leave sync_order out")
+        yield Finding(config.path, config.period_line, Severity.WARNING, text, "remove sync_order")
 
 
 def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:
@@ -172,7 +172,7 @@ def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[Cyc
     syncs = max(1, round(cycle / control.update_rate))
     if syncs > 1:
         text = (
-            f"controllers run at {control.update_rate} Hz, the SYNC of {config.path} comes at {cycle:g} Hz: each "
+            f"controllers run at {control.update_rate} Hz, but the SYNC rate of {config.path} is {cycle:g} Hz: each "
             f"position of {', '.join(joints)} is sent {syncs} times, and in CSP the drive stops in between"
         )
         yield Finding(control.path, line, Severity.WARNING, text, f"set update_rate: {cycle:g}")
@@ -187,10 +187,10 @@ def _on_arrival(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
             if carries and layout.transmission_type in _ON_ARRIVAL:
                 text = (
                     f"RPDO {layout.number} of {axis.node.name}{{more}} carries 0x{axis.target:04X}, the set-point of "
-                    f"{axis.joint} in {axis.mode.name}, with transmission {layout.transmission_type}: it acts when it "
-                    "arrives, and not with SYNC"
+                    f"{axis.joint} in {axis.mode.name}, with transmission {layout.transmission_type}: it takes effect "
+                    "on reception, not with SYNC"
                 )
-                fix = f"set rpdo: {layout.number}: transmission: 1, or the motor has the computer's jitter"
+                fix = f"set rpdo: {layout.number}: transmission: 1, otherwise the motor follows the computer's jitter"
                 setting.add(axis.node, layout, text, fix)
     yield from setting.findings()
 
@@ -210,7 +210,7 @@ def _held_back(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Finding]:
             inhibit = override.inhibit_time if override is not None and override.inhibit_time is not None else default
             if inhibit * 100 > period_us:
                 text = (
-                    f"TPDO {layout.number} of {node.name}{{more}} comes every {inhibit / 10:g} ms at most (inhibit "
+                    f"TPDO {layout.number} of {node.name}{{more}} is sent every {inhibit / 10:g} ms at most (inhibit "
                     f"time), SYNC every {period_us / 1000:g} ms: feedback is older than a period"
                 )
                 setting.add(node, layout, text, f"set tpdo: {layout.number}: transmission: 1, or inhibit_time: 0")

@@ -149,13 +149,13 @@ class Client(Generic[H, P]):
         try:
             return cast("P", wire.decode(raw, kind))
         except ValueError as error:
-            raise UnreadableMessage(f"{self._stream.label} sent garbage: {error}") from None
+            raise UnreadableMessage(f"{self._stream.label} sent an invalid message: {error}") from None
 
     def _decoded(self, raw: wire.Raw, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
         try:
             return wire.decode(raw, kind)
         except ValueError as error:
-            raise RemoteError("RemoteProtocolError", f"{self._stream.label} sent garbage: {error}") from None
+            raise RemoteError("RemoteProtocolError", f"{self._stream.label} sent an invalid message: {error}") from None
 
     def _send(self, line: bytes) -> None:
         with self._sending:
@@ -166,7 +166,7 @@ class Client(Generic[H, P]):
         try:
             return None if line is None else wire.read_line(line)
         except ValueError as error:
-            raise RemoteError("RemoteProtocolError", f"{self._stream.label} sent garbage: {error}") from None
+            raise RemoteError("RemoteProtocolError", f"{self._stream.label} sent an invalid message: {error}") from None
 
     def _read_hello(self) -> H:
         first = self._receive(self.timeout)
@@ -299,7 +299,7 @@ class ReactorClient:
 
     def close(self) -> None:
         """Close the connection, and answer pending requests with an error."""
-        self._leave(f"{self._stream.label} was left")
+        self._leave(f"the connection to {self._stream.label} was closed")
 
     def _on_readable(self) -> None:
         try:

@@ -66,7 +66,7 @@ def decode(raw: Raw | bytes, kind: Any) -> Any:  # noqa: ANN401 - the type that 
     try:
         return msgspec.json.decode(raw, type=kind)
     except RecursionError:
-        raise ValueError("it is nested too deep") from None
+        raise ValueError("it is nested too deeply") from None
     except msgspec.DecodeError as error:
         raise ValueError(mistake(error)) from None
 

@@ -148,8 +148,8 @@ def told(config, severity):
 def test_a_cycle_that_cannot_fit_is_refused_with_the_shortest_period(tmp_path):
     config = copy_robby(tmp_path, bus={"baudrate: 1000": "baudrate: 20"})
     assert told(config, Severity.ERROR) == [
-        f"bus.yml:{line_of(config / 'bus.yml', 'sync_period:')}: error: a cycle of 20 ms cannot carry its 935 bits at "
-        "20 kbit/s; the shortest possible period is 46.75 ms; raise sync_period, raise the bit rate, or map less"
+        f"bus.yml:{line_of(config / 'bus.yml', 'sync_period:')}: error: a cycle of 20 ms is too short for its 935 bits "
+        "at 20 kbit/s; the shortest possible period is 46.75 ms; raise sync_period, raise the bit rate, or map less"
     ]
     assert check(config).budgets["can"].shortest_period_ns == 46_750_000
 
@@ -160,11 +160,11 @@ def test_without_sync_it_is_the_update_rate_that_the_bus_cannot_carry(tmp_path):
         bus={"sync_period: 20000": "sync_period: 0"},
         controllers={"update_rate: 50": "update_rate: 2000"},
     )
-    (error,) = [each for each in told(config, Severity.ERROR) if "cannot carry" in each]
+    (error,) = [each for each in told(config, Severity.ERROR) if "is too short for" in each]
     line = line_of(config / "ros2_controllers.yaml", "update_rate")
     assert re.fullmatch(
         rf"ros2_controllers\.yaml:{line}: error: a cycle of 0\.5 ms "
-        r"cannot carry its \d+ bits at 1000 kbit/s; the shortest possible period is 0\.\d+ ms; "
+        r"is too short for its \d+ bits at 1000 kbit/s; the shortest possible period is 0\.\d+ ms; "
         "lower update_rate, raise the bit rate, or map less",
         error,
     )
@@ -175,8 +175,8 @@ def test_a_load_above_seventy_per_cent_is_a_warning(tmp_path):
     config = copy_robby(tmp_path, bus=slow)
     line = line_of(config / "bus.yml", "sync_period:")
     assert told(config, Severity.WARNING)[0] == (
-        f"bus.yml:{line}: warning: the bus is loaded to 76% by process data and heartbeats alone; "
-        "above 70% too little is left for SDO and EMCY; raise sync_period, raise the bit rate, or map less"
+        f"bus.yml:{line}: warning: the bus has a load of 76% by process data and heartbeats alone; "
+        "above 70% too little bandwidth is left for SDO and EMCY; raise sync_period, raise the bit rate, or map less"
     )
     assert check(config).passes()
     assert not check(config).passes(strict=True)

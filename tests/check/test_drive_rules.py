@@ -15,7 +15,7 @@ def findings(path):
 
 def test_check_refuses_a_broadcaster_that_has_nothing_to_publish(tmp_path):
     found = findings(unmapped(tmp_path, ""))
-    assert any("joint_state_broadcaster would have nothing to publish" in each for each in found)
+    assert any("joint_state_broadcaster has nothing to publish" in each for each in found)
 
 
 @pytest.mark.parametrize(
@@ -23,10 +23,10 @@ def test_check_refuses_a_broadcaster_that_has_nothing_to_publish(tmp_path):
     [
         (
             "mapping: [{index: 0x6064}]",
-            "asks for its velocity, .*0x606C: it is made of its positions, later and coarser",
+            "has velocity as state interface, .*0x606C: the velocity is derived from positions, later and coarser",
         ),
-        ("mapping: [{index: 0x606C}]", "asks for its position, .*0x6064: it has none"),
-        ("", "asks for its velocity, .*0x606C: it has none"),
+        ("mapping: [{index: 0x606C}]", "has position as state interface, .*0x6064: the value is unknown"),
+        ("", "has velocity as state interface, .*0x606C: the value is unknown"),
     ],
 )
 def test_check_names_what_the_description_asks_for_and_no_tpdo_brings(tmp_path, mapping, words):
@@ -46,7 +46,7 @@ def test_check_refuses_a_mode_whose_target_is_in_no_rpdo(tmp_path):
     bus = path / "bus.yml"
     bus.write_text(bus.read_text().replace("velocity_mode: 9", "velocity_mode: 2"))
     text = next(each for each in findings(path) if "no RPDO carries 0x6042:00, the target of mode VL" in each)
-    assert re.search(r"bus\.yml:\d+:\d+: error: pan_drive: .*; map it, or take a velocity_mode", text)
+    assert re.search(r"bus\.yml:\d+:\d+: error: pan_drive: .*; map it, or use a velocity_mode", text)
     assert not any(
         "no RPDO carries" in each for each in findings(folder(tmp_path, "v-3", keys="velocity_target: 0x60FF"))
     )

@@ -35,28 +35,28 @@ def told(tmp_path, text, files=None, name="base.launch"):
             "mobile_base_controller --",
             "mobile_base_controler --",
             6,
-            "error: the spawner is to load 'mobile_base_controler', which ros2_controllers.yaml does not have, "
+            "error: the spawner loads 'mobile_base_controler', which is not in ros2_controllers.yaml, "
             "did you mean 'mobile_base_controller'?; use a name of the file, or add the controller to it",
         ),
         (
             'name="controller_spawner"',
             'name="controller spawner"',
             6,
-            "error: node name 'controller spawner' is not legal: letters, digits and _ only; "
+            "error: node name 'controller spawner' is not valid: letters, digits and _ only; "
             "call it 'controller_spawner'",
         ),
         (
             'param name="robot_description"',
             'param name="my_description"',
             3,
-            "error: the description is called 'my_description'; the controllers, Gazebo and rviz look for "
+            "error: the description is called 'my_description'; the controllers, Gazebo and rviz use "
             "'robot_description'; call it 'robot_description'",
         ),
         (
             "-param robot_description",
             "-param my_description",
             5,
-            "error: the description is called 'my_description'; the controllers, Gazebo and rviz look for "
+            "error: the description is called 'my_description'; the controllers, Gazebo and rviz use "
             "'robot_description'; call it 'robot_description'",
         ),
     ],
@@ -74,7 +74,7 @@ def test_a_joint_without_a_transmission(tmp_path):
     texts = told(tmp_path, GOOD, files)
     assert texts[0] == (
         "mobile_base.urdf.xacro:29: error: joint 'wheel_left_joint' has no <transmission>, so mobile_base_controller "
-        "finds no interface of it; add a <transmission> with a SimpleTransmission, its joint and its actuator"
+        "finds no interface of the joint; add a <transmission> with a SimpleTransmission, the joint and the actuator"
     )
     assert "no <ros2_control> tag and no <transmission>" in texts[-1]
 
@@ -82,7 +82,7 @@ def test_a_joint_without_a_transmission(tmp_path):
 def test_a_namespace_that_only_one_side_has(tmp_path):
     texts = told(tmp_path, GOOD.replace('type="spawner"', 'type="spawner" ns="/robot"'))
     assert len(texts) == 2
-    assert "mobile_base_controller stands in the namespace '/', its controller_manager in '/robot'" in texts[1]
+    assert "mobile_base_controller is in the namespace '/', but its controller_manager in '/robot'" in texts[1]
     option = GOOD.replace("--shutdown-timeout 3", "--namespace=/robot")
     assert told(tmp_path, option) == texts
     files = changed(
@@ -100,7 +100,7 @@ def test_ros_2s_xml_is_read_too(tmp_path):
       <node pkg="controller_manager" exec="spawner" args="robby_base_controler -c /controller_manager"/>
     </launch>"""
     (told_text,) = told(tmp_path, text, find_robot("robby"))
-    assert "base.launch:2: error: the spawner is to load 'robby_base_controler'" in told_text
+    assert "base.launch:2: error: the spawner loads 'robby_base_controler'" in told_text
     space = (
         '<launch><push-ros-namespace namespace="r"/><node pkg="controller_manager" exec="spawner" args="%s"/></launch>'
     )
@@ -112,7 +112,7 @@ def test_yaml_is_read_too(tmp_path):
     spawner = "node: {pkg: controller_manager, exec: spawner, args: %s -c /controller_manager}"
     text = f"launch:\n  - {spawner % 'robby_base_controler'}\n"
     (told_text,) = told(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
-    assert "base.launch.yaml:2: error: the spawner is to load 'robby_base_controler'" in told_text
+    assert "base.launch.yaml:2: error: the spawner loads 'robby_base_controler'" in told_text
     node = "node: {pkg: controller_manager, exec: spawner, args: robby_base_controller}"
     text = f"launch:\n  - group:\n      - push_ros_namespace: {{namespace: r}}\n      - {node}\n"
     (told_text,) = told(tmp_path, text, find_robot("robby"), name="base.launch.yaml")
@@ -126,7 +126,7 @@ def test_what_is_no_xml_or_python_is_told(tmp_path):
     assert re.match(r"base\.launch:1: error: .*no element found", text)
     (text,) = told(tmp_path, "import launch", name="base.launch.py")
     assert text == (
-        "base.launch.py:1: warning: it has no function generate_launch_description, for which ros2 launch looks"
+        "base.launch.py:1: warning: the function generate_launch_description, which ros2 launch calls, is missing"
     )
     (text,) = told(tmp_path, "import launch\nx = (", name="base.launch.py")
     assert text == "base.launch.py:2: error: not valid Python: '(' was never closed"
@@ -152,13 +152,13 @@ def test_what_a_file_in_python_declares_and_starts_is_told_in_notes(tmp_path):
     texts = [re.sub(r"^\d+: note: ", "", each) for each in of_python(tmp_path)]
     assert texts == [
         "argument mock: default 'false'",
-        "argument channel: no default that is written there",
+        "argument channel: no constant default",
         "starts controller_manager/ros2_control_node",
         "starts controller_manager/spawner of joint_state_broadcaster",
         "starts controller_manager/spawner of robby_forward_controller",
         "starts rclcpp_components/component_container",
         "starts usb_cam/usb_cam::UsbCamNode",
-        "an argument of a node is computed, and not known without running the file; give what it is with NAME:=VALUE",
+        "an argument of a node is computed, and unknown without running the file; give the value with NAME:=VALUE",
     ]
 
 
@@ -181,12 +181,12 @@ def test_the_value_of_an_option_of_a_spawner_is_no_controller(tmp_path, more):
         (
             '"robby_forward_controller"',
             '"robby_forwrd_controller"',
-            "error: the spawner is to load 'robby_forwrd_controller', which ",
+            "error: the spawner loads 'robby_forwrd_controller', which ",
         ),
         ('"first", f"', '"second", f"', "warning: there is no file "),
-        ("FindPackageShare(PACKAGE)", 'FindPackageShare("elsewhere")', "note: package 'elsewhere' is neither around"),
-        ('name="eyes"', 'name="two eyes"', "error: node name 'two eyes' is not legal"),
-        ('PACKAGE = "robby_bringup"', "PACKAGE = name()", "note: a command is computed, and not known without running"),
+        ("FindPackageShare(PACKAGE)", 'FindPackageShare("elsewhere")', "note: package 'elsewhere' was not found near"),
+        ('name="eyes"', 'name="two eyes"', "error: node name 'two eyes' is not valid"),
+        ('PACKAGE = "robby_bringup"', "PACKAGE = name()", "note: a command is computed, and unknown without running"),
     ],
 )
 def test_a_mistake_of_a_file_in_python_has_its_line(tmp_path, old, new, message):

@@ -57,7 +57,7 @@ def test_a_pass_is_kept_found_and_replaced(tmp_path):
 @pytest.mark.parametrize(
     ("serials", "reason"),
     [
-        ({"left_drive": 9, "right_drive": 2}, "left_drive is another drive than the one that passed"),
+        ({"left_drive": 9, "right_drive": 2}, "left_drive is not the drive that passed"),
         ({"left_drive": 3, "right_drive": None}, "right_drive does not answer"),
     ],
 )

@@ -98,7 +98,7 @@ def test_a_drive_that_bus_yml_does_not_have(name, tmp_path):
     assert len(texts) == count
     assert re.fullmatch(
         rf".*:\d+: error: joint \w+: {told} is not a node of bus\.yml, did you mean '{right}'\?; "
-        "use a name that stands under nodes:",
+        "use a name under nodes:",
         texts[0],
     )
 
@@ -123,8 +123,8 @@ def test_a_namespace_that_should_not_be_there(name, tmp_path):
     (text,) = found(files)
     line = line_of(files, "controllers", "/robot/")
     assert text == (
-        f"ros2_controllers.yaml:{line}: warning: {FIRST[name]} stands in the namespace '/robot', "
-        f"its controller_manager in '/'; name the block '{FIRST[name]}', else ROS does not find its parameters"
+        f"ros2_controllers.yaml:{line}: warning: {FIRST[name]} is in the namespace '/robot', "
+        f"but its controller_manager in '/'; name the block '{FIRST[name]}', otherwise ROS does not find its parameters"
     )
 
 
@@ -140,7 +140,7 @@ def test_a_name_that_no_node_may_have(name, tmp_path):
     (told,) = found(folder)
     line = line_of(folder, "controllers", wrong) + ("ros1" not in name)  # the line of the type
     assert re.fullmatch(
-        rf"ros2_controllers\.yaml:{line}: error: '{wrong}' is not a legal node name: letters, digits and _ only; "
+        rf"ros2_controllers\.yaml:{line}: error: '{wrong}' is not a valid node name: letters, digits and _ only; "
         f"call it '{FIRST[name]}'",
         told,
     )
@@ -164,7 +164,7 @@ def test_a_timeout_below_two_command_periods(name, tmp_path):
     line = line_of(files, "controllers", f"{key}: 0.15")
     assert found(files) == [
         f"ros2_controllers.yaml:{line}: warning: {base}: {key} 0.15 s is below two "
-        "command periods; the robot stutters; give 0.2 s or more: teleop and `twist` send every 0.1 s"
+        "command periods, so the robot stutters; give 0.2 s or more: teleop and `twist` send every 0.1 s"
     ]
 
 
@@ -173,8 +173,8 @@ def test_a_timeout_of_zero_is_one_update_where_upstream_has_it_so(name, tmp_path
     files = changed(tmp_path, name, controllers={"reference_timeout: 0.5": "reference_timeout: 0.0"})
     assert found(files) == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', 'reference_timeout')}: warning: {FIRST[name]}: "
-        "reference_timeout: 0 lets a twist move it for one update; give a time in s; the robot stutters unless twists "
-        "come as often as it updates; 0.5 s is usual"
+        "reference_timeout: 0 lets a twist move it for one update; give a time in s; the robot stutters unless each "
+        "update receives a twist; 0.5 s is usual"
     ]
 
 
@@ -185,8 +185,8 @@ def test_a_timeout_of_zero_is_for_ever(name, tmp_path):
     base = BASES[name][0] if name in BASES else FIRST[name]
     assert found(files) == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', f'{key}: 0.0')}: warning: {base}: {key} is 0, so a "
-        "command never ends by itself: what moves continues when its sender ends; give the time after which silence is "
-        "a stop, such as 2 s"
+        "command never ends by itself: what moves continues when its sender ends; give the time without a command "
+        "after which the joints stop, such as 2 s"
     ]
 
 
@@ -195,8 +195,8 @@ def test_an_update_rate_above_the_sync(name, tmp_path):
     files = changed(tmp_path, name, controllers={"update_rate: 50": "update_rate: 100"})
     line = line_of(files, "controllers", "update_rate")
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: update_rate 100 Hz is more than the bus carries: the SYNC of bus.yml "
-        "comes at 50 Hz; set update_rate: 50, or sync_period: 10000"
+        f"ros2_controllers.yaml:{line}: warning: update_rate 100 Hz is higher than the SYNC rate of bus.yml, "
+        "50 Hz; set update_rate: 50, or sync_period: 10000"
     ]
 
 
@@ -205,8 +205,8 @@ def test_an_update_rate_below_the_sync(name, tmp_path):
     files = changed(tmp_path / "1", name, controllers={"update_rate: 50": "update_rate: 10"})
     line = line_of(files, "controllers", "update_rate")
     assert (
-        f"ros2_controllers.yaml:{line}: note: controllers run at 10 Hz, though the SYNC of bus.yml comes at 50 Hz; "
-        "set update_rate: 50 to have them in each cycle"
+        f"ros2_controllers.yaml:{line}: note: controllers run at 10 Hz, though the SYNC rate of bus.yml is 50 Hz; "
+        "set update_rate: 50 to run them in each cycle"
     ) in found(files, notes=True)
     files = changed(tmp_path / "2", name, controllers={"update_rate: 50": "update_rate: 40"})
     assert not any("controllers run at" in each for each in found(files, notes=True))
@@ -216,10 +216,10 @@ def test_what_is_published_more_often_than_anybody_asks_for_is_told(tmp_path):
     states = "JointStateBroadcaster\n"
     edits = {"update_rate: 50": "update_rate: 500", states: f"{states}      update_rate: 250\n"}
     files = changed(tmp_path, "robby", bus={"sync_period: 20000": "sync_period: 2000"}, controllers=edits)
-    told = [each for each in found(files, notes=True) if "ask for" in each]
+    told = [each for each in found(files, notes=True) if "request" in each]
     assert told == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', 'update_rate: 250')}: note: joint_state_broadcaster "
-        "publishes at 250 Hz, ROS and bags ask for 100 Hz by themselves; run the bridge with --ros-args -p "
+        "publishes at 250 Hz, but ROS and bags request 100 Hz by default; run the bridge with --ros-args -p "
         "rate:=250.0, record with --rate 250"
     ]
 
@@ -230,8 +230,8 @@ def test_no_hardware_at_all(name, tmp_path):
     text = files.description.read_text()
     files.description.write_text(re.sub(r"<(ros2_control|transmission).*?</\1>", "", text, flags=re.DOTALL))
     assert found(files) == [
-        f"{files.description.name}:1: error: no <ros2_control> tag and no <transmission>; nothing says which drive "
-        "moves which joint; add a <ros2_control> tag with the joints and drives"
+        f"{files.description.name}:1: error: no <ros2_control> tag and no <transmission> assigns drives to "
+        "joints; add a <ros2_control> tag with the joints and drives"
     ]
 
 
@@ -260,7 +260,7 @@ def test_a_gazebo_plugin_with_a_typing_mistake(name, tmp_path):
         line = line_of(files, "description", 'plugin name="control"')
     assert found(files) == [
         f"{files.description.name}:{line}: error: no Gazebo plugin 'libgazebo_ros_contol.so', did you mean "
-        "'libgazebo_ros_control.so'?; Gazebo would run without controllers"
+        "'libgazebo_ros_control.so'?; Gazebo runs without controllers"
     ]
 
 
@@ -330,7 +330,7 @@ def test_a_type_that_nobody_knows_matters_where_its_controller_is_started(tmp_pa
     files = changed(tmp_path, "robby", controllers={"diff_drive_controller/": "other_controller/"})
     (told,) = found(files)
     assert "warning: controller robby_base_controller: no type 'other_controller/DiffDriveController' is known" in told
-    assert told.endswith("; it is not activated at the start, and cannot be later")
+    assert told.endswith("; it is not activated at the start, and cannot be activated later")
     assert found(files, controllers=["robby_forward_controller"]) == []  # it is a note
     for started in (
         errors(files, controllers=["robby_base_controller"]),
@@ -363,4 +363,4 @@ def test_a_gpio_that_names_no_device_is_told(tmp_path):
     files = changed(tmp_path, "robby", description={anchor: part})
     (text,) = found(files)
     assert "warning: lamps of robby names no device of" in text
-    assert text.endswith('it has no interfaces; add <param name="device_name">NODE</param>')
+    assert text.endswith('and has no interfaces; add <param name="device_name">NODE</param>')

@@ -13,8 +13,8 @@ def test_a_jerk_limit_of_zero(name, tmp_path):
     files = changed(tmp_path, name, controllers={place: f"{indent}{key}: 0.0\n{place}"})
     line = line_of(files, "controllers", "max_jerk")
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: error: {base}: linear.x.max_jerk: 0 freezes the robot: "
-        "it can neither start nor begin to brake; remove it, or give linear.x.has_jerk_limits: false"
+        f"ros2_controllers.yaml:{line}: error: {base}: linear.x.max_jerk: 0 prevents any motion: "
+        "the robot can neither start nor brake; remove it, or give linear.x.has_jerk_limits: false"
     ]
 
 
@@ -29,7 +29,7 @@ def test_an_odometry_frame_that_collides_with_a_fixed_joint(name, tmp_path):
     joint = "chassis_joint" if name == "diffbot_sim" else "base_joint"
     at = line_of(files, "description", f'"{joint}"')
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: {base}: {new.strip()} gets two parents: odom by odometry, "
+        f"ros2_controllers.yaml:{line}: warning: {base}: {new.strip()} has two parents: odom by odometry, "
         f"and {root} by the fixed joint {joint} ({files.description.name}:{at}); "
         f"remove that joint and its parent, or set base_frame_id: {root}"
     ]
@@ -40,8 +40,8 @@ def test_an_odometry_frame_that_is_a_link_already_and_a_base_that_is_none(name, 
     files = changed(tmp_path / "1", name, controllers={"odom_frame_id: odom": "odom_frame_id: caster"})
     line, links = line_of(files, "controllers", "odom_frame_id"), files.description.name
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: odom_frame_id 'caster' is a link of {links} "
-        "already; call it odom"
+        f"ros2_controllers.yaml:{line}: warning: {BASES[name][0]}: odom_frame_id 'caster' is already a link of "
+        f"{links}; call it odom"
     ]
     right = "base_footprint" if name == "robby" else "base_link"
     files = changed(tmp_path / "2", name, controllers={f"base_frame_id: {right}": f"base_frame_id: {right[:-1]}"})
@@ -88,7 +88,7 @@ def test_a_mecanum_base_whose_jerk_limit_freezes_it_has_no_switch_for_that(tmp_p
     place = "    linear.y.max_velocity"
     files = changed(tmp_path, "mecanum", controllers={place: f"    linear.y.max_jerk: 0.0\n{place}"})
     (text,) = found(files)
-    assert text.endswith("linear.y.max_jerk: 0 freezes the robot: it can neither start nor begin to brake; remove it")
+    assert text.endswith("linear.y.max_jerk: 0 prevents any motion: the robot can neither start nor brake; remove it")
 
 
 @pytest.mark.parametrize("name", SIZES)
@@ -97,8 +97,8 @@ def test_a_wheel_size_that_is_missing(name, tmp_path):
     files = changed(tmp_path, name, controllers={f"wheel_radius: {value}": f"# {value}"})
     (text,) = found(files)
     assert re.fullmatch(
-        rf"ros2_controllers\.yaml:\d+: warning: {BASES[name][0]}: wheel_radius is missing; ROS 2 refuses that, "
-        rf"here the description's {value.strip()} m is taken; write wheel_radius: {value.strip()}",
+        rf"ros2_controllers\.yaml:\d+: warning: {BASES[name][0]}: wheel_radius is missing, which ROS 2 refuses; "
+        rf"here the description's {value.strip()} m is used; write wheel_radius: {value.strip()}",
         text,
     )
 
@@ -142,7 +142,7 @@ def test_scales_of_one_drive_with_different_signs(name, tmp_path):
     (text,) = found(files)
     assert re.fullmatch(
         rf"bus\.yml:\d+: error: node {left_id} \({left}\): only scale_pos_from_dev, scale_vel_to_dev, "
-        "scale_vel_from_dev is negative; position, velocity and both ways turn the same way; "
+        "scale_vel_from_dev is negative, but position and velocity must have the same direction; "
         "give all four scales the same sign, or the drive runs away from its set-point",
         text,
     )
@@ -154,13 +154,13 @@ def test_wheels_on_the_wrong_side_and_axes_the_wrong_way_round(tmp_path):
     files = changed(tmp_path / "1", "robby", controllers=swapped)
     line = line_of(files, "controllers", "left_wheel_names")
     assert found(files) == [
-        f"ros2_controllers.yaml:{line}: warning: robby_base_controller: the left wheels are on the right of the robot "
-        "(-0.12 m and 0.12 m along y); swap left and right wheel names"
+        f"ros2_controllers.yaml:{line}: warning: robby_base_controller: the left wheels are on the right side of the "
+        "robot (-0.12 m and 0.12 m along y); swap left and right wheel names"
     ]
     files = changed(tmp_path / "2", "robby", description={'<axis xyz="0 1 0"/>': '<axis xyz="0 -1 0"/>'})
     texts = found(files)
     assert [re.sub(r":\d+:", ":N:", text) for text in texts] == [
         f"robby.urdf.xacro:N: warning: joint {side}_wheel_joint: its axis points to the right, so a positive velocity "
-        "drives backwards; turn its <axis> round"
+        "drives backwards; reverse its <axis>"
         for side in ("left", "right")
     ]

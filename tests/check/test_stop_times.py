@@ -32,7 +32,7 @@ def case(cause, **more):
 @pytest.mark.parametrize(
     ("cause", "detection", "ramp"),
     [
-        ("asked", 0.02, 0.5),  # a cycle; 1000 / 2000
+        ("requested", 0.02, 0.5),  # a cycle; 1000 / 2000
         ("forward", 0.62, 0.5),
         ("is silent", 0.52, 0.5),
         ("TPDOs", 0.08, 0.5),
@@ -63,10 +63,10 @@ def test_the_longest_is_the_sum_of_the_reason_that_takes_longest():
         ({0x6007: 3, 0x605A: 6}, 0.2, "ramp of 0x6085 (5000)"),
         ({0x6007: 3, 0x605A: 1}, 0.5, "ramp of 0x6084 (2000)"),
         ({0x6007: 3, 0x605A: 0}, math.inf, "0x605A is 0, which means: drive function off, the motor coasts"),
-        ({0x6007: 3, 0x605A: -1}, math.inf, "0x605A is -1, which is the manufacturer's own"),
-        ({0x6007: 0}, math.inf, "0x6007 is 0, with which no ramp stops it"),
-        ({0x6007: 2}, math.inf, "0x6007 is 2, with which no ramp stops it"),
-        ({0x6085: 0}, math.inf, "0x6085 is not known"),
+        ({0x6007: 3, 0x605A: -1}, math.inf, "0x605A is -1, which is manufacturer-specific"),
+        ({0x6007: 0}, math.inf, "0x6007 is 0, a reaction without a ramp"),
+        ({0x6007: 2}, math.inf, "0x6007 is 2, a reaction without a ramp"),
+        ({0x6085: 0}, math.inf, "0x6085 is unknown"),
     ],
 )
 def test_the_drive_stops_as_its_option_codes_say_when_the_master_is_lost(objects, ramp, by):
@@ -75,15 +75,14 @@ def test_the_drive_stops_as_its_option_codes_say_when_the_master_is_lost(objects
 
 
 def test_without_a_deceleration_the_master_ramps_half_a_second():
-    found = case("asked", objects={})
+    found = case("requested", objects={})
     assert (found.ramp_s, found.by) == (0.5, "the master's ramp")
 
 
 def test_a_stop_that_nothing_bounds_says_what_does_not():
     assert stop_time(facts(objects=OBJECTS | {0x6007: 0})).words == (
-        "stop of left_wheel (left_drive): nothing bounds it when the master is silent: "
-        "0x6007 is 0, with which no ramp stops it"
+        "stop of left_wheel (left_drive): no limit if the master is silent: 0x6007 is 0, a reaction without a ramp"
     )
     assert stop_time(facts(speed=math.inf)).words.endswith(
-        "the command of forward ends 0.620 s, then ramp of 0x6084 (2000) from a speed that the files do not limit"
+        "the command of forward ends 0.620 s, then ramp of 0x6084 (2000) from an unlimited speed"
     )

@@ -36,8 +36,8 @@ def test_set_points_that_act_on_arrival_are_told_where_the_type_stands(tmp_path,
     assert len(told) == 1, "it stands once, in `defaults`"
     assert re.match(
         r".*bus\.yml:44:21: warning: RPDO 1 of joint_1_drive and of 5 more carries 0x607A, the set-point of joint_1 in "
-        rf"CSP, with transmission {kind}: it acts when it arrives, and not with SYNC; set rpdo: 1: transmission: 1, or"
-        r" the motor has the computer's jitter",
+        rf"CSP, with transmission {kind}: it takes effect on reception, not with SYNC; set rpdo: 1: transmission: 1, "
+        r"otherwise the motor follows the computer's jitter",
         told[0],
     ), told[0]
 
@@ -48,9 +48,9 @@ def test_a_cycle_that_comes_half_a_period_behind_the_sync_of_others_is_told(tmp_
     keys = f"sync_period: 20000\n  sync_producer: {who}\n  sync_order: last"
     (told,) = warnings(arm(tmp_path, bus=("sync_period: 20000", keys)))
     assert "bus.yml:" in told
-    assert f"sync_order: last with sync_producer: {who}: the cycle comes half a period after SYNC" in told
-    assert "one that is 10 ms late doubles a set-point of joint_1, joint_2, joint_3 and 3 more" in told
-    assert told.endswith("leave sync_order out")
+    assert f"sync_order: last with sync_producer: {who}: the cycle is half a period after SYNC" in told
+    assert "a cycle that is 10 ms late repeats a set-point of joint_1, joint_2, joint_3 and 3 more" in told
+    assert told.endswith("remove sync_order")
     assert warnings(arm(tmp_path / "b", bus=("sync_period: 20000", keys.replace("last", "first")))) == []
 
 
@@ -72,10 +72,10 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
     slow = TPDO_2.replace("0x01", "255") + "      inhibit_time: 300\n"
     told = [each for each in warnings(arm(tmp_path, bus=(TPDO_2, slow))) if "inhibit" in each]
     assert len(told) == 1, told
-    assert "bus.yml:35:21: warning: TPDO 2 of joint_1_drive and of 5 more comes every 30 ms at most" in told[0]
+    assert "bus.yml:35:21: warning: TPDO 2 of joint_1_drive and of 5 more is sent every 30 ms at most" in told[0]
     assert "feedback is older than a period; set tpdo: 2: transmission: 1, or inhibit_time: 0" in told[0]
     quick = TPDO_2.replace("0x01", "255") + "      inhibit_time: 200\n"
-    assert not any("comes every" in each for each in warnings(arm(tmp_path / "2", bus=(TPDO_2, quick))))
+    assert not any("is sent every" in each for each in warnings(arm(tmp_path / "2", bus=(TPDO_2, quick))))
 
 
 def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
@@ -98,5 +98,5 @@ def test_a_deadline_that_a_late_cycle_misses_is_told_where_it_stands(tmp_path, k
     assert len(found) == bool(told), found
     for each in found:
         assert told in each
-        assert "the cycle that sends it takes 20 ms" in each
+        assert "sent with a cycle of 20 ms" in each
         assert each.endswith("set event_deadline: 60 or more, or 0 for none")

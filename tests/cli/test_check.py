@@ -14,7 +14,7 @@ def test_a_good_robot_is_exit_code_0_with_its_bus_budget(capsys):
     assert lines[-1] == "robby: 3 notes"
     assert lines[-2] == (
         "stop of right_wheel_joint (right_drive): the command of robby_forward_controller ends 2.020 s, then ramp of "
-        "0x6084 (16000) from a speed that the files do not limit"
+        "0x6084 (16000) from an unlimited speed"
     )
     assert lines[-4].endswith("SYNC comes from this program: no joint is commanded in CSP or CSV")
     assert lines[-5] == (

@@ -203,7 +203,7 @@ def test_the_time_to_a_stop_is_that_of_each_motor(tmp_path):
     bus = folder(tmp_path) / "bus.yml"
     bus.write_text(bus.read_text().replace("0x6084, sub_index: 2, value: 20000", "0x6084, sub_index: 2, value: 5000"))
     stops = check_robot(find_robot(str(tmp_path)), CheckOptions()).stops
-    asked = [case.by for stop in stops for case in stop.cases if case.cause == "a stop is asked"]
+    asked = [case.by for stop in stops for case in stop.cases if case.cause == "a stop is requested"]
     assert asked == ["ramp of 0x6084 (20000)", "ramp of 0x6084 (5000)"]
 
 

@@ -69,8 +69,8 @@ def test_strictly_read_the_repeated_keys_are_errors_with_their_lines(tmp_path, n
 
 def test_check_names_what_is_odd_about_them(tmp_path):
     texts = found(robot_files(tmp_path, "robby", "robby.yaml"))
-    assert any("base_link gets two parents: world by odometry, and base_footprint" in text for text in texts)
+    assert any("base_link has two parents: world by odometry, and base_footprint" in text for text in texts)
     assert sum("duplicate key" in text for text in texts) == 2
     texts = found(robot_files(tmp_path / "2", "diffbot_sim", "gazebo_diff_drive.yaml"))
     assert any("wheel_separation is 1.25 m, the description's wheels have 0.36 m" in text for text in texts)
-    assert any("update_rate 100 Hz is more than the bus carries" in text for text in texts)
+    assert any("update_rate 100 Hz is higher than the SYNC rate" in text for text in texts)

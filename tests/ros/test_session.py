@@ -313,4 +313,4 @@ def test_what_the_bridge_cannot_make_of_a_sample_does_not_end_it(fresh):
 def _warned(stage):
     if not hasattr(stage, "logging"):
         stage.logging = stage.peer.order("subscribe", topic="/rosout", of="rcl_interfaces/msg/Log", qos="latched")
-    return any("sent garbage" in message["msg"] for message in stage.peer.waiting("/rosout"))
+    return any("sent an invalid message" in message["msg"] for message in stage.peer.waiting("/rosout"))

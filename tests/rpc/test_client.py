@@ -111,7 +111,7 @@ def test_leaving_tells_who_waits_and_twice_is_once(scene):
     scene.ask(Get("a"))
     scene.client.close()
     scene.client.close()
-    assert scene.answers == [(Get("a"), None, "robot fake was left")]
+    assert scene.answers == [(Get("a"), None, "the connection to robot fake was closed")]
 
 
 def test_without_a_robot_there_is_no_client(scene):
@@ -189,7 +189,7 @@ def test_an_answer_has_the_type_that_its_request_declares(store, client):
 )
 def test_an_answer_of_another_shape_is_a_sentence(store, client, answer, words):
     store.answers["get"] = {"result": answer}
-    with pytest.raises(RemoteError, match=f"the store sent garbage: .*{words}") as caught:
+    with pytest.raises(RemoteError, match=f"the store sent an invalid message: .*{words}") as caught:
         client.ask(Get("a"))
     assert caught.value.kind == "RemoteProtocolError"
 
@@ -197,7 +197,7 @@ def test_an_answer_of_another_shape_is_a_sentence(store, client, answer, words):
 def test_what_was_sent_unasked_has_its_type_and_what_nobody_knows_is_skipped(client):
     messages = client.messages(5.0)
     assert next(messages) == Changed("a")
-    with pytest.raises(UnreadableMessage, match=r"garbage: Expected `str`, got `int` - at `\$.key`"):
+    with pytest.raises(UnreadableMessage, match=r"an invalid message: Expected `str`, got `int` - at `\$.key`"):
         next(messages)
 
 
