@@ -28,6 +28,7 @@ def speeds(robot):
 
 def test_the_true_pose_stands_beside_odometry_and_what_ends_a_calibration_stops_the_base(stage, erring):
     _, robot = erring
+    assert eventually(lambda: robot.status().true_pose is not None)
     truth = robot.status().true_pose
     assert (truth.x, truth.y, truth.error) == (0.0, 0.0, pytest.approx((0.0, 0.0, 0.0)))
 
