@@ -54,6 +54,7 @@ from canopen_control.errors import ConfigError, nearest
 from canopen_control.host.quick_start import quick_start
 
 if TYPE_CHECKING:
+    from canopen_control.personality import Personality
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.robot_under_test import RobotUnderTest
     from canopen_control.simulation.scenario_events import ScenarioEvent
@@ -200,6 +201,7 @@ def _run_one(args: argparse.Namespace) -> int:
 
         check_recording_name(Path(args.record))
     with quick_start():
+        from canopen_control.personality import read_personality
         from canopen_control.simulation.robot_under_test import RobotUnderTest
         from canopen_control.simulation.simulation_run import SimulationRun
 
@@ -208,8 +210,9 @@ def _run_one(args: argparse.Namespace) -> int:
         raise ConfigError(f"{setup.files.hardware.world_word or '--world'} requires physics; add --physics")
     acts, seed, duration_ns = _schedule(args, setup)
     speed = 1.0 if args.speed is None and bridge is not None else _speed_limit(args.speed)
+    like = None if args.like is None else read_personality(args.like)
     robot = RobotUnderTest(setup, seed, world=setup.world)
-    _apply_quirks(robot, args)
+    _apply_quirks(robot, args.quirk, like)
     simulation = SimulationRun(setup, seed, acts, speed=speed, robot=robot)
     for note in () if simulation.robot.floor is None else simulation.robot.floor.notes:
         print(f"canopen-control: {note}", file=sys.stderr)
@@ -228,15 +231,12 @@ def _run_one(args: argparse.Namespace) -> int:
     return 1 if outcome.breaches or never else 0
 
 
-def _apply_quirks(robot: RobotUnderTest, args: argparse.Namespace) -> None:
-    """Apply the personality of --like and the quirks of --quirk to all drives."""
-    from canopen_control.personality import read_personality
-
-    like = None if args.like is None else read_personality(args.like)
+def _apply_quirks(robot: RobotUnderTest, quirks: list[str], like: Personality | None) -> None:
+    """Apply a personality and quirks to all drives."""
+    replaced = {text.partition("=")[0] for text in quirks}
     for drive in robot.drives.values():
-        names = {text.partition("=")[0] for text in args.quirk}
-        own = [text for text in drive.quirks if text.partition("=")[0] not in names]
-        drive.quirks, drive.like = [*own, *args.quirk], like
+        own = [text for text in drive.quirks if text.partition("=")[0] not in replaced]
+        drive.quirks, drive.like = [*own, *quirks], like
 
 
 def _speed_limit(speed: float | None) -> float | None:

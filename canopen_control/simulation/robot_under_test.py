@@ -158,16 +158,16 @@ class SimulatedDrive:
         """Switch the supply on, unless already on; the drive boots."""
         if self.device is not None:
             return
-        self._times += 1
-        self.actor = actor = self._robot.actor(self.label, self._robot.timings.drive, self._times)
-        self.wire.members[self.label] = actor
-        with provide(self.wire.name, self.wire):
-            self._port = open_port(self.wire.channel, label=self.label)
         floor = self._robot.floor
         plant = None if floor is None else floor.plants_of(self.node_id)
         self.device = make_device(
             dictionary_of(self._eds), self.node_id, plant=plant, quirks=self.quirks, like=self.like
         )
+        self._times += 1
+        self.actor = actor = self._robot.actor(self.label, self._robot.timings.drive, self._times)
+        self.wire.members[self.label] = actor
+        with provide(self.wire.name, self.wire):
+            self._port = open_port(self.wire.channel, label=self.label)
         self._host = NodeHost(actor.reactor, self._port, [self.device])
         self._methods = NodeMethods(self._host, self.device)
         actor.arrived()
