@@ -72,7 +72,7 @@ def test_errors_come_to_the_caller_as_what_they_are():
     with Robot.from_config("robby", mock=True) as robot:
         with pytest.raises(UnknownName, match="no controller 'nobody'"):
             robot.command("nobody", [1.0])
-        with pytest.raises(ControlError, match="takes 2 values"):
+        with pytest.raises(ControlError, match="expects 2 values"):
             robot.command(FORWARD, [1.0])
         with pytest.raises(ControlError):
             robot.axis("enable", "nobody")

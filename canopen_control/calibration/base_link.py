@@ -40,7 +40,7 @@ def parse_end(text: str) -> tuple[float, float]:
         x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y)):
         raise ConfigError(
-            f"{text.strip()!r} is not an end: write X Y, metres ahead and to the left, as in 0.012 -0.034"
+            f"{text.strip()!r} is not an end position: write X Y, metres ahead and to the left, as in 0.012 -0.034"
         )
     return x, y
 
@@ -53,13 +53,13 @@ class TypedEnds:
 
     def before(self, text: str) -> None:
         self._report(text)
-        self._line("  put the base at its start, keep clear, and press Enter: it drives ")
+        self._line("  put the base at its start, keep clear, and press Enter to drive ")
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
         """Ask for the end position of a square until the answer is valid."""
         while True:
             try:
-                return parse_end(self._line("  where did it end? X Y, m ahead and to the left of its start: "))
+                return parse_end(self._line("  end position X Y, in m ahead and to the left of the start: "))
             except ConfigError as error:
                 self._report(f"  {error}")
 
@@ -67,7 +67,7 @@ class TypedEnds:
         try:
             return self._ask(prompt)
         except EOFError:
-            raise ControlError("no node answers any more; the calibration has ended") from None
+            raise ControlError("standard input was closed; the calibration has ended") from None
 
 
 class FiledEnds:
@@ -101,7 +101,7 @@ def read_ends(path: Path, count: int, report: Callable[[str], object]) -> FiledE
             except ConfigError as error:
                 problems.append(f"{path}:{number}: {error}")
     if not problems and len(ends) < count:
-        problems.append(f"{path} has {len(ends)} ends, and {count} squares are driven; give one for each")
+        problems.append(f"{path} has {len(ends)} end positions for {count} squares; give one for each square")
     if problems:
         raise ConfigError("\n".join(problems))
     return FiledEnds(ends, report)
@@ -149,7 +149,8 @@ def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) ->
     active = [controller for controller in matches if controller.active] or matches
     if len(active) > 1:
         raise ConfigError(
-            f"several could be meant: {', '.join(controller.name for controller in active)}; give --controller NAME"
+            f"several diff drive controllers are possible: {', '.join(controller.name for controller in active)}; "
+            "give --controller NAME"
         )
     if not active[0].active:
         raise ConfigError(
@@ -179,8 +180,8 @@ class BaseLink:
 
         if not math.isnan(value("wheel_radius_multiplier")):
             raise ConfigError(
-                f"{self.controller} has a wheel_radius_multiplier, which overrides those of both sides; fold it into "
-                "wheel_radius first"
+                f"{self.controller} has a wheel_radius_multiplier, which overrides those of both sides; multiply "
+                "wheel_radius by it, and remove it"
             )
         separation, left, right = (value(name, 1.0) for name in FACTORS)
         return WheelValues(
@@ -202,7 +203,7 @@ class BaseLink:
             try:
                 self._robot.ask(SetParameters(controller=self.controller, values=values))
             except RemoteError as error:
-                if "stands" not in str(error) or time.monotonic() > until:
+                if "at standstill" not in str(error) or time.monotonic() > until:
                     raise
                 time.sleep(0.1)
             else:
@@ -238,18 +239,18 @@ class BaseLink:
             finally:
                 with contextlib.suppress(RemoteError):  # a robot that has ended or refuses commands needs no stop
                     self._twist(0.0, 0.0)
-        raise ControlError("the robot reports nothing more")
+        raise ControlError("the robot sends no more messages")
 
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
         """Return the odometry in a state sample, None before the first; raise ControlError if the base may not move."""
         if state.latched:
-            raise ControlError(f"STOP, by {state.latched_by or 'somebody'}")
+            raise ControlError(f"STOP, by {state.latched_by or 'an unnamed client'}")
         if state.hint is not None:
             raise ControlError(state.hint)
         if state.state in _ENDING:
             raise ControlError(f"the robot is {state.state}")
         if state.state == "fault":
-            wrong = [f"{name}: {node.error or 'not there'}" for name, node in state.nodes.items()
+            wrong = [f"{name}: {node.error or 'not present'}" for name, node in state.nodes.items()
                      if node.error or not node.ready]  # fmt: skip
             raise ControlError(
                 f"the robot is in fault: {'; '.join(wrong) or 'a drive is silent, see canopen-control status'}"

@@ -99,7 +99,7 @@ def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float)
         return _Edit(node.line - 1, node.column - 1, len(node.text), f"{value:.9g}")
     anchor = next((key for anchor_key in _ANCHORS if (key := flat.keys().get(anchor_key)) is not None), None)
     if anchor is None:
-        raise ConfigError(f"{path}: nothing there names the wheels of the base; write {name}: {value:.9g} by hand")
+        raise ConfigError(f"{path}: no wheel parameters were found; write {name}: {value:.9g} by hand")
     _require_same(path, anchor, name)
     indent = lines[anchor.line - 1][: anchor.column - 1]
     if indent.strip():  # flow style
@@ -110,10 +110,7 @@ def _edit(path: Path, lines: Sequence[str], flat: Node, name: str, value: float)
 
 def _require_same(path: Path, node: Node, name: str) -> None:
     if Path(node.path) != path:
-        raise ConfigError(
-            f"{name} of the base is said in {node.path}:{node.line}, a params_file of {path}; give that file the value "
-            "by hand"
-        )
+        raise ConfigError(f"{name} is set in {node.path}:{node.line}, a params_file of {path}; edit that file by hand")
 
 
 def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
@@ -133,11 +130,11 @@ def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[s
         actual = _values(read_controllers(copy))
     except ConfigError as error:
         copy.unlink()
-        raise ConfigError(f"no copy was written, it could not be read: {error}") from error
+        raise ConfigError(f"the copy could not be read and was deleted: {error}") from error
     if actual != expected:
         copy.unlink()
         text = ", ".join(f"{name}: {value:.9g}" for name, value in values.items())
-        raise ConfigError(f"{file.path} is laid out in a way that no copy could be made of; write by hand: {text}")
+        raise ConfigError(f"{file.path} has a layout that cannot be copied; set by hand: {text}")
 
 
 def _values(file: ControllersFile) -> dict[str, dict[str, object]]:

@@ -128,18 +128,18 @@ def _refuse_sizes(side: float, separation: float) -> None:
     if side > _LARGEST:
         raise ImplausibleEnds(f"a side of {side:g} m is longer than {_LARGEST:g} m; was it given in metres?")
     if side < separation:
-        raise ImplausibleEnds(f"a side of {side:g} m is shorter than the wheels are apart; drive a larger square")
+        raise ImplausibleEnds(f"a side of {side:g} m is shorter than the wheel separation; drive a larger square")
 
 
 def _refuse_run(number: int, run: SquareRun, side: float) -> None:
     if not (math.isfinite(run.x) and math.isfinite(run.y)):
         raise ImplausibleEnds(
-            f"run {number} ({run.direction.word}) ended at {run.x}, {run.y}: that is not a place; measure it again"
+            f"run {number} ({run.direction.word}) ended at {run.x}, {run.y}, which is not a position; measure it again"
         )
     if (away := math.hypot(run.x, run.y)) > _FAR * side:
         raise ImplausibleEnds(
-            f"run {number} ({run.direction.word}) ended {away:.2f} m from where odometry says, more than the "
-            f"side of {side:g} m; were metres measured, from where that run began, x ahead and y to the left?"
+            f"run {number} ({run.direction.word}) ended {away:.2f} m from its odometry, more than the "
+            f"side of {side:g} m; were metres measured from the start of the run, x ahead and y to the left?"
         )
 
 
@@ -147,11 +147,11 @@ def _refuse_count(by_direction: dict[Direction, list[SquareRun]], least: int) ->
     for direction, runs in by_direction.items():
         if not runs:
             raise ImplausibleEnds(
-                f"no run is {direction.word}; one direction alone may hide both errors, drive as many of each"
+                f"no run is {direction.word}; drive both directions, because one alone may hide both errors"
             )
         if len(runs) < least:
             count = "1 run is" if len(runs) == 1 else f"{len(runs)} runs are"
-            raise ImplausibleEnds(f"{count} {direction.word}; {least} of each direction are needed at least")
+            raise ImplausibleEnds(f"{count} {direction.word}; {least} of each direction are needed")
 
 
 def _mean(runs: Sequence[SquareRun]) -> tuple[float, float]:

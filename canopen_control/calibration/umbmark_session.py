@@ -145,7 +145,7 @@ def calibrate(
     wheels = base.wheel_values()
     original = wheels.factors
     try:
-        first = last = _round(base, ends, plan, wheels.separation, f"as it is, 1 of {plan.passes + 1}", report)
+        first = last = _round(base, ends, plan, wheels.separation, f"uncorrected, 1 of {plan.passes + 1}", report)
         for number in range(1, plan.passes + 1):
             if last.largest <= (EXACT if last is first else _NO_BETTER):
                 break
@@ -185,8 +185,8 @@ def _round(
     result = correction(runs, plan.side, separation, least=plan.runs)
     scatter = "" if result.scatter is None else f", scatter (3 sigma) {1e3 * result.scatter:.1f} mm"
     report(
-        f"  largest systematic error {1e3 * result.largest:.1f} mm{scatter}; right wheel to left {result.e_d:.6f}, "
-        f"track to the one in use {result.e_b:.6f}"
+        f"  largest systematic error {1e3 * result.largest:.1f} mm{scatter}; right / left wheel {result.e_d:.6f}, "
+        f"true track / current track {result.e_b:.6f}"
     )
     return result
 

@@ -140,7 +140,7 @@ class EnableStatus:
 
     def error(self, waiting: Sequence[CommandInterface]) -> NotEnabled:
         """Return the error for a command to interfaces that are not enabled."""
-        return NotEnabled(f"{joint_names(waiting)}: not enabled, so no command is taken")
+        return NotEnabled(f"{joint_names(waiting)}: not enabled, so commands are refused")
 
     def reason(self, waiting: Sequence[CommandInterface]) -> str:
         """Return a message with the joints that are not enabled and the remedy."""
@@ -347,17 +347,17 @@ class Controller:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):
             raise self.refusal(
-                f"takes {len(names)} values ({', '.join(names)}), got {len(values)}; nothing was applied"
+                f"expects {len(names)} values ({', '.join(names)}), got {len(values)}; nothing was applied"
             )
         for name, value in zip(names, values, strict=True):
             if not _finite(value):
-                raise self.refusal(f"takes finite numbers, got {value!r} for {name}; nothing was applied")
+                raise self.refusal(f"expects finite numbers, got {value!r} for {name}; nothing was applied")
 
     @property
     def describe_stop(self) -> str:
         """Clause for messages about the joints after the end of a command, such as "its targets are 0"."""
         are_zeroed = all(command.quantity in MOVING for command in self.commands)
-        return "its targets are 0" if are_zeroed else "what moves is stopped, positions are held where they are"
+        return "its targets are 0" if are_zeroed else "moving joints are stopped, positions are held"
 
     def refuse_out_of_range(self, commands: Sequence[CommandInterface], value: float, now: int) -> None:
         """Refuse a value outside the range of the CANopen object behind any of these interfaces.

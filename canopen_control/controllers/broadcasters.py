@@ -127,9 +127,9 @@ class BatteryParams(CommonParams):
     def mistakes(self) -> Iterator[str]:
         if bool(self.sensor_name) == bool(self.batteries):
             both = "both 'sensor_name' and 'batteries'" if self.batteries else "no 'batteries'"
-            yield f"{both}; give it under ros__parameters: batteries: [main_battery]"
+            yield f"{both}; give only batteries under ros__parameters: batteries: [main_battery]"
         if len(set(self.batteries)) != len(self.batteries):
-            yield f"batteries names one twice: {', '.join(self.batteries)}; name each once"
+            yield f"batteries contains a name twice: {', '.join(self.batteries)}; list each name once"
         interfaces = [f"{battery}.{quantity}" for battery in self.batteries for quantity in QUANTITIES[1:]]
         yield from (
             f"interfaces.{interface}{nearest(interface, interfaces)}"
@@ -138,7 +138,7 @@ class BatteryParams(CommonParams):
         )
         for name, battery in zip(self.names, self.own, strict=True):
             if battery.minimum_voltage >= battery.maximum_voltage:
-                yield f"{name}: minimum_voltage is {battery.minimum_voltage:g}; give less than maximum_voltage"
+                yield f"{name}: minimum_voltage is {battery.minimum_voltage:g}; it must be below maximum_voltage"
 
 
 def read_params(params: Params, name: str) -> BatteryParams:
@@ -334,7 +334,7 @@ class PoseParams(CommonParams):
             both = "both 'pose_name' and interface_names" if named else "neither 'pose_name' nor interface_names"
             yield f"{both}; give pose_name for all seven, or interface_names.position.x to orientation.w"
         elif named and (missing := [key for key in POSE if not self.interface_names.get(key)]):
-            yield f"interface_names.{missing[0]} is missing; a pose has all of position.x to orientation.w"
+            yield f"interface_names.{missing[0]} is missing; a pose needs position.x to orientation.w"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: map"
         yield from (f"interface_names.{name}{nearest(name, POSE)}" for name in self.interface_names if name not in POSE)
@@ -503,7 +503,8 @@ class PoseBroadcaster(SensorBroadcaster):
         self._set_up(settings, settings.names)
         if settings.tf.publish_rate:
             self.report(
-                "parameter", "tf.publish_rate has no effect: a transform goes out at every update; set update_rate"
+                "parameter",
+                "tf.publish_rate has no effect: the transform is published at every update; set update_rate",
             )
 
     def sample(self, wall_offset_ns: int) -> PoseSample:
@@ -648,7 +649,9 @@ class _StateBroadcaster(Controller):
             layout.setdefault(state.joint, {})[state.interface] = state
         if not layout:
             kinds = ", ".join(self.params.interfaces or self.chosen) or "any interface"
-            raise ControlError(f"{self.name}: no joint has a state of {kinds}; name others under `interfaces`")
+            raise ControlError(
+                f"{self.name}: no joint has a state interface of {kinds}; list others under `interfaces`"
+            )
         self._copy, self.joints = StateCopy(layout), tuple(layout)
         self.stamp = now
 

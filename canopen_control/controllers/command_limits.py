@@ -168,7 +168,7 @@ class JointCommands(Limited):
             reasons.append(self._quantity(at, bounded))
         elif short != target:
             end = self._limits.max_position if target > 0.0 else self._limits.min_position
-            reasons.append(f"what ends at {self._quantity(POS, end)}")
+            reasons.append(f"a velocity that ends at {self._quantity(POS, end)}")
         if value != bounded:
             reasons.append(self._by_state(at, value, period))
         return f"{command.name}: {self._quantity(at, target)} is limited to {' and to '.join(reasons)}"
@@ -188,7 +188,7 @@ class JointCommands(Limited):
         if soft is not None and soft.lower < soft.upper and not (at == POS and at_step):
             return f"its soft limits, {soft.lower:g} to {self._quantity(POS, soft.upper)}"
         if at == EFF:
-            return "what drives it no further out and no faster"
+            return "an effort that drives the joint neither further out nor faster"
         if at == POS and at_step:
             return f"changes of {self._quantity(VEL, limits.max_velocity)}"
         return f"changes of {self._quantity(ACC, limits.max_acceleration)}"

@@ -78,4 +78,4 @@ def unlimited_warning(key: str, timeout: float | None, interfaces: Iterable[str]
     """Return a warning about an explicit timeout of 0 for velocities, efforts or accelerations, else None."""
     if timeout != 0.0 or not MOVING.intersection(interfaces):
         return None
-    return f"{key} is 0, so a command never ends by itself: what moves continues when its sender ends"
+    return f"{key} is 0, so commands never expire: moving joints continue when the sender disappears"

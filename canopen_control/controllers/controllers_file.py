@@ -93,7 +93,7 @@ class ManagerParams:
         100, low=1, high=10_000, help="update rate of the controllers in Hz, at most the rate of the cycle"
     )
     use_sim_time: bool = setting(
-        False, help="only for simulated robots; otherwise a warning says that the parameter has no effect"
+        False, help="only for simulated robots; on a real robot it has no effect, with a warning"
     )
     enforce_command_limits: bool = setting(False, help="whether to keep commands within the limits of the description")
     handle_exceptions: bool = setting(True, help="has no effect: an exception in a controller never ends the cycle")
@@ -128,9 +128,9 @@ _INITIAL_STATES: Final = frozenset(
 _MANAGERS_OWN: Final = frozenset({"type", "params_file", "fallback_controllers", "node_options_args"})
 _MANAGER_KEYS: Final = frozenset({"update_rate", "use_sim_time"})
 FOREIGN: Final = {
-    "gazebo_ros_control": "Gazebo's PID gains have no meaning here, the simulated motors follow by themselves",
-    "hardware_interface": "the joints are those of the description",
-    "generic_hw_control_loop": "the cycle is that of bus.yml and update_rate",
+    "gazebo_ros_control": "the simulated motors have their own control loops",
+    "hardware_interface": "the joints are taken from the description",
+    "generic_hw_control_loop": "bus.yml and update_rate determine the cycle",
 }
 """Blocks of ROS 1 files that belong to no controller, with the reason why they have no effect."""
 
@@ -175,7 +175,7 @@ def read_controllers(
     root = read_tree(_with_variables(text, values), str(path), error=RobotConfigError, strict=strict)
     for name, line in _variables_in(_with_variables(text, values)):
         at = Node("scalar", line, 1, "", root.problems)
-        root.problems.warning(at, f"{name} has no value here; give it with --launch FILE NAME:=VALUE")
+        root.problems.warning(at, f"{name} has no value; give it with --launch FILE NAME:=VALUE")
     if root.kind != "mapping":
         root.error("expected a mapping of controllers")
     blocks: dict[str, _Block] = {}
@@ -187,7 +187,7 @@ def read_controllers(
     declared, manager = _manager(flat, root)
     controllers = _controllers(declared, blocks, everywhere, own.namespace)
     if not controllers:
-        own.key.error("no controller has a type; name them under controller_manager: <name>: type: ...")
+        own.key.error("no controller has a type; give types under controller_manager: <name>: type: ...")
     root.problems.raise_if_any(RobotConfigError)
     read = {id(root.problems): [str(warning) for warning in root.problems.warnings]}
     for controller in controllers.values():
@@ -247,7 +247,7 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
         elif value.kind in ("mapping", "null"):
             _add(blocks, name, _Block(key, value, space, ros1=True))
         else:
-            key.problems.suspect(key, f"{key.text!r} belongs to no controller; indent it under one")
+            key.problems.suspect(key, f"{key.text!r} does not belong to a controller; indent it under a controller")
 
 
 def _nested(node: Node) -> Node:
@@ -490,7 +490,9 @@ def _spawner_texts(parameter: ParameterValue, key: str) -> tuple[str, ...]:
     """Return a parameter's value as texts; raise ControlError for an unknown key or a wrong type."""
     if key not in _KEYS:
         keys = ", ".join(_KEYS)
-        raise ControlError(f"{MANAGER}: parameter '{parameter.name}' cannot be set; of a controller there are: {keys}")
+        raise ControlError(
+            f"{MANAGER}: parameter '{parameter.name}' cannot be set; a controller has the parameters: {keys}"
+        )
     if parameter.kind not in _KEYS[key]:
         raise ControlError(
             f"{MANAGER}: wrong parameter type, parameter '{parameter.name}' is of type {_KEYS[key][-1]}, "

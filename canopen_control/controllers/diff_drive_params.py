@@ -155,10 +155,10 @@ def _completed(
     if geometry is None:
         return params
     if params.wheel_separation <= 0.0 and (separation := geometry.separation(params.left, params.right)):
-        report(f"wheel_separation is not given, the description's is taken: {separation:g} m")
+        report(f"wheel_separation is not given; the value of the description is used: {separation:g} m")
         params = replace(params, wheel_separation=separation)
     if params.wheel_radius <= 0.0 and (radius := geometry.radius((*params.left, *params.right))):
-        report(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        report(f"wheel_radius is not given; the value of the description is used: {radius:g} m")
         params = replace(params, wheel_radius=radius)
     return params
 
@@ -172,13 +172,13 @@ def _checks(params: DiffDriveParams) -> list[tuple[bool, str]]:
         (not right, "no right_wheel_names; give the joints of the right wheels"),
         (
             bool(left and right) and len(left) != len(right),
-            f"{len(left)} left wheels and {len(right)} right ones; give as many of each",
+            f"{len(left)} left wheels and {len(right)} right wheels; give the same number of each",
         ),
-        (bool(both), f"{', '.join(both)} is a wheel of both sides"),
-        (params.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance of the wheels in m"),
+        (bool(both), f"{', '.join(both)} is a wheel of both sides; list each wheel on one side"),
+        (params.wheel_separation <= 0.0, "wheel_separation is missing or 0; give the distance between the wheels in m"),
         (params.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"),
         (
             params.wheel_separation > 0.0 and params.wheel_radius > 0.0 and not all(positive),
-            "a multiplier of wheel_separation or wheel_radius is not above 0",
+            "a multiplier of wheel_separation or wheel_radius is 0 or less; give a factor above 0",
         ),
     ]

@@ -107,7 +107,8 @@ class ForwardCommandController(Controller):
         zero_targets(self.commands)
         outcome = "position targets are held" if self.interface == POSITION else "targets are 0"
         self.report(
-            "command_timeout", f"no command for {(now - self.life.created) / 1e9:.2f} s, {outcome} until the next one"
+            "command_timeout",
+            f"no command for {(now - self.life.created) / 1e9:.2f} s, {outcome} until the next command",
         )
 
     def _set_up(
@@ -121,7 +122,9 @@ class ForwardCommandController(Controller):
         if not joints:
             raise RobotConfigError(_missing(self.name, parameter, "[left_wheel_joint, right_wheel_joint]"))
         if len(set(joints)) != len(joints):
-            raise RobotConfigError(f"{self.name}: {parameter} names one twice: {', '.join(joints)}; name each once")
+            raise RobotConfigError(
+                f"{self.name}: {parameter} contains a name twice: {', '.join(joints)}; list each name once"
+            )
         self.joints, self.interface, self.update_rate = joints, interface, common.update_rate
         self._names = tuple(f"{joint}/{interface}" for joint in joints)
         self._set_life(timeout, (interface,))
@@ -247,7 +250,7 @@ class TargetController(ForwardCommandController):
         if self.commands and self.commands[0].quantity == TARGET:
             joint = self.joints[0]
             how = f"canopen-control axis mode {joint} PV"
-            raise self.refusal(f"has no target yet: {joint} is in no mode that takes one; ask for one: {how}")
+            raise self.refusal(f"has no target, because {joint} is not in a mode with a target; select one: {how}")
         super().set_command(values, now, stamp)
 
     def update(self, now: int, period: float) -> ReturnType:

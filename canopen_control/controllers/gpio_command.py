@@ -125,7 +125,7 @@ def _of_names(params: GpioParams) -> Iterator[str]:
         for name, interfaces in lists.items():
             gpio = name.removesuffix(_LIST)
             if gpio not in params.gpios or gpio == name:
-                yield f"{key}.{name} is not a GPIO{_LIST} of one of gpios{nearest(gpio, params.gpios)}"
+                yield f"{key}.{name} is not NAME{_LIST} of a GPIO in gpios{nearest(gpio, params.gpios)}"
             yield from _doubles(f"{key}.{name}", interfaces)
 
 
@@ -134,24 +134,24 @@ def _of_safe_values(params: GpioParams) -> Iterator[str]:
     dotted = [_dotted(output) for output in outputs]
     for name, value in params.safe_values.items():
         if name not in dotted:
-            yield f"safe_values.{name} is none of command_interfaces{nearest(name, dotted)}"
+            yield f"safe_values.{name} is not in command_interfaces{nearest(name, dotted)}"
         if not math.isfinite(value):
             yield f"safe_values.{name} is {value}; give a finite number"
     for name in params.kept_outputs:
         if name not in outputs:
-            yield f"kept_outputs: {name!r} is none of command_interfaces{nearest(name, outputs)}"
+            yield f"kept_outputs: {name!r} is not in command_interfaces{nearest(name, outputs)}"
 
 
 def _of_joints(params: GpioParams, joints: Sequence[str]) -> Iterator[str]:
     for name in params.outputs:
         joint, _, interface = name.rpartition("/")
         if joint in joints and interface in (POSITION, *MOVING):
-            yield f"{name} moves a joint and is not an output; command it by a forward command controller"
+            yield f"{name} moves a joint and is not an output; command it with a forward command controller"
 
 
 def _doubles(key: str, names: Sequence[str]) -> Iterator[str]:
     if len(set(names)) != len(names):
-        yield f"{key} names one twice: {', '.join(names)}; name each once"
+        yield f"{key} contains a name twice: {', '.join(names)}; list each name once"
 
 
 def _dotted(output: str) -> str:
@@ -240,13 +240,13 @@ class GpioCommandController(Controller):
         self._refuse_unless_active()
         for name in values:
             if name not in self._names:
-                raise self.refusal(f"applies nothing: it has no output {name!r}{nearest(name, self._names)}")
+                raise self.refusal(f"has no output {name!r}{nearest(name, self._names)}; nothing was applied")
         self.checked(list(values.values()), list(values))
         places = [self._names.index(name) for name in values]
         for index, value in zip(places, values.values(), strict=True):
             output = self.commands[index]
             if not output.enabled:
-                raise self.refusal(f"applies nothing: {output.name} follows no commands, since its node is not there")
+                raise self.refusal(f"cannot set {output.name}, because its node is not present; nothing was applied")
             if (fits := output.range_error(value)) is not None:
                 raise self.refusal(f"cannot set {value:g}: {fits}; nothing was applied")
         for index, value in zip(places, values.values(), strict=True):
@@ -261,7 +261,9 @@ class GpioCommandController(Controller):
 
     @property
     def describe_stop(self) -> str:
-        return "its outputs are at their safe values" + (", others are kept" if self.params.kept_outputs else "")
+        return "its outputs are at their safe values" + (
+            ", kept_outputs are unchanged" if self.params.kept_outputs else ""
+        )
 
     def update(self, now: int, period: float) -> ReturnType:
         del period
@@ -286,4 +288,4 @@ class GpioCommandController(Controller):
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if not self._names:
-            raise self.refusal("has no command_interfaces; it only reports")
+            raise self.refusal("has no command_interfaces; it only publishes states")

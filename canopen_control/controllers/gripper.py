@@ -85,9 +85,9 @@ class GripperParams(CommonParams):
         if not self.joint:
             return "no 'joint'; give it under ros__parameters: joint: finger_joint"
         if missing := [kind for kind in (POSITION, VELOCITY) if kind not in self.state_interfaces]:
-            return f"state_interfaces lacks {missing[0]}; a goal is judged by position and velocity"
+            return f"state_interfaces lacks {missing[0]}; goals need position and velocity"
         if len(set(self.state_interfaces)) != len(self.state_interfaces) or len(set(self.limits)) != len(self.limits):
-            return "state_interfaces, or the interfaces of the limits, name one twice; name each once"
+            return "state_interfaces or the limits contain an interface twice; list each once"
         return None
 
 
@@ -172,8 +172,8 @@ class PositionGripperActionController(Controller):
 
     def forget(self, now: int) -> None:
         del now
-        why, client = self.life.ended_by or "it was to stop", self.life.source or "who sent it"
-        self._end(GoalState.ABORTED, f"{why}, so the goal of {client} was taken back; send it again once that is over")
+        why, client = self.life.ended_by or "a stop was requested", self.life.source or "an unnamed client"
+        self._end(GoalState.ABORTED, f"{why}, so the goal of {client} was aborted; send it again afterwards")
         self.life.end()
         self._hold()
 
@@ -185,7 +185,7 @@ class PositionGripperActionController(Controller):
         velocity = params.max_velocity if not goal.max_velocity else goal.max_velocity
         self._check(goal.position, effort, velocity)
         self._report_unlimited(goal)
-        self._end(GoalState.ABORTED, "another goal has taken its place")
+        self._end(GoalState.ABORTED, "another goal has replaced it")
         goal.feedback_rate = params.action_monitor_rate
         self.goal, self._target, self._limits, self._status = goal, goal.position, (effort, velocity), GripStatus.MOVING
         self._progress.begin(now)
@@ -193,7 +193,7 @@ class PositionGripperActionController(Controller):
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         del values, now, stamp
-        raise self.refusal("takes goals and no numbers; send one to ~/gripper_cmd, or by canopen-control gripper")
+        raise self.refusal("accepts only goals; send one to ~/gripper_cmd or with canopen-control gripper")
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
         if self.goal is not None and only in (None, self.goal):
@@ -212,7 +212,7 @@ class PositionGripperActionController(Controller):
         low, high = self.description[joint].range_of(POSITION) if joint in self.description else (-math.inf, math.inf)
         if not low <= position <= high:
             raise self.refusal(
-                f"takes {low:g} to {high:g}, the limits of {joint}, got {position:g}; nothing was applied"
+                f"expects {low:g} to {high:g}, the limits of {joint}, got {position:g}; nothing was applied"
             )
         if self.commanded == POSITION and (fits := self.commands[0].range_error(position)) is not None:
             raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
@@ -221,7 +221,7 @@ class PositionGripperActionController(Controller):
         """Report once that the effort of a goal has no effect, because no interface limits the effort."""
         if goal.max_effort and not self._is_limited:
             self._is_limited = True
-            text = "the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
+            text = "the max_effort of goals has no effect: set max_effort_interface, or limit the drive (0x6072)"
             self.report("max_effort", text)
 
     def _end(self, state: GoalState, text: str, status: GripStatus = GripStatus.MOVING) -> None:
@@ -335,7 +335,7 @@ class EffortGripperActionController(PositionGripperActionController):
     def _check(self, position: float, effort: float, velocity: float) -> None:
         super()._check(position, effort, velocity)
         if effort == 0.0:
-            raise self.refusal("would not move: max_effort is 0; give one with the goal, or among the parameters")
+            raise self.refusal("cannot move: max_effort is 0; set it in the goal or in the parameters")
 
     def _write(self, period: float) -> None:
         if math.isnan(self._target):

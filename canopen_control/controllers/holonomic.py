@@ -75,7 +75,7 @@ class OmniKinematics(HolonomicKinematics):
 
     def __init__(self, count: int, robot_radius: float, wheel_radius: float, offset: float = 0.0) -> None:
         if count < LEAST_WHEELS:
-            raise ValueError(f"{count} wheels do not determine three velocities; there are {LEAST_WHEELS} or more")
+            raise ValueError(f"{count} wheels do not determine three velocities; use {LEAST_WHEELS} or more")
         angles = [math.tau * index / count + offset for index in range(count)]
         super().__init__([(math.sin(angle), -math.cos(angle), -robot_radius) for angle in angles], wheel_radius)
         self._positions = [0.0] * count

@@ -51,15 +51,15 @@ class OmniParams(PrefixedParams):
         names = self.wheel_names
         yield (
             len(names) < LEAST_WHEELS,
-            f"wheel_names has {len(names)} joints; give {LEAST_WHEELS} or more, around the base against the clock",
+            f"wheel_names has {len(names)} joints; give {LEAST_WHEELS} or more, counterclockwise around the base",
         )
         both = sorted({name for name in names if names.count(name) > 1})
-        yield bool(both), f"wheel_names names one twice: {', '.join(both)}; name each once"
-        missing = "wheel_offset is missing; give the angle of the first wheel, seen from the middle, in rad"
+        yield bool(both), f"wheel_names contains a name twice: {', '.join(both)}; list each name once"
+        missing = "wheel_offset is missing; give the angle in rad of the first wheel, seen from the centre"
         yield self.wheel_offset is None, missing
         yield (
             self.robot_radius <= 0.0,
-            "robot_radius is missing or 0; give the distance of the wheels from the middle in m",
+            "robot_radius is missing or 0; give the distance in m from the centre to a wheel",
         )
         yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
 
@@ -147,6 +147,6 @@ class MecanumParams(PrefixedParams):
             yield not joint, f"no {wheel}_wheel_command_joint_name; give the joint of this wheel"
         joints = [joint for joint in self.commanded if joint]
         both = sorted({joint for joint in joints if joints.count(joint) > 1})
-        yield bool(both), f"{', '.join(both)} is the joint of several wheels; give each its own"
+        yield bool(both), f"{', '.join(both)} is the joint of several wheels; give each wheel its own joint"
         yield self.radius <= 0.0, f"{_RADIUS} is missing or 0; give it in m"
-        yield self.reach <= 0.0, f"{_REACH} is missing or 0; give the distances of a wheel along x and y, added, in m"
+        yield self.reach <= 0.0, f"{_REACH} is missing or 0; give the sum of a wheel's distances along x and y in m"

@@ -64,8 +64,8 @@ class JointStateBroadcaster(Controller):
         super().on_activate(commands, states, now)
         if not states:
             raise ControlError(
-                f"{self.name}: no state interface exists; give the joints <state_interface> tags, and let TPDOs of "
-                "their drives carry 0x6064 or 0x606C"
+                f"{self.name}: no state interface exists; give the joints <state_interface> tags, and map "
+                "0x6064 or 0x606C into TPDOs of their drives"
             )
         columns = {self.params.position: POSITION, self.params.velocity: VELOCITY, self.params.effort: EFFORT}
         layout = self._layout(states, columns)

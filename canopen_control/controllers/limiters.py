@@ -270,7 +270,9 @@ class JointLimiter(Limiter["list[float]"]):
         limits = self.limits
         low, high, here = limits.min_position, limits.max_position, actual[POS]
         if here < low - _FAR_OUT or here > high + _FAR_OUT:
-            raise ControlError(f"it is at {here:g}, outside of its range from {low:g} to {high:g}; check its limits")
+            raise ControlError(
+                f"the joint is at {here:g}, outside its range from {low:g} to {high:g}; check the limits"
+            )
         start = here if math.isnan(self.before[POS]) else self.before[POS]
         if math.isfinite(limits.max_velocity) and math.isfinite(start):
             fastest = limits.max_velocity

@@ -65,7 +65,7 @@ Bases = dict[str, tuple[str, ...]]
 Parameters = tuple["ParameterReading", ...]
 
 
-_NO_TRAJECTORIES: Final = "follows no trajectories; it is not a joint trajectory controller"
+_NO_TRAJECTORIES: Final = "is not a joint trajectory controller"
 
 
 def _command(
@@ -74,21 +74,19 @@ def _command(
     """Pass a command to a controller; raise ControlError if the controller does not accept this kind of command."""
     if isinstance(values, Mapping):
         if not isinstance(controller, TakesNamedValues):
-            raise controller.refusal(
-                "takes no values by the names of its interfaces; give one for each, in their order"
-            )
+            raise controller.refusal("accepts no values by interface name; give one value for each interface, in order")
         controller.set_named(values, now)
     elif takes_commands(controller):
         controller.set_command(values, now, stamp)
     else:
-        raise controller.refusal("takes no commands; it only reads states")
+        raise controller.refusal("accepts no commands; it only reads states")
 
 
 def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
     """Pass a goal to a controller; raise ControlError if the controller does not accept this kind of goal."""
     if isinstance(goal, GripperGoal):
         if not isinstance(controller, Grips):
-            raise controller.refusal("moves no gripper; it is not a gripper action controller")
+            raise controller.refusal("is not a gripper action controller")
         controller.grip(goal, now)
     elif isinstance(controller, FollowsTrajectories):
         controller.send_goal(goal, now)
@@ -124,7 +122,7 @@ class ControllerManager:
         enable_status: EnableStatus | None = None,
     ) -> None:
         if update_rate <= 0:
-            raise ControlError(f"controller_manager: update_rate is {update_rate}; it is a number of Hz above 0")
+            raise ControlError(f"controller_manager: update_rate is {update_rate}; give a rate in Hz above 0")
         self.registry, self.update_rate = registry, update_rate
         self._joints = None if joints is None else tuple(joints)
         self._geometry = geometry
@@ -156,7 +154,7 @@ class ControllerManager:
         controller fails; they must be configured by then. `node_options` are the arguments of its ROS node.
         """
         if name in self._controllers:
-            raise ControlError(f"controller {name} is loaded already; unload it first")
+            raise ControlError(f"controller {name} is already loaded; unload it first")
         controller = make_controller(name, type_name)
         controller.description_joints, controller.geometry = self._joints, self._geometry
         controller.description, controller.cycle_rate = self._description, self.update_rate
@@ -186,8 +184,8 @@ class ControllerManager:
             if text not in previous:
                 self._report("parameter", name, text)
         if controller.update_rate > self.update_rate:
-            rates = f"{controller.update_rate} Hz is above the controller_manager's {self.update_rate} Hz"
-            self._report("update_rate", name, f"{name}: its update_rate of {rates}; it runs at that")
+            rates = f"{controller.update_rate} Hz exceeds the {self.update_rate} Hz of the controller_manager"
+            self._report("update_rate", name, f"{name}: update_rate {rates}; it runs at {self.update_rate} Hz")
         self.registry.export(controller.reference_interfaces(), name, controller.exported_states())
         controller.state = ControllerState.INACTIVE
 
@@ -305,7 +303,9 @@ class ControllerManager:
     def leave_out(self, names: Sequence[str]) -> None:
         """Report unknown controller names that a best-effort switch has ignored."""
         self._report(
-            "left_out", "", f"a switch leaves out unknown controllers: {', '.join(names)}; see: controller list"
+            "left_out",
+            "",
+            f"the switch ignores unknown controllers: {', '.join(names)}; see canopen-control controller list",
         )
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
@@ -396,7 +396,7 @@ class ControllerManager:
         failed, self.running.failed = self.running.failed, []
         for controller, reason in failed:
             again = f"canopen-control controller switch --activate {controller.name}"
-            dropped = self._switcher.drop([controller], f"{reason}; to go on, once that is repaired: {again}", now)
+            dropped = self._switcher.drop([controller], f"{reason}; after the repair, restart it: {again}", now)
             fallbacks = dict.fromkeys(name for controller in dropped for name in self._fallbacks.get(controller, ()))
             if fallbacks:
                 self._fall_back(list(fallbacks), controller.name, now)

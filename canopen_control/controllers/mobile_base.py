@@ -253,10 +253,12 @@ class MobileBase(Controller):
         self._odometry_params = params
         for axis, limit in zip(self.twist_axes, limits, strict=False):
             if limit.freezes:
-                self.report("parameter", f"{axis}.max_jerk: 0 keeps it from ever changing speed; remove it")
+                self.report("parameter", f"{axis}.max_jerk is 0, which keeps the speed constant; remove it")
         self.life.limit_ns, self._once = round(timeout * NS), timeout == 0.0 and not self.zero_is_never
         if self._once:
-            self.report(ONE_UPDATE, f"{self.timeout_key}: 0 lets a twist move it for one update; give a time in s")
+            self.report(
+                ONE_UPDATE, f"{self.timeout_key} is 0, so a twist is used for one update only; give a time in s"
+            )
         elif (text := unlimited_warning(self.timeout_key, timeout, (VELOCITY,))) is not None:
             self.report(ENDLESS, text)
 
@@ -346,9 +348,9 @@ class MobileBase(Controller):
     def set_odometry(self, x: float, y: float, heading: float) -> None:
         """Set the pose of the odometry, in m and rad; raise ControlError while inactive or for nan or infinity."""
         if self.state is not ControllerState.ACTIVE:
-            raise ControlError(f"{self.name} is {self.state.value}; its odometry is set while it is active")
+            raise ControlError(f"{self.name} is {self.state.value}; activate it before setting its odometry")
         if not all(map(math.isfinite, (x, y, heading))):
-            raise ControlError(f"{self.name}: a pose is three finite numbers, got {x}, {y}, {heading}")
+            raise ControlError(f"{self.name}: a pose needs three finite numbers, got {x}, {y}, {heading}")
         self.pose.set_pose(x, y, heading)
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:
@@ -468,7 +470,7 @@ class MobileBase(Controller):
         elif life.limit_ns and now - life.created > life.limit_ns:
             if life.runs_out(now):
                 age = (now - life.created) / NS
-                self.report("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
+                self.report("command_timeout", f"no twist for {age:.2f} s, the base brakes until the next twist")
             self._brake()
 
     def _follow_chain(self) -> bool:
@@ -503,7 +505,7 @@ class MobileBase(Controller):
         """Wait at standstill if a drive is disabled, else report the missing feedback and return ERROR."""
         if all(command.enabled for command in self.commands):
             unknown = [state.name for state in self.states if not math.isfinite(state.value)]
-            self.report("feedback", f"{', '.join(unknown)} is not a number")
+            self.report("feedback", f"{', '.join(unknown)} has no finite value")
             return ERROR
         zero_targets(self.commands)
         self.stop_following()
@@ -541,5 +543,6 @@ class MobileBase(Controller):
             self._too_fast = True
             self.rejected += 1
             self.report(
-                "refused", f"a wheel would have to turn at {target:g} rad/s, more than its drive can hold; it stands"
+                "refused",
+                f"a wheel would have to turn at {target:g} rad/s, out of range of its drive; the base is stopped",
             )

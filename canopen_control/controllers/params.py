@@ -170,7 +170,7 @@ def flattened(node: Node) -> Node:
                 continue
             if name in pairs:
                 key.problems.suspect(
-                    key, f"{name!r} is given twice (first at line {pairs[name][0].line}); the last wins"
+                    key, f"{name!r} is given twice (first at line {pairs[name][0].line}); the last value is used"
                 )
             pairs[name] = (scalar_node(name, key), value)
 
@@ -191,8 +191,8 @@ class CommonParams:
     update_rate: int = setting(0, low=0, help="update rate in Hz; 0: the rate of the controller manager")
     use_sim_time: bool = setting(
         False,
-        help="only for simulated robots, which publish /clock; otherwise a warning says that the parameter has no "
-        "effect. To stamp messages with the time of `/clock`, set `use_sim_time` of the bridge",
+        help="only for simulated robots, which publish /clock; on a real robot it has no effect, with a "
+        "warning. To stamp messages with the time of `/clock`, set `use_sim_time` of the bridge",
     )
     is_async: bool = setting(False, help="has no effect: all controllers run in the control cycle")
     thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the control cycle")

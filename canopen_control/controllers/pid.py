@@ -50,10 +50,10 @@ class Gains:
         if not self.u_min < self.u_max:  # true for nan
             raise ValueError(f"the output cannot be above {self.u_min} and below {self.u_max}; give u_min < u_max")
         if self.i_min > 0.0 or self.i_max < 0.0:
-            raise ValueError(f"the integral is 0 at rest, which {self.i_min} to {self.i_max} excludes")
+            raise ValueError(f"the limits {self.i_min} to {self.i_max} of the integral must include 0")
         back = self.anti_windup is AntiWindup.BACK_CALCULATION
         if back and not 0.0 <= self.tracking_time < math.inf:
-            raise ValueError(f"a tracking time constant of {self.tracking_time} s is none; give 0 or more")
+            raise ValueError(f"the tracking time constant is {self.tracking_time} s; give 0 or more")
 
     @property
     def tracking_time_used(self) -> float:
@@ -110,7 +110,7 @@ class Pid:
 
     def _is_zero_step(self, dt: float) -> bool:
         if dt < 0.0 and abs(dt) > _EPSILON:
-            raise ValueError(f"a PID step of {dt} s goes back in time")
+            raise ValueError(f"a PID step of {dt} s is negative")
         return abs(dt) <= _EPSILON
 
     def _step(self, error: float, rate: float, dt: float) -> float:

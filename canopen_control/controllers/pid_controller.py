@@ -212,7 +212,7 @@ class PidController(Controller):
         The values are received on ~/measured_state.
         """
         if not self._measured:
-            raise self.refusal("measures by its state interfaces; set use_external_measured_states for messages")
+            raise self.refusal("reads state interfaces; set use_external_measured_states to accept messages")
         names = [state.name for state in self._measured]
         self.checked(values, names if len(values) > len(self._dofs) else names[: len(self._dofs)])
         for index, state in enumerate(self._measured):
@@ -233,14 +233,14 @@ class PidController(Controller):
         count = len(self._dofs)
         self.checked(values, names if len(values) > count else names[:count])
         if self._measured and not self._measured_at:
-            raise self.refusal("knows no measured states; send them first, to its measured_state")
+            raise self.refusal("has no measured states; send them first to ~/measured_state")
         if self.chained:
             owner = next(interface.owner for interface in self._references if interface.owner is not None)
             raise self.refusal(f"is commanded by {owner}; deactivate that controller first")
         for interface, name, value in zip(self._references, names, values, strict=False):
             if not interface.minimum <= value <= interface.maximum:
-                limits = f"{interface.minimum:g} to {interface.maximum:g}, the limits of the joint"
-                raise self.refusal(f"takes {limits}, for {name}, got {value:g}; nothing was applied")
+                limits = f"{interface.minimum:g} to {interface.maximum:g} (limits of the joint)"
+                raise self.refusal(f"expects {limits} for {name}, got {value:g}; nothing was applied")
         for index, reference in enumerate(self._references):
             reference.value = float(values[index]) if index < len(values) else math.nan
         self.life.give(now)
@@ -316,4 +316,4 @@ class PidController(Controller):
         for dof in self._dofs:
             dof.clear()
         age = (now - self.life.created) / 1e9
-        self.report("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next one")
+        self.report("command_timeout", f"no reference for {age:.2f} s, targets are 0 until the next reference")

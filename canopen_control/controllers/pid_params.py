@@ -81,19 +81,21 @@ class PidParams(CommonParams):
             ("reference_and_state_dof_names", self.reference_and_state_dof_names),
         ):
             if len(set(names)) != len(names):
-                return f"{key} names one twice: {', '.join(names)}; name each once"
+                return f"{key} contains a name twice: {', '.join(names)}; list each name once"
         if not self.dof_names:
             return "no 'dof_names'; give it under ros__parameters: dof_names: [joint_1, joint_2]"
         if len(self.measured) != len(self.dof_names):
             count = f"{len(self.measured)} for {len(self.dof_names)} dof_names"
-            return f"reference_and_state_dof_names: {count}; name as many"
+            return f"reference_and_state_dof_names: {count}; give the same number"
         if not self.command_interface:
             return "no 'command_interface'; give it: command_interface: effort"
         if len(self.reference_and_state_interfaces) not in (1, 2):
             length = len(self.reference_and_state_interfaces)
-            return f"reference_and_state_interfaces has {length}; give one, and its derivative: [position, velocity]"
+            return f"reference_and_state_interfaces has {length}; give one, or two as in [position, velocity]"
         if len(set(self.reference_and_state_interfaces)) != len(self.reference_and_state_interfaces):
-            return "reference_and_state_interfaces names one twice; give its derivative: [position, velocity]"
+            return (
+                "reference_and_state_interfaces contains an interface twice; give the derivative: [position, velocity]"
+            )
         return None
 
 

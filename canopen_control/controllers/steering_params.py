@@ -114,8 +114,11 @@ class SteeringParams(BaseParams):
                 optional = key.endswith("state_names")
                 advice = f"give {count}{' or none' if optional else ''}, from right to left"
                 yield len(names) != count and not (optional and not names), f"{key} has {len(names)} joints; {advice}"
-                yield len(set(names)) < len(names), f"{key} names one twice: {', '.join(names)}; name each once"
-        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of front and rear axle in m"
+                yield (
+                    len(set(names)) < len(names),
+                    f"{key} contains a name twice: {', '.join(names)}; list each name once",
+                )
+        yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance between front and rear axle in m"
         yield self.radius <= 0.0, f"{self.radius_key} is missing or 0; give it in m"
 
 
@@ -144,7 +147,7 @@ class TricycleParams(SteeringParams):
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         yield from super().mistakes()
-        missing = "traction_track_width is missing or 0; give the distance of the traction wheels in m"
+        missing = "traction_track_width is missing or 0; give the distance between the traction wheels in m"
         yield self.traction_track_width <= 0.0, missing
 
 
@@ -208,9 +211,7 @@ def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
 
 
 _OWN: Final = ("rear_wheel", "front_steer", "wheel_separation_h")
-_ANGLE: Final = (
-    "angular.z of a twist is how fast it turns, in rad/s; the controller of ROS 1 took it as the angle of front_steer"
-)
+_ANGLE: Final = "angular.z of a twist is the yaw rate in rad/s; ROS 1's controller used it as the angle of front_steer"
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,7 @@ class Ros1AckermannParams(BicycleParams):
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
         yield from super().mistakes()
-        scale = "it scales what is measured alone; put the factor into scale_pos_from_dev and scale_pos_to_dev"
+        scale = "it scales only the feedback; set scale_pos_from_dev and scale_pos_to_dev instead"
         yield self.steer_pos_multiplier != 1.0, f"steer_pos_multiplier is {self.steer_pos_multiplier:g}; {scale}"
 
 
@@ -290,9 +291,9 @@ def _completed(
         return params
     wheel, steer = (params.rear_wheel,), (params.front_steer,)
     if params.wheelbase <= 0.0 and (base := geometry.separation(wheel, steer)):
-        report(f"wheel_separation_h is not given, the description's is taken: {base:g} m")
+        report(f"wheel_separation_h is not given; the value of the description is used: {base:g} m")
         params = replace(params, wheelbase=base)
     if params.traction_wheel_radius <= 0.0 and (radius := geometry.radius(wheel)):
-        report(f"wheel_radius is not given, the description's is taken: {radius:g} m")
+        report(f"wheel_radius is not given; the value of the description is used: {radius:g} m")
         params = replace(params, traction_wheel_radius=radius)
     return params

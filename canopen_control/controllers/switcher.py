@@ -488,7 +488,7 @@ class UpdateLoop:
                 source, moving = controller.life.source, is_moving(controller.commands)
                 self._forget(slot, self.now, why=f"{source} {why}")
                 if moving:
-                    text = f"{controller.name}: {source} {why}, and its command with it; {controller.describe_stop}"
+                    text = f"{controller.name}: {source} {why}, so its command has ended; {controller.describe_stop}"
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))
 
     def exclude(self, joints: Iterable[str], now: int) -> None:

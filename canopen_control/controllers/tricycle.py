@@ -124,7 +124,7 @@ class DrivenWheelParams(BaseParams):
         for key in ("traction_joint_name", "steering_joint_name"):
             yield not getattr(self, key), f"no {key}; give the joint"
         both = bool(self.traction_joint_name) and self.traction_joint_name == self.steering_joint_name
-        yield both, f"{self.traction_joint_name} drives and steers; name a joint for each"
+        yield both, f"{self.traction_joint_name} is both traction and steering joint; give a joint for each"
         yield self.wheelbase <= 0.0, "wheelbase is missing or 0; give the distance of the wheel from the axle in m"
         yield self.wheel_radius <= 0.0, "wheel_radius is missing or 0; give it in m"
         low, high = self.steering.bounds()

@@ -77,7 +77,7 @@ def make_controller(name: str, type_name: str) -> Controller:
     """Create a controller; raise ControlError if the type is unknown or cannot be loaded."""
     target = TYPES.get(type_name) or _entry_point(type_name)
     if target is None:
-        raise ControlError(f"controller {name}: no type {type_name!r} is known{nearest(type_name, TYPES)}")
+        raise ControlError(f"controller {name}: unknown type {type_name!r}{nearest(type_name, TYPES)}")
     module, _, class_name = target.partition(":")
     try:
         controller = getattr(importlib.import_module(module), class_name)(name, type_name)

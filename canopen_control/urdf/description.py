@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 # import this package. It starts early (`XacroRun`), so that other files can be read meanwhile.
 
 
-_HINT: Final = "look for a power, a range or a macro in it that never ends"
+_HINT: Final = "look for an endless power, range or macro"
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,10 +129,10 @@ class XacroRun:
     def _ended(self, code: int) -> str:
         """Return an error text for a process that ended without an answer."""
         if code in (-signal.SIGXCPU, -signal.SIGKILL):  # the kernel sends the second if both limits are equal
-            return f"{self._path}: xacro took more than {self._limits.processor_s} s of the processor; {_HINT}"
+            return f"{self._path}: xacro took more than {self._limits.processor_s} s of processor time; {_HINT}"
         if code == -signal.SIGALRM:
             return f"{self._path}: xacro took more than {self._limits.wall_s} s; {_HINT}"
-        return f"{self._path}: xacro ended without an answer (exit code {code}), as for lack of memory; {_HINT}"
+        return f"{self._path}: xacro ended without an answer (exit code {code}), possibly for lack of memory; {_HINT}"
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ def _gazebo_plugins(root: Element) -> tuple[GazeboPlugin, ...]:
 def _notes(path: str, hardware: Sequence[Ros2ControlSystem], ignored: Sequence[Element]) -> Iterator[str]:
     for element in ignored:
         name, line = element.attributes.get("name", ""), element.place.line
-        yield f"{path}:{line}: <transmission> {name} is ROS 1's and has no effect beside a <ros2_control> tag"
+        yield f"{path}:{line}: <transmission> {name} is from ROS 1 and has no effect next to a <ros2_control> tag"
     for part in (
         transmission for system in hardware for transmission in system.transmissions if not transmission.trivial
     ):
@@ -259,5 +259,5 @@ def _notes(path: str, hardware: Sequence[Ros2ControlSystem], ignored: Sequence[E
         )
         yield (
             f"{path}:{part.place.line}: {part.joint} turns once for {part.reduction:g} turns of {drive}{offset}; "
-            "the scales of bus.yml are those of the motor shaft"
+            "the scales of bus.yml apply to the motor shaft"
         )

@@ -90,12 +90,12 @@ class UrdfDocument:
             if first is element:
                 named[name] = read
             elif name:
-                self.error(element, f"{element.tag} {name!r} stands twice, {self._where_first(first, element)}")
+                self.error(element, f"{element.tag} {name!r} is defined twice, {self._where_first(first, element)}")
         return named
 
     def _where_first(self, first: Element, second: Element) -> str:
         if first.place == second.place:  # as far as the line in a xacro file can be determined
-            return "both are made here: call the macro with another name"
+            return "both are created here; call the macro with another name"
         return f"first at {self._path}:{first.place.line}:{first.place.column}; rename one"
 
     def number(self, element: Element, attribute: str, default: float) -> float:
@@ -217,9 +217,9 @@ def read_document(text: str, path: str, source: str | None = None) -> UrdfDocume
         builder.read(text)
     except xml.parsers.expat.ExpatError as error:
         reason = xml.parsers.expat.ErrorString(error.code)
-        raise RobotConfigError(f"{path}:{error.lineno}:{error.offset + 1}: no XML: {reason}") from error
+        raise RobotConfigError(f"{path}:{error.lineno}:{error.offset + 1}: not valid XML: {reason}") from error
     except ValueError as error:  # a surrogate or another character without an encoding
-        raise RobotConfigError(f"{path}: no XML: {error}") from error
+        raise RobotConfigError(f"{path}: not valid XML: {error}") from error
     if builder.root is None:
-        raise RobotConfigError(f"{path}: no XML: there is no element in it")
+        raise RobotConfigError(f"{path}: not valid XML: there is no element in it")
     return UrdfDocument(builder.root, path)

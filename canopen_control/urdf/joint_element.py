@@ -54,7 +54,7 @@ def read_interfaces(document: UrdfDocument, element: Element, tag: str) -> dict[
             continue
         name, parameters = document.name(child), child.parameters()
         if name in interfaces:
-            document.error(child, f"{element.attributes.get('name')}: {tag} {name!r} is given twice")
+            document.error(child, f"{element.attributes.get('name')}: {tag} {name!r} is defined twice")
         low = document.decimal(child, parameters, "min", -math.inf)
         high = document.decimal(child, parameters, "max", math.inf)
         initial = document.decimal(child, parameters, "initial_value", math.nan)
@@ -206,7 +206,7 @@ def read_joint(document: UrdfDocument, element: Element) -> Joint:
     name = document.name(element)
     kind = element.attributes.get("type", "")
     if kind not in _TYPES:
-        document.error(element, f"joint {name}: type {kind!r}{nearest(kind, _TYPES)}")
+        document.error(element, f"joint {name}: unknown type {kind!r}{nearest(kind, _TYPES)}")
     axis, limit = element.child("axis"), element.child("limit")
     if limit is None and kind in _NEEDS_LIMITS:
         document.error(element, f"joint {name}: a {kind} joint needs <limit lower= upper= effort= velocity=>")

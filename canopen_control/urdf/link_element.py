@@ -92,7 +92,7 @@ def _visuals(link: Element, materials: Mapping[str, _Rgba], notes: list[str]) ->
             content = "nothing" if shape is None else f"<{shape.tag}>"
             why = " without its size" if shape is not None and shape.tag in _SIZES else ""
             name = link.attributes.get("name")
-            notes.append(f"link {name}: {content}{why} is not drawn; box, cylinder, sphere and mesh are")
+            notes.append(f"link {name}: {content}{why} is not drawn; use a box, cylinder, sphere or mesh")
             continue
         red, green, blue, opacity = _color(element, materials)
         color = (round(255 * red), round(255 * green), round(255 * blue))

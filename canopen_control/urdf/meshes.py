@@ -40,7 +40,7 @@ def stl_triangles(content: bytes) -> list[Triangle]:
         if line_words and line_words[0] == "vertex"
     ]
     if len(points) % 3:
-        raise ValueError(f"{len(points)} corners make no whole triangles; does the file end too early?")
+        raise ValueError(f"{len(points)} corners are not whole triangles; is the file truncated?")
     return [(points[n], points[n + 1], points[n + 2]) for n in range(0, len(points), 3)]
 
 
@@ -154,7 +154,7 @@ def find_mesh(uri: str, description: str, environment: Mapping[str, str] | None 
     """
     parts = urlsplit(uri)
     if parts.scheme not in ("", "file", "package", "model"):
-        raise ConfigError(f"mesh {uri}: only files of this computer are read, no {parts.scheme}://")
+        raise ConfigError(f"mesh {uri}: only local files are read, not {parts.scheme}://")
     path = unquote(parts.path)
     if parts.scheme in ("package", "model"):
         folders = package_folders(parts.netloc, Path(description), os.environ if environment is None else environment)
@@ -180,9 +180,9 @@ def read_mesh(file: Path) -> Mesh:
     """Read a mesh file and convert it to binary STL, except GLB; raise ConfigError if it cannot be read."""
     suffix = file.suffix.lower()
     if suffix not in _READERS:
-        raise ConfigError(f"mesh {file}: {suffix or 'no ending'} is not read; {', '.join(_READERS)} are")
+        raise ConfigError(f"mesh {file}: {suffix or 'no suffix'} is not supported; use {', '.join(_READERS)}")
     if file.stat().st_size > MAX_BYTES:
-        raise ConfigError(f"mesh {file}: larger than {MAX_BYTES // 1_000_000} MB; make a lighter one")
+        raise ConfigError(f"mesh {file}: larger than {MAX_BYTES // 1_000_000} MB; reduce the mesh")
     try:
         return _READERS[suffix](file.read_bytes())
     except (OSError, ValueError, IndexError, KeyError) as error:
@@ -196,9 +196,9 @@ def _read_stl(content: bytes) -> Mesh:
         raise ValueError("it is not an STL file")
     faces = int.from_bytes(content[80:84], "little")
     if len(content) < 84 + 50 * faces:
-        raise ValueError(f"{faces} faces are announced, and the file ends before")
+        raise ValueError(f"{faces} faces are announced, but the file is shorter")
     if not faces:
-        raise ValueError("there are no faces in it")
+        raise ValueError("the file has no faces")
     return Mesh(content, "stl")
 
 
@@ -211,7 +211,7 @@ def _read_glb(content: bytes) -> Mesh:
 def _as_stl(triangles: Sequence[Triangle]) -> Mesh:
     """Convert triangles to binary STL, with computed normals; raise ValueError if there are no triangles."""
     if not triangles:
-        raise ValueError("there are no faces in it")
+        raise ValueError("the file has no faces")
     rows = bytearray(80) + len(triangles).to_bytes(4, "little")
     for first, second, third in triangles:
         rows += struct.pack("<12fH", *_normal(first, second, third), *first, *second, *third, 0)

@@ -29,8 +29,8 @@ def find_package(package: str, beside: str, environment: Mapping[str, str] | Non
     for folder in package_folders(package, Path(beside), environment):
         return str(folder)
     raise LookupError(
-        f"package {package!r} of $(find {package}) is neither installed nor above {beside}; add the folder that holds "
-        "it to ROS_PACKAGE_PATH, or source its workspace"
+        f"package {package!r} of $(find {package}) is neither installed nor above {beside}; add the folder of "
+        "the package to ROS_PACKAGE_PATH, or source its workspace"
     )
 
 

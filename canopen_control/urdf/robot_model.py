@@ -132,11 +132,13 @@ def _check_tree(document: UrdfDocument, links: Mapping[str, UrdfLink], joints: M
     for joint in joints.values():
         for link in (joint.parent, joint.child):
             if link and link not in links:
-                document.error(joint, f"joint {joint.name}: no link {link!r}{nearest(link, links)}")
+                document.error(joint, f"joint {joint.name}: link {link!r} does not exist{nearest(link, links)}")
         if joint.child in parents:
             both = f"{parents[joint.child]}, {joint.name}"
-            document.error(joint, f"link {joint.child} hangs on two joints: {both}")
+            document.error(joint, f"link {joint.child} is the child of two joints: {both}")
         parents[joint.child] = joint.name
         if joint.mimic is not None and joint.mimic.joint not in joints:
             mimicked = joint.mimic.joint
-            document.error(joint, f"joint {joint.name} mimics {mimicked!r}, no such joint{nearest(mimicked, joints)}")
+            document.error(
+                joint, f"joint {joint.name} mimics {mimicked!r}, which does not exist{nearest(mimicked, joints)}"
+            )

@@ -78,7 +78,7 @@ def _transmission(document: UrdfDocument, element: Element) -> Transmission:
     kind = element.child("type") or element.child("plugin")
     if kind is None or kind.text.rpartition("/")[2] != "SimpleTransmission":
         problem = f"is {kind.text!r}" if kind is not None else "is missing"
-        document.error(element, f"transmission {name}: its type {problem}; the one there is: {SIMPLE}")
+        document.error(element, f"transmission {name}: its type {problem}; only {SIMPLE} is supported")
     joint, actuator = element.child("joint"), element.child("actuator")
     if joint is None:
         document.error(element, f"transmission {name}: <joint name=...> is missing")
@@ -103,7 +103,7 @@ def _reduction(
     offset = joint.child("offset") if joint is not None else None
     ratio = document.decimal(value, {"reduction": value.text}, "reduction", 1.0) if value is not None else 1.0
     if value is not None and ratio == 0.0:
-        document.error(value, f"<{value.tag}> is 0; it is how often the motor turns per turn of the joint")
+        document.error(value, f"<{value.tag}> is 0; give the turns of the motor per turn of the joint")
     moved = document.decimal(offset, {"offset": offset.text}, "offset", 0.0) if offset is not None else 0.0
     return ratio or 1.0, moved
 
@@ -123,7 +123,7 @@ def _transmission_interfaces(
             short = child.text.removeprefix("hardware_interface/")
             if short not in HARDWARE_INTERFACES:
                 hint = nearest(short, HARDWARE_INTERFACES)
-                document.error(child, f"transmission {name}: no hardwareInterface {child.text!r}{hint}")
+                document.error(child, f"transmission {name}: unknown hardwareInterface {child.text!r}{hint}")
             else:
                 interfaces.append(HARDWARE_INTERFACES[short])
     return tuple(dict.fromkeys(interfaces))
@@ -167,7 +167,7 @@ def read_system(document: UrdfDocument, element: Element, joints: Mapping[str, J
         document.error(element, f"<ros2_control name={name!r}>: type {kind!r}{nearest(kind, KINDS)}")
     for child in element.children:
         if child.tag not in _CHILDREN:
-            document.error(child, f"<{child.tag}> has no place in <ros2_control>{nearest(child.tag, _CHILDREN)}")
+            document.error(child, f"<{child.tag}> is not allowed in <ros2_control>{nearest(child.tag, _CHILDREN)}")
     hardware = element.child("hardware")
     plugin = hardware.child("plugin") if hardware is not None else None
     if plugin is None or not plugin.text:
@@ -192,9 +192,9 @@ def _part(document: UrdfDocument, element: Element, joints: Mapping[str, Joint])
     if element.tag == "joint":
         urdf = joints.get(name)
         if urdf is None:
-            document.error(element, f"<ros2_control> names joint {name!r}, no such joint{nearest(name, joints)}")
+            document.error(element, f"<ros2_control> names joint {name!r}, which does not exist{nearest(name, joints)}")
         elif urdf.type == "fixed":
-            document.error(element, f"joint {name} is fixed; nothing can drive it: remove it from <ros2_control>")
+            document.error(element, f"joint {name} is fixed and cannot be driven; remove it from <ros2_control>")
         mimic = urdf.mimic if urdf is not None and element.attributes.get("mimic", "true") != "false" else None
         if mimic is not None and commands:
             document.error(element, f"joint {name} mimics {mimic.joint}; it has no command interface of its own")
@@ -208,14 +208,14 @@ def check_owners(document: UrdfDocument, hardware: Sequence[Ros2ControlSystem]) 
     exported: dict[tuple[str, str], str] = {}
     for system in hardware:
         if system.name in names:
-            document.error(system, f"two <ros2_control> tags are called {system.name!r}; rename one")
+            document.error(system, f"two <ros2_control> tags have the name {system.name!r}; rename one")
         names.add(system.name)
         for part in (*system.joints, *system.sensors, *system.gpios):
             own = [(kind, f"{part.name}/{interface}") for kind, interface in _interfaces(part)]
             twice = next((exported[interface] for interface in own if interface in exported), None)
             if owners.get(part.name) == system.name or twice is not None:
                 where = f"{twice} and {system.name}" if twice not in (None, system.name) else system.name
-                document.error(part, f"{part.name!r} stands twice in <ros2_control> ({where}); name it once")
+                document.error(part, f"{part.name!r} is defined twice in <ros2_control> ({where}); remove one")
             owners[part.name] = system.name
             exported.update((interface, system.name) for interface in own)
 

@@ -116,13 +116,13 @@ def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
     if strange := arguments.unknown():
         return REFUSED, strange
     if len(text) > LARGEST:
-        return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression in it makes too much"
+        return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression generates too much"
     return URDF, text
 
 
 _TOO_MUCH = {
-    MemoryError: "it needs too much memory; an expression or a macro in it makes too much",
-    RecursionError: "it nests without end; a macro or an include in it uses itself",
+    MemoryError: "it needs too much memory; an expression or a macro generates too much",
+    RecursionError: "it nests endlessly; a macro or an include uses itself",
 }
 
 

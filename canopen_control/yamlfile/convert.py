@@ -295,7 +295,7 @@ def _dict(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
         converted = INVALID if name is INVALID else _converted(value, of, meta)
         bad = bad or converted is INVALID
         if name in result and name is not INVALID:
-            key.problems.suspect(key, f"duplicate key {name!r}, written in another way before")
+            key.problems.suspect(key, f"duplicate key {name!r}, which was written differently before")
         result[name] = converted
     return INVALID if bad else result
 

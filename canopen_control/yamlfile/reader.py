@@ -114,7 +114,7 @@ class _Walk:
     def measure(self, node: yaml.Node, place: str = "") -> tuple[int, int]:
         """Return the number and depth of the nodes in a tree, with aliases followed; report invalid keys and loops."""
         if id(node) in self._open:
-            _place(node, place, self._problems).error("an alias inside its own anchor never ends")
+            _place(node, place, self._problems).error("an alias refers to its own anchor")
             self.endless = True
             return 1, 1
         if id(node) not in self._sizes:
@@ -154,7 +154,7 @@ class _Walk:
 def _check_merge(here: Node, value: yaml.Node) -> None:
     elements = value.value if isinstance(value, yaml.SequenceNode) else [value]
     if not all(isinstance(element, yaml.MappingNode) for element in elements):
-        here.error("<< merges mappings only: give it an alias of one, or a list of such")
+        here.error("<< merges only mappings; give an alias of a mapping, or a list of aliases")
 
 
 def _root(text: str) -> yaml.Node | None:
@@ -181,14 +181,14 @@ def _compose(problems: Problems, text: str) -> yaml.Node | None:
         mark, start = error.problem_mark or error.context_mark, error.context_mark
         context = f" ({error.context} at line {start.line + 1})" if error.context and start else ""
         line, column = (mark.line + 1, mark.column + 1) if mark else (0, 0)
-        problem = error.problem or "no YAML"
+        problem = error.problem or "invalid YAML"
         problems.file_error(line, column, f"{problem}{context}{_HINTS.get(problem, '')}")
     except yaml.reader.ReaderError as error:
         before = LINE_END.split(text[: error.position])
         code = ord(text[error.position])
         problems.file_error(len(before), len(before[-1]) + 1, f"the character U+{code:04X} is not allowed")
     except (yaml.YAMLError, ValueError, OverflowError, IndexError) as error:
-        problems.file_error(0, 0, f"no YAML: {error}")
+        problems.file_error(0, 0, f"invalid YAML: {error}")
     except RecursionError:
         problems.file_error(1, 1, f"nested too deeply, more than {MAX_DEPTH} levels")
     return None
@@ -199,7 +199,7 @@ def _checked(problems: Problems, root: yaml.Node) -> yaml.Node | None:
     walk = _Walk(problems)
     size, depth = walk.measure(root)
     if size > MAX_NODES:
-        problems.file_error(1, 1, f"its aliases multiply to {size} values; {MAX_NODES} are enough")
+        problems.file_error(1, 1, f"its aliases expand to {size} values; the maximum is {MAX_NODES}")
     if depth > MAX_DEPTH:
         problems.file_error(1, 1, f"nested too deeply, more than {MAX_DEPTH} levels")
     return None if walk.endless or size > MAX_NODES or depth > MAX_DEPTH else root

@@ -123,7 +123,11 @@ def test_the_base_is_the_one_that_is_wanted_or_the_only_one():
     [
         ((reading("arm", offers=()),), None, "the robot has no diff drive controller, .* it has: arm"),
         ((reading("base"),), "arm", "'arm' is not a diff drive controller of the robot; it has: base"),
-        ((reading("base"), reading("other")), None, "several could be meant: base, other; give --controller"),
+        (
+            (reading("base"), reading("other")),
+            None,
+            "several diff drive controllers are possible: base, other; give --controller",
+        ),
         ((reading("base", "inactive"),), None, "base is inactive; activate it: .* --activate base, with --deactivate"),
     ],
 )

@@ -35,7 +35,7 @@ def test_who_has_left_ends_it():
     def gone(_prompt):
         raise EOFError
 
-    with pytest.raises(ControlError, match="no node answers any more"):
+    with pytest.raises(ControlError, match="standard input was closed"):
         TypedEnds(gone, print).before("run 1")
 
 
@@ -53,7 +53,7 @@ def test_a_file_gives_its_ends_in_order(tmp_path):
     ("text", "words"),
     [
         ("0 0\nhere\n1\n", r"ends.txt:2: 'here' is not an end.*\n.*ends.txt:3: '1' is not an end"),
-        ("0 0\n", "has 1 ends, and 2 squares are driven"),
+        ("0 0\n", "has 1 end positions for 2 squares"),
         (None, "cannot be read"),
     ],
 )

@@ -138,7 +138,7 @@ GOOD = [SquareRun(CCW, 0.01, 0.02), SquareRun(CW, 0.01, -0.02)]
         (GOOD, 1.0, 0.0, 1, "the wheel separation is 0 m"),
         (GOOD, 0.2, 0.3, 1, "drive a larger square"),
         ([GOOD[0], SquareRun(CW, math.nan, 0.0)], 1.0, 0.3, 1, r"run 2 \(clockwise\) ended at nan, 0.0"),
-        ([GOOD[0], SquareRun(CW, 0.0, math.inf)], 1.0, 0.3, 1, "that is not a place"),
+        ([GOOD[0], SquareRun(CW, 0.0, math.inf)], 1.0, 0.3, 1, "which is not a position"),
         ([SquareRun(CCW, 12.0, 4.0), GOOD[1]], 1.0, 0.3, 1, r"run 1 \(counter-clockwise\) ended 12.65 m from"),
         (
             [SquareRun(CCW, 0.8, 0.7), GOOD[1]],

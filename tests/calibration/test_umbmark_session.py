@@ -23,7 +23,7 @@ def test_a_robot_with_unequal_wheels_and_a_wrong_track_is_calibrated_in_two_pass
     assert right / left == pytest.approx(1.005, abs=1e-4)
     assert separation / ((left + right) / 2) == pytest.approx(1.02 / 1.0025, abs=1e-3)
     assert len(new) == 2
-    assert "as it is, 1 of 3: run 1 of 1, counter-clockwise" in told
+    assert "uncorrected, 1 of 3: run 1 of 1, counter-clockwise" in told
     assert any("largest systematic error" in each for each in told)
     assert bench.robot.manager.get(BASE).limited == [0.0, 0.0]
 

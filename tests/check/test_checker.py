@@ -54,9 +54,11 @@ def test_mistakes_of_all_three_files_are_found_together_and_each_once(tmp_path):
 
 def test_a_link_that_stands_twice_is_told_with_its_place(tmp_path):
     config = copy_robby(tmp_path, description={"</robot>": '  <link name="base_link"/>\n</robot>'})
-    (told,) = [each for each in check(config).findings if "stands twice" in each.text]
+    (told,) = [each for each in check(config).findings if "is defined twice" in each.text]
     assert (told.severity, told.column) == (Severity.ERROR, 3)
-    assert re.fullmatch(r"link 'base_link' stands twice, first at .*robby\.urdf\.xacro:\d+:\d+; rename one", told.text)
+    assert re.fullmatch(
+        r"link 'base_link' is defined twice, first at .*robby\.urdf\.xacro:\d+:\d+; rename one", told.text
+    )
 
 
 @pytest.mark.parametrize("name", ["bus.yml", "ros2_controllers.yaml", "robby.urdf.xacro"])

@@ -173,8 +173,8 @@ def test_a_timeout_of_zero_is_one_update_where_upstream_has_it_so(name, tmp_path
     files = changed(tmp_path, name, controllers={"reference_timeout: 0.5": "reference_timeout: 0.0"})
     assert found(files) == [
         f"ros2_controllers.yaml:{line_of(files, 'controllers', 'reference_timeout')}: warning: {FIRST[name]}: "
-        "reference_timeout: 0 lets a twist move it for one update; give a time in s; the robot stutters unless each "
-        "update receives a twist; 0.5 s is usual"
+        "reference_timeout is 0, so a twist is used for one update only; give a time in s; the robot stutters unless "
+        "each update receives a twist; 0.5 s is usual"
     ]
 
 
@@ -184,8 +184,8 @@ def test_a_timeout_of_zero_is_for_ever(name, tmp_path):
     files = changed(tmp_path, name, controllers={old: f"{key}: 0.0"})
     base = BASES[name][0] if name in BASES else FIRST[name]
     assert found(files) == [
-        f"ros2_controllers.yaml:{line_of(files, 'controllers', f'{key}: 0.0')}: warning: {base}: {key} is 0, so a "
-        "command never ends by itself: what moves continues when its sender ends; give the time without a command "
+        f"ros2_controllers.yaml:{line_of(files, 'controllers', f'{key}: 0.0')}: warning: {base}: {key} is 0, so "
+        "commands never expire: moving joints continue when the sender disappears; give the time without a command "
         "after which the joints stop, such as 2 s"
     ]
 
@@ -329,14 +329,14 @@ def test_a_plugin_that_nobody_knows_is_no_mistake_where_an_option_overrules_it(t
 def test_a_type_that_nobody_knows_matters_where_its_controller_is_started(tmp_path):
     files = changed(tmp_path, "robby", controllers={"diff_drive_controller/": "other_controller/"})
     (told,) = found(files)
-    assert "warning: controller robby_base_controller: no type 'other_controller/DiffDriveController' is known" in told
+    assert "warning: controller robby_base_controller: unknown type 'other_controller/DiffDriveController'" in told
     assert told.endswith("; it is not activated at the start, and cannot be activated later")
     assert found(files, controllers=["robby_forward_controller"]) == []  # it is a note
     for started in (
         errors(files, controllers=["robby_base_controller"]),
         errors(dataclasses.replace(files, spawned=("robby_base_controller",))),
     ):
-        assert "controller robby_base_controller: no type 'other_controller/DiffDriveController' is known" in started[0]
+        assert "controller robby_base_controller: unknown type 'other_controller/DiffDriveController'" in started[0]
 
 
 def test_a_mistake_of_a_controller_that_waits_is_a_warning_where_another_one_is_chosen(tmp_path):

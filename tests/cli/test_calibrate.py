@@ -77,7 +77,7 @@ def test_measured_ends_come_from_a_file_where_no_true_pose_is_known(invented, tm
     told = capsys.readouterr().out
     assert "runs with the new values until the robot ends, which are:\n    wheel_separation_multiplier: " in told
     assert main(["calibrate", "--ends", str(ends)]) == 2
-    assert "has 4 ends, and 20 squares are driven" in capsys.readouterr().err
+    assert "has 4 end positions for 20 squares" in capsys.readouterr().err
 
 
 def test_somebody_at_a_terminal_is_asked(invented, capsys, monkeypatch):

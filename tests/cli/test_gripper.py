@@ -41,9 +41,9 @@ def test_a_stall_that_is_not_allowed_is_exit_code_1(cell, capsys):
 
 def test_what_the_controller_refuses_is_one_sentence(cell, capsys):
     assert main(["gripper", "0.09"]) == 1
-    assert "takes 0 to 0.08, the limits of finger, got 0.09" in capsys.readouterr().err
+    assert "expects 0 to 0.08, the limits of finger, got 0.09" in capsys.readouterr().err
     assert main(["command", "gripper", "0.04"]) == 1
-    assert "takes goals and no numbers" in capsys.readouterr().err
+    assert "accepts only goals" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

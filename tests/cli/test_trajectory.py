@@ -110,8 +110,8 @@ def test_what_cannot_be_played_or_recorded_is_a_sentence(arm, words, text, capsy
     ("words", "text"),
     [
         (["record", "-o", "x.yaml", "--for", "0.1"], "no joint moved, so there is nothing"),
-        (["cancel"], "follows no trajectory; there is nothing to cancel"),
-        (["cancel", "--controller", "joint_state_broadcaster"], "it is not a joint trajectory controller"),
+        (["cancel"], "executes no trajectory; there is nothing to cancel"),
+        (["cancel", "--controller", "joint_state_broadcaster"], "is not a joint trajectory controller"),
     ],
 )
 def test_where_nothing_is_to_be_done_it_says_so(arm, words, text, capsys):
@@ -135,7 +135,7 @@ def test_another_shell_ends_it_and_the_first_one_says_so(arm, wave, capsys):
 
 def test_what_is_refused_is_the_robots_sentence(arm, wave, capsys):
     assert main(["trajectory", "play", wave(joints=[*JOINTS[:5], "elbow"])]) == 1
-    assert "'elbow', no joint of this controller" in capsys.readouterr().err
+    assert "'elbow', which is not a joint of this controller" in capsys.readouterr().err
 
 
 @pytest.mark.process

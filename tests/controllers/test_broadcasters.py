@@ -158,9 +158,9 @@ def test_the_older_spellings_are_taken():
 @pytest.mark.parametrize(
     ("params", "words"),
     [
-        ({}, "no 'batteries'; give it under"),
+        ({}, "no 'batteries'; give only batteries under"),
         ({"batteries": ["a"], "sensor_name": "b"}, "both 'sensor_name' and 'batteries'"),
-        ({"batteries": ["a", "a"]}, "batteries names one twice: a, a"),
+        ({"batteries": ["a", "a"]}, "batteries contains a name twice: a, a"),
         ({"batteries": ["a"], "interfaces": {"a": {"battery_curent": True}}}, "interfaces.a.battery_curent, did you"),
         ({"batteries": ["a"], "interfaces": {"b": {"battery_current": True}}}, "interfaces.b.battery_current"),
         ({"batteries": ["a"], "a": {"minimum_voltage": 9.0, "maximum_voltage": 9.0}}, "a: minimum_voltage is 9"),
@@ -282,7 +282,7 @@ def test_joints_and_interfaces_together_restrict_exactly():
 
 def test_nothing_to_tell_is_refused_in_words():
     _, control, _ = robot(GPIO, interfaces=["analog"])
-    with pytest.raises(ControlError, match="no joint has a state of analog"):
+    with pytest.raises(ControlError, match="no joint has a state interface of analog"):
         control.switch(["b"], now=0)
 
 

@@ -269,7 +269,7 @@ def test_the_end_of_a_joint_is_told_as_such():
     bench = Bench(VELOCITY, "revolute")
     bench.at(1.9)
     bench.send("velocity", 3.0)
-    assert bench.told == "j/velocity: 3 rad/s is limited to what ends at 2 rad"
+    assert bench.told == "j/velocity: 3 rad/s is limited to a velocity that ends at 2 rad"
 
 
 def test_a_position_under_way_is_one_occasion_whatever_the_controllers_rate():
@@ -352,7 +352,7 @@ def test_an_effort_drives_no_joint_further_out():
     bench.at(2.0)
     bench.registry.state("j/velocity").value = 0.1
     assert bench.send("effort", 3.0) == 0.0
-    assert bench.told == "j/effort: 3 Nm is limited to what drives it no further out and no faster"
+    assert bench.told == "j/effort: 3 Nm is limited to an effort that drives the joint neither further out nor faster"
     assert bench.send("effort", -3.0) == -3.0
 
 

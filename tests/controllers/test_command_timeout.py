@@ -83,7 +83,7 @@ def test_a_command_to_drives_that_are_off_is_refused_counted_and_told_once(make)
             control.command(name, [1.0, 1.0], S, source="me")
     assert control.get(name).rejected == 3
     assert [event.text for event in control.events()] == [
-        "right: not enabled, so no command is taken (from me; reported once)"
+        "right: not enabled, so commands are refused (from me; reported once)"
     ]
     hardware.command_interfaces[1].enabled = True
     control.update(2 * S, 0.01)

@@ -89,7 +89,7 @@ def test_fallbacks_are_controllers_that_are_known(control):
         ),
         (texts("new.node_options_args", "-p", "a:=1"), ControlError, "'-p' is not a remapping; give -r FROM:=TO here"),
         (texts("new.node_options_args", "-r"), ControlError, "'' after -r is not a remapping"),
-        (texts("new.colour", "red"), ControlError, "of a controller there are: type, params_file"),
+        (texts("new.colour", "red"), ControlError, "a controller has the parameters: type, params_file"),
     ],
 )
 def test_what_is_wrong_is_refused_and_changes_nothing(control, wanted, error, why):
@@ -198,7 +198,7 @@ def test_a_repeated_name_is_a_warning_and_the_last_one_wins_or_an_error_if_stric
 def test_parameters_that_nobody_loads_and_stray_lines_are_told_with_the_nearest_name(file):
     read = file(JAZZY.replace("\nbase:\n", "\nbsae:\n") + "stray: 3\n")
     assert "'bsae' has parameters but no type, so it is not loaded, did you mean 'base'?" in read.warnings[0]
-    assert "'stray' belongs to no controller" in read.warnings[1]
+    assert "'stray' does not belong to a controller" in read.warnings[1]
 
 
 def test_the_managers_own_mistakes_are_told_and_its_other_groups_are_left_alone(file):
@@ -385,7 +385,7 @@ def test_variables_of_a_launch_file_are_put_in_and_what_has_no_value_is_said_onc
     assert file.controllers["wheels"].namespace == "/one"
     warnings = read_controllers(path, variables={"prefix": "left_", "namespace": "/one"}).warnings
     assert len(warnings) == 1
-    assert f"{path}:7:1: $(var interface) has no value here; give it with --launch FILE NAME:=VALUE" in warnings[0]
+    assert f"{path}:7:1: $(var interface) has no value; give it with --launch FILE NAME:=VALUE" in warnings[0]
 
 
 @pytest.mark.parametrize(("value", "namespace"), [("/", ""), ("r1/", "/r1")])

@@ -278,7 +278,7 @@ def test_a_stamp_from_the_future_does_not_put_the_timeout_off():
 def test_a_bad_twist_is_refused_and_counted(values):
     _, control, base = robot()
     control.switch(["base"], now=0)
-    with pytest.raises(ControlError, match="takes"):
+    with pytest.raises(ControlError, match="expects"):
         control.command("base", values, 0)
     assert base.rejected == 1
 
@@ -344,7 +344,7 @@ def test_its_references_have_upstreams_names():
 def test_a_jerk_limit_of_zero_is_told_to_freeze_the_robot():
     _, control, _ = robot(linear__x__max_jerk=0.0)
     assert [each.text for each in control.events() if each.kind == "parameter"] == [
-        "base: linear.x.max_jerk: 0 keeps it from ever changing speed; remove it"
+        "base: linear.x.max_jerk is 0, which keeps the speed constant; remove it"
     ]
 
 
@@ -455,10 +455,10 @@ def test_multipliers_of_the_wheels_are_set_at_rest_and_the_pose_stays():
     control.command("base", [0.0, 0.5], 4 * S // 50)
     control.update(5 * S // 50, 0.02)
     assert [each.value for each in hardware.command_interfaces] == pytest.approx([-0.12 / 0.0315, 0.12 / 0.035])
-    with pytest.raises(RobotConfigError, match="base moves; the multipliers of its wheels are set while it stands"):
+    with pytest.raises(RobotConfigError, match="base is moving; set the wheel multipliers at standstill"):
         control.set_parameters("base", [_double("wheel_separation_multiplier", 1.0)])
     control.set_parameters("base", [_double("cmd_vel_timeout", 1.0)])
-    with pytest.raises(RobotConfigError, match="not above 0"):
+    with pytest.raises(RobotConfigError, match="0 or less"):
         control.set_parameters("base", [_double("wheel_separation_multiplier", 0.0)])
 
 

@@ -87,7 +87,7 @@ def test_every_mistake_is_told_at_once():
     assert "pose_covariance_diagonal: expected a list of 6 values, got a list of 1" in text
     with pytest.raises(RobotConfigError) as caught:
         read_params(Params.of({"left_wheel_names": ["a", "b"], "right_wheel_names": ["a"]}))
-    assert "2 left wheels and 1 right ones" in str(caught.value)
+    assert "2 left wheels and 1 right wheels" in str(caught.value)
     assert "a is a wheel of both sides" in str(caught.value)
     assert "wheel_separation is missing or 0" in str(caught.value)
 
@@ -124,8 +124,8 @@ def test_wheel_sizes_that_are_not_given_are_those_of_the_description():
     given = read_params(Params.of({"left_wheel": "l", "right_wheel": "r"}), Urdf(), told.append)
     assert (given.wheel_separation, given.wheel_radius) == (0.5, 0.1)
     assert told == [
-        "wheel_separation is not given, the description's is taken: 0.5 m",
-        "wheel_radius is not given, the description's is taken: 0.1 m",
+        "wheel_separation is not given; the value of the description is used: 0.5 m",
+        "wheel_radius is not given; the value of the description is used: 0.1 m",
     ]
     assert read_params(Params.of(WHEELS), Urdf(), told.append).wheel_separation == 0.24
     assert len(told) == 2

@@ -59,11 +59,11 @@ def test_a_command_of_all_is_in_the_order_of_the_parameters():
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"io/lamp": 1.0, "io/lam": 1.0}, "applies nothing: it has no output 'io/lam', did you mean 'io/lamp'?"),
-        ({"io/lamp": 1.0, "io/horn": NAN}, "takes finite numbers, got nan for io/horn; nothing was applied"),
-        ({"io/lamp": math.inf}, "takes finite numbers, got inf for io/lamp"),
-        ([1.0, 1.0], "takes 3 values (io/lamp, io/horn, valve/open), got 2"),
-        ([1.0, 1.0, NAN], "takes finite numbers, got nan for valve/open"),
+        ({"io/lamp": 1.0, "io/lam": 1.0}, "has no output 'io/lam', did you mean 'io/lamp'?"),
+        ({"io/lamp": 1.0, "io/horn": NAN}, "expects finite numbers, got nan for io/horn; nothing was applied"),
+        ({"io/lamp": math.inf}, "expects finite numbers, got inf for io/lamp"),
+        ([1.0, 1.0], "expects 3 values (io/lamp, io/horn, valve/open), got 2"),
+        ([1.0, 1.0, NAN], "expects finite numbers, got nan for valve/open"),
     ],
 )
 def test_a_command_that_does_not_fit_is_refused_whole(values, words):
@@ -115,7 +115,8 @@ def test_who_is_gone_is_told_with_where_the_outputs_are():
     control.running.client_disconnected(control)
     (event,) = control.events()
     assert event.text == (
-        "outputs: a panel is gone, and its command with it; its outputs are at their safe values, others are kept"
+        "outputs: a panel is gone, so its command has ended; its outputs are at their safe values, "
+        "kept_outputs are unchanged"
     )
 
 
@@ -145,7 +146,7 @@ def test_outputs_of_a_node_that_is_lost_end_alone():
     hardware.command_interfaces[2].enabled = False
     control.update(2 * S, 0.01)
     assert hardware.values() == [1.0, 1.0, 0.0]
-    with pytest.raises(ControlError, match="valve/open follows no commands, since its node is not there"):
+    with pytest.raises(ControlError, match="cannot set valve/open, because its node is not present"):
         control.command("outputs", {"io/lamp": 0.0, "valve/open": 1.0}, 2 * S)
     control.command("outputs", {"io/lamp": 0.5}, 2 * S)
     hardware.command_interfaces[2].enabled = True
@@ -195,7 +196,7 @@ def test_without_command_interfaces_it_only_tells():
     hardware, control = robot(command_interfaces={})
     control.update(S, 0.01)
     assert control.get("outputs").sample(0).parts["io"] == {"pressed": None, "lamp": None}
-    with pytest.raises(ControlError, match="has no command_interfaces; it only reports"):
+    with pytest.raises(ControlError, match="has no command_interfaces; it only publishes states"):
         control.command("outputs", {"io/lamp": 1.0}, 0)
     control.switch((), ["outputs"], now=S)
     assert same(hardware.values(), [NAN, NAN, NAN])
@@ -226,7 +227,7 @@ def test_other_controllers_take_nothing_by_name():
     add(control, "forward", "forward_command_controller/ForwardCommandController", joints=["l"],
         interface_name="velocity")  # fmt: skip
     control.switch(["forward"], now=0)
-    with pytest.raises(ControlError, match="takes no values by the names of its interfaces"):
+    with pytest.raises(ControlError, match="accepts no values by interface name"):
         control.command("forward", {"l/velocity": 1.0}, 0)
 
 

@@ -36,13 +36,16 @@ def test_an_output_is_safe_at_zero_unless_another_value_is_written_or_it_is_kept
     ("more", "words"),
     [
         ({"gpios": []}, "no 'gpios'; give it"),
-        ({"gpios": ["io", "io"]}, "gpios names one twice"),
-        ({"command_interfaces": {"i": {"interfaces": ["lamp"]}}}, "command_interfaces.i.interfaces is not a GPIO"),
-        ({"state_interfaces": {"io": {"lamp": ["lamp"]}}}, "state_interfaces.io.lamp is not a GPIO.interfaces"),
-        ({"command_interfaces": {"io": {"interfaces": ["lamp", "lamp"]}}}, "names one twice: lamp, lamp"),
-        ({"safe_values": {"io": {"lmp": 1.0}}}, "safe_values.io.lmp is none of command_interfaces"),
+        ({"gpios": ["io", "io"]}, "gpios contains a name twice"),
+        (
+            {"command_interfaces": {"i": {"interfaces": ["lamp"]}}},
+            "command_interfaces.i.interfaces is not NAME.interfaces",
+        ),
+        ({"state_interfaces": {"io": {"lamp": ["lamp"]}}}, "state_interfaces.io.lamp is not NAME.interfaces"),
+        ({"command_interfaces": {"io": {"interfaces": ["lamp", "lamp"]}}}, "contains a name twice: lamp, lamp"),
+        ({"safe_values": {"io": {"lmp": 1.0}}}, "safe_values.io.lmp is not in command_interfaces"),
         ({"safe_values": {"io": {"lamp": math.inf}}}, "safe_values.io.lamp is inf; give a finite number"),
-        ({"kept_outputs": ["lamp"]}, "kept_outputs: 'lamp' is none of command_interfaces"),
+        ({"kept_outputs": ["lamp"]}, "kept_outputs: 'lamp' is not in command_interfaces"),
     ],
 )
 def test_what_cannot_be_is_told_with_its_name(more, words):

@@ -103,7 +103,7 @@ def test_a_grip_outlives_who_asked_for_it_and_a_goal_does_not():
     gripper.control.running.client_disconnected("me")
     assert same(gripper.step(), math.nan)
     assert goal.state is ABORTED
-    assert goal.text == "ros is gone, so the goal of ros was taken back; send it again once that is over"
+    assert goal.text == "ros is gone, so the goal of ros was aborted; send it again afterwards"
 
 
 def test_cancelling_holds_and_only_what_is_meant_is_cancelled():
@@ -121,7 +121,7 @@ def test_cancelling_holds_and_only_what_is_meant_is_cancelled():
 def test_a_newer_goal_takes_the_place_of_the_one_under_way():
     gripper = Gripper()
     first, second = gripper.send(0.05), gripper.send(0.02)
-    assert (first.state, first.text) == (ABORTED, "another goal has taken its place")
+    assert (first.state, first.text) == (ABORTED, "another goal has replaced it")
     assert gripper.step(0.0, 0.1) == [0.02]
     assert not second.ended
 
@@ -145,7 +145,7 @@ def test_an_effort_that_nothing_limits_is_told_once():
     gripper.send(0.05, 20.0)
     texts = [each.text for each in gripper.control.events() if each.kind == "max_effort"]
     assert texts == [
-        "gripper: the max_effort of goals has no effect: name a max_effort_interface, or limit the drive (0x6072)"
+        "gripper: the max_effort of goals has no effect: set max_effort_interface, or limit the drive (0x6072)"
     ]
 
 
@@ -175,8 +175,8 @@ def test_any_other_end_takes_the_goal_back(end):
         ((0.01, -1.0), "with a max_effort of -1"),
         ((0.01, math.inf), "with a max_effort of inf"),
         ((0.01, 1.0, -0.5), "with a max_velocity of -0.5"),
-        ((0.09,), "takes 0 to 0.08, the limits of finger, got 0.09; nothing was applied"),
-        ((-0.01,), "takes 0 to 0.08, the limits of finger, got -0.01"),
+        ((0.09,), "expects 0 to 0.08, the limits of finger, got 0.09; nothing was applied"),
+        ((-0.01,), "expects 0 to 0.08, the limits of finger, got -0.01"),
     ],
 )
 def test_a_goal_that_cannot_be_is_refused_and_the_one_before_goes_on(sent, words):
@@ -215,7 +215,7 @@ class TestEffort:
         assert gripper.step(0.2, 0.0) == [-3.0]
 
     def test_without_any_effort_a_goal_is_refused(self):
-        with pytest.raises(ControlError, match="would not move: max_effort is 0"):
+        with pytest.raises(ControlError, match="cannot move: max_effort is 0"):
             self.gripper().send(0.05)
 
     def test_the_effort_of_the_parameters_is_the_default(self):

@@ -27,8 +27,8 @@ def test_the_gains_of_the_joint_stand_below_its_name():
     [
         ({"joint": ""}, "no 'joint'; give it under"),
         ({"state_interfaces": ["position"]}, "state_interfaces lacks velocity"),
-        ({"state_interfaces": ["position", "velocity", "position"]}, "name one twice"),
-        ({"max_effort_interface": "f/x", "max_velocity_interface": "f/x"}, "name one twice"),
+        ({"state_interfaces": ["position", "velocity", "position"]}, "contain an interface twice"),
+        ({"max_effort_interface": "f/x", "max_velocity_interface": "f/x"}, "contain an interface twice"),
         ({"max_effort": -1.0}, "max_effort"),
         ({"goal_tolerance": -0.1}, "goal_tolerance"),
         ({"action_monitor_rate": 0.05}, "action_monitor_rate"),

@@ -28,7 +28,7 @@ def test_it_says_all_that_is_missing_at_once():
     ("changes", "text"),
     [
         ({"wheel_names": ["a", "b"]}, "wheel_names has 2 joints; give 3 or more"),
-        ({"wheel_names": ["a", "b", "a"]}, "names one twice: a"),
+        ({"wheel_names": ["a", "b", "a"]}, "contains a name twice: a"),
         ({"robot_radius": 0.0}, "robot_radius is missing or 0"),
         ({"cmd_vel_timeout": -0.1}, "out of range"),
     ],

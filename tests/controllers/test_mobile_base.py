@@ -173,7 +173,7 @@ def test_a_twist_that_nobody_renews_ends_and_positions_stay(kind):
     assert set(velocities(hardware)) == {0.0}
     assert angles(hardware) == steered
     assert [each.text for each in control.events() if each.kind == "command_timeout"] == [
-        "base: no twist for 0.51 s, it brakes until the next one"
+        "base: no twist for 0.51 s, the base brakes until the next twist"
     ]
 
 
@@ -182,7 +182,7 @@ def test_a_timeout_of_0_lets_a_twist_count_for_one_update(kind):
     key = "cmd_vel_timeout" if kind == OMNI else "reference_timeout"
     hardware, control, made = base(kind, **{key: 0.0})
     told = [each.text for each in control.events()]
-    assert f"base: {key}: 0 lets a twist move it for one update; give a time in s" in told
+    assert f"base: {key} is 0, so a twist is used for one update only; give a time in s" in told
     control.switch(["base"], now=0)
     control.command("base", twist(made), 3600 * S, 1)  # however old
     control.update(3600 * S, 0.01)
@@ -203,7 +203,7 @@ def test_what_is_no_twist_is_refused_with_the_axis(kind):
         for bad in (math.nan, math.inf):
             with pytest.raises(ControlError, match=f"finite numbers, got {bad} for {axis}"):
                 control.command("base", [*good[:index], bad, *good[index + 1 :]], 40 * STEP)
-    with pytest.raises(ControlError, match=f"takes {len(good)} values"):
+    with pytest.raises(ControlError, match=f"expects {len(good)} values"):
         control.command("base", [*good, 0.0], 40 * STEP)
     control.update(51 * STEP, 0.01)  # none of them has put the timeout off
     assert set(velocities(hardware)) == {0.0}
@@ -269,7 +269,7 @@ def test_drives_that_run_without_feedback_are_an_error(kind):
     control.command("base", twist(made), 0)
     hardware.state_interfaces[0].value = hardware.state_interfaces[1].value = math.nan
     assert made.update(STEP, 0.01) is ReturnType.ERROR
-    assert "is not a number" in control.events()[-1].text
+    assert "has no finite value" in control.events()[-1].text
 
 
 @each_base

@@ -152,7 +152,7 @@ def test_a_velocity_reference_that_nobody_renews_ends_and_a_position_stays():
 @pytest.mark.parametrize("values", [[1.0], [1.0, math.nan], [1.0, 1.0, 1.0]])
 def test_a_reference_that_is_none_is_refused(values):
     robot = Robot().start()
-    with pytest.raises(ControlError, match="takes"):
+    with pytest.raises(ControlError, match="expects"):
         robot.command(*values)
     assert robot.cycle() == [0.0, 0.0]
 
@@ -175,9 +175,9 @@ def test_a_reference_beyond_the_limits_of_the_joint_is_refused_with_its_name():
     robot.start().command(1.5, 9.0, -2.0, 9.0)
     robot.cycle()
     for told, *values in (
-        ("-0.5 to 1.5, .* for a/position, got 1.6", 1.6, 0.0),
+        ("-0.5 to 1.5 .* for a/position, got 1.6", 1.6, 0.0),
         ("for a/position, got -0.6", -0.6, 0.0),
-        ("-2 to 2, .* for a/velocity, got 2.1", 0.0, 0.0, 2.1, 0.0),
+        ("-2 to 2 .* for a/velocity, got 2.1", 0.0, 0.0, 2.1, 0.0),
         ("for a/velocity, got -2.1", 0.0, 0.0, -2.1, 0.0),
     ):
         with pytest.raises(ControlError, match=told):
@@ -334,7 +334,7 @@ def test_measured_states_come_by_messages_and_none_are_claimed():
 
 def test_without_a_measured_state_no_reference_is_taken_and_nothing_moves():
     robot = external()
-    with pytest.raises(ControlError, match="knows no measured states; send them first"):
+    with pytest.raises(ControlError, match="has no measured states; send them first"):
         robot.command(1.0, 1.0)
     assert robot.cycle(5) == [0.0, 0.0]
 
@@ -356,7 +356,7 @@ def test_measured_states_that_stay_away_end_the_reference_and_later_ones_move_no
 
 
 @pytest.mark.parametrize(
-    ("values", "text"), [([1.0], "takes 2 values"), ([1.0, math.nan], "finite"), ([0.0] * 3, "takes 4 values")]
+    ("values", "text"), [([1.0], "expects 2 values"), ([1.0, math.nan], "finite"), ([0.0] * 3, "expects 4 values")]
 )
 def test_measured_states_that_are_not_whole_are_refused(values, text):
     robot = external(interfaces=("position", "velocity"))
@@ -368,7 +368,7 @@ def test_measured_states_that_are_not_whole_are_refused(values, text):
 
 
 def test_who_measures_by_interfaces_takes_no_messages():
-    with pytest.raises(ControlError, match="set use_external_measured_states for messages"):
+    with pytest.raises(ControlError, match="set use_external_measured_states to accept messages"):
         Robot().start().pid.set_measured_states([0.0, 0.0], S)
 
 

@@ -46,15 +46,15 @@ GOAL = TrajectoryGoal(JointTrajectory(("l",), [Point([1.0], time=1)]))
 @pytest.mark.parametrize(
     ("request_it", "sentence", "counted"),
     [
-        (lambda control: control.command("states", [1.0], 0), "takes no commands; it only reads states", 1),
-        (lambda control: control.command("left", {"l/velocity": 1.0}, 0), "takes no values by the names of its", 1),
+        (lambda control: control.command("states", [1.0], 0), "accepts no commands; it only reads states", 1),
+        (lambda control: control.command("left", {"l/velocity": 1.0}, 0), "accepts no values by interface name", 1),
         (
             lambda control: control.send_goal("left", GOAL, 0),
-            "follows no trajectories; it is not a joint trajectory",
+            "is not a joint trajectory",
             1,
         ),
-        (lambda control: control.send_goal("left", GripperGoal(0.0), 0), "it is not a gripper action controller", 1),
-        (lambda control: control.follower("left"), "left follows no trajectories; it is not a joint trajectory", 0),
+        (lambda control: control.send_goal("left", GripperGoal(0.0), 0), "is not a gripper action controller", 1),
+        (lambda control: control.follower("left"), "left is not a joint trajectory", 0),
         (lambda control: control.base("left"), "left has no odometry; it is not a base controller", 0),
         (lambda control: control.loops("left", "takes no x"), "left takes no x; it is not a PID controller", 0),
     ],

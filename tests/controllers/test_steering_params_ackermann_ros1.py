@@ -54,7 +54,7 @@ def test_it_is_a_bicycle_of_its_two_joints_and_sizes():
         "'wheel_separation_h' is read as 'wheelbase'",
         "'publish_rate' has no effect",
         "'angular.z.max_velocity' has no effect",
-        "took it as the angle of front_steer",
+        "used it as the angle of front_steer",
     ],
 )
 def test_what_is_read_otherwise_is_told(words):
@@ -128,4 +128,4 @@ def test_sizes_of_the_description_are_told_once_and_not_again_when_a_parameter_i
     base_controller.geometry = Geometry()
     control.configure("base")
     control.set_parameters("base", [ParameterValue(name="reference_timeout", kind="double", value=1.0)])
-    assert sum("the description's is taken" in each.text for each in control.events()) == 2
+    assert sum("the value of the description is used" in each.text for each in control.events()) == 2

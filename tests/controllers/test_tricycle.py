@@ -145,7 +145,12 @@ def test_every_mistake_is_named_at_once():
     limits = {"steering.min_position": 1.0, "steering.max_position": -1.0}
     with pytest.raises(ConfigError) as told:
         Robot(**wrong, **limits)
-    for part in ("t drives and steers", "wheelbase is missing", "wheel_radius is missing", "min_position 1 is above"):
+    for part in (
+        "t is both traction and steering joint",
+        "wheelbase is missing",
+        "wheel_radius is missing",
+        "min_position 1 is above",
+    ):
         assert part in str(told.value)
 
 

@@ -210,7 +210,7 @@ def test_a_frozen_drive_stops_the_robot_and_is_booted_again_when_it_thaws(stage,
 
 @pytest.mark.parametrize(
     ("how", "least", "most", "told"),
-    [([], 0.0, 0.0, "command is gone, and its command with it"), (["--once"], 1.0, 2.0, "no command for 2.0")],
+    [([], 0.0, 0.0, "command is gone, so its command has ended"), (["--once"], 1.0, 2.0, "no command for 2.0")],
 )
 def test_a_client_that_dies_takes_its_command_with_it_unless_it_was_once(stage, probe, how, least, most, told):
     stage.robby("widow")

@@ -34,7 +34,7 @@ def test_the_library_runs_a_robot_while_the_block_lasts(stage, private_folders, 
         assert robot.status().state == "running"
         robot.command(FORWARD, [10.0, 5.0])
         assert eventually(lambda: velocities(robot) == pytest.approx([10.0, 5.0], rel=0.01))
-        with pytest.raises(ControlError, match="takes 2 values"):
+        with pytest.raises(ControlError, match="expects 2 values"):
             robot.command(FORWARD, [1.0])
         with pytest.raises(ControlError, match="no controller 'nobody'"):
             robot.command("nobody", [1.0])

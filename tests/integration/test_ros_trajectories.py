@@ -140,7 +140,7 @@ def test_a_newer_goal_takes_its_place_and_is_cancelled_and_the_joints_rest(arm):
     assert send(arm, "old", goal_to(arm, near(3), 1.5))
     moving(arm, "old")
     assert send(arm, "new", goal_to(arm, near(1), 1.5))
-    assert result(arm, "old") == (ABORTED, -1, "another goal has taken its place")
+    assert result(arm, "old") == (ABORTED, -1, "another goal has replaced it")
     assert arm.peer.order("cancel", name="new")["goals"] == 1
     assert result(arm, "new") == (CANCELED, 0, "the goal was cancelled")
     assert at_rest(arm)
@@ -154,7 +154,7 @@ def test_what_is_refused_names_its_rule_and_nothing_moves(arm):
         "strange": ({**good, "joint_names": [*JOINTS[:5], "joint_7"]}, -2, "'joint_7'"),
         "past": ({**good, "header": {"stamp": {"sec": 5, "nanosec": 0}}}, -3, "it ended"),
         "none": ({**good, "points": []}, -1, "it has no points"),
-        "falling": ({**good, "points": good["points"][::-1]}, -1, "let time_from_start increase"),
+        "falling": ({**good, "points": good["points"][::-1]}, -1, "time_from_start must increase"),
         "sizes": ({**good, "points": [{"positions": [0.0]}]}, -1, "point 0 has 1 positions for 6 joints"),
     }
     for name, (trajectory, code, why) in bad.items():
@@ -178,7 +178,7 @@ def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_the_next_one_takes
     assert not any("has said nothing" in each for each in events(arm))
     os.kill(bridge, signal.SIGSTOP)
     # Its connection is silent for 3 s, or what watches it has ended it by then: the goal ends either way.
-    ends = ("ros has sent no heartbeat for 3 s and is gone", "ros is gone, and its command with it")
+    ends = ("ros has sent no heartbeat for 3 s and is gone", "ros is gone, so its command has ended")
     assert eventually(lambda: any(end in each for each in events(arm) for end in ends), 8.0), events(arm)
     assert at_rest(arm)
     arm.robot.until("process ros: it is restarted")
@@ -203,7 +203,7 @@ def test_the_death_of_the_client_and_of_the_bridge_stop_the_arm_on_its_way(arm):
     assert send(arm, "last", goal_to(arm, end, LONG_S))
     moving(arm, "last")
     os.kill(arm.stage.pid_of("canopen_control.ros.bridge"), signal.SIGKILL)
-    assert eventually(lambda: any("ros is gone, and its command with it" in each for each in events(arm)), 2.0)
+    assert eventually(lambda: any("ros is gone, so its command has ended" in each for each in events(arm)), 2.0)
     assert at_rest(arm)
     assert abs(positions(arm)[0] - end[0]) > 0.05
     assert arm.robot.running

@@ -155,7 +155,10 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_pat
         ),
         (model(link(SHAPE.format("<mesh><uri>no.stl</uri></mesh>"))), "mesh no.stl: there is no file "),
         (model(link(SHAPE.format("<mesh/>"))), "<mesh> has no <uri>"),
-        (model(link(SHAPE.format("<mesh><uri>hall.sdf</uri></mesh>"))), "hall.sdf: .sdf is not read; .stl, .obj"),
+        (
+            model(link(SHAPE.format("<mesh><uri>hall.sdf</uri></mesh>"))),
+            "hall.sdf: .sdf is not supported; use .stl, .obj",
+        ),
         (model(link(SHAPE.format("<mesh><uri>a.stl</uri><scale>1 0 1</scale></mesh>"))), "<scale> of <mesh> is three"),
         (model(link(SHAPE.format("<box><size>1 0 1</size></box>"))), "<size> of <box> is 3 numbers above 0, in m"),
         (
@@ -190,7 +193,7 @@ def test_what_cannot_stand_is_one_sentence_with_its_line(tmp_path, inside, messa
             "hall.sdf:2:1: there is no <world> in it; give the file of a world, not that of a model",
         ),
         ("<robot/>", "hall.sdf:1:1: <robot> is not an SDF"),
-        ("text", "hall.sdf:1:1: no XML"),
+        ("text", "hall.sdf:1:1: not valid XML"),
         (sdf('<world name="a"/><world name="b"/>'), "hall.sdf:3:18: a second <world>"),
         (None, "hall.sdf: cannot be read: No such file or directory"),
     ],

@@ -68,7 +68,7 @@ def test_what_is_fixed_to_it_may_have_the_mass():
     ("name", "why"),
     [
         ("package://nowhere_at_all/a.stl", "no package nowhere_at_all with this file"),
-        ("part.ply", ".ply is not read; .stl, .obj, .dae, .glb are"),
+        ("part.ply", ".ply is not supported; use .stl, .obj, .dae, .glb"),
         ("part.glb", ".glb is drawn, and not simulated; STL, OBJ and DAE are"),
         ("broken.stl", "it is not an STL file"),
         ("flat.obj", "it is flat"),

@@ -346,5 +346,5 @@ def test_the_wheels_stop_with_a_killed_bridge_at_once_and_another_one_is_started
         peer.waiting("/joint_states")
         peer.message("/joint_states", lambda message: message["velocity"] == [10.0, 10.0])
         assert robby.bridge_pid() != first
-    assert "ros is gone, and its command with it" in robby.output
+    assert "ros is gone, so its command has ended" in robby.output
     assert "process ros: it is restarted (1 of 3 times a minute)" in robby.output

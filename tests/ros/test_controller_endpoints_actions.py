@@ -125,7 +125,7 @@ def test_feedback_comes_at_the_controllers_rate_and_only_while_it_is_executed(ro
 
 
 def test_what_the_robot_refuses_is_refused_and_its_result_says_why(robot, maker):
-    text = "arm refuses the trajectory: it names 'c', no joint of this controller"
+    text = "arm refuses the trajectory: it names 'c', which is not a joint of this controller"
     robot.answers["send_trajectory"] = {"accepted": False, "error_code": -2, "text": text}
     maker.order("goal", action=ACTION, of=KIND, data=goal(), name="refused")
     assert maker.message("refused") == {"accepted": False}
@@ -170,8 +170,8 @@ def test_it_is_cancelled_by_its_client_and_by_others(robot, maker):
 def test_a_newer_goal_goes_to_the_robot_at_once_and_the_one_before_ends_as_the_robot_says(robot, maker):
     accepted(robot, maker, "old")
     accepted(robot, maker, "new")
-    robot.release_one({"state": "aborted", "error_code": -1, "text": "another goal has taken its place"})
-    assert result(maker, "old") == (ABORTED, -1, "another goal has taken its place")
+    robot.release_one({"state": "aborted", "error_code": -1, "text": "another goal has replaced it"})
+    assert result(maker, "old") == (ABORTED, -1, "another goal has replaced it")
     robot.release_one(ENDED)
     assert result(maker, "new")[0] == SUCCEEDED
 

@@ -350,7 +350,9 @@ def test_best_effort_leaves_out_names_that_nobody_knows_and_tells_them(robby, cl
     assert answer["result"] == {}
     assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive")
     robby.run(50)
-    assert robby.texts("left_out") == ["a switch leaves out unknown controllers: nobody, nothing; see: controller list"]
+    assert robby.texts("left_out") == [
+        "the switch ignores unknown controllers: nobody, nothing; see canopen-control controller list"
+    ]
     answer = client.ask("switch", activate=["nobody", FORWARD], deactivate=[BASE], strict=True)
     assert "no controller 'nobody'" in answer["error"]["message"]
     assert (states(client)[BASE], states(client)[FORWARD]) == ("active", "inactive"), "a strict one changes nothing"

@@ -84,7 +84,7 @@ def test_the_end_of_its_connection_ends_it_and_the_joint_is_held(arm_of_api_grip
     client_of_api_gripper.close()
     arm_of_api_gripper.until(lambda: arm_of_api_gripper.texts("goal_aborted"))
     assert any(
-        "test is gone, so the goal of test was taken back" in text for text in arm_of_api_gripper.texts("goal_aborted")
+        "test is gone, so the goal of test was aborted" in text for text in arm_of_api_gripper.texts("goal_aborted")
     )
     arm_of_api_gripper.run(500)
     where = position(arm_of_api_gripper)
@@ -225,7 +225,7 @@ def test_the_end_of_its_connection_ends_it_and_the_joints_brake(arm, client):
     arm.run(500)
     client.close()
     arm.until(lambda: arm.texts("commander_gone"))
-    assert any("was taken back" in text for text in arm.texts("goal_aborted"))
+    assert any("was aborted; send" in text for text in arm.texts("goal_aborted"))
     arm.run(1000)
     where = positions(arm)
     assert all(0.1 < abs(a) < abs(b) - 0.01 for a, b in zip(where, ENDS, strict=True))
@@ -249,10 +249,12 @@ def test_a_sender_that_promised_a_heartbeat_and_falls_silent_is_gone_though_its_
     assert client.next()["result"] == {
         "state": "aborted",
         "error_code": -1,
-        "text": "test has sent no heartbeat for 0.5 s and is gone, so the command of test was taken back; "
+        "text": "test has sent no heartbeat for 0.5 s and is gone, so the command of test was aborted; "
         "send it again once the joints are enabled",
     }
-    assert "test has sent no heartbeat for 0.5 s and is gone, and its command with it" in arm.texts("commander_gone")[0]
+    assert (
+        "test has sent no heartbeat for 0.5 s and is gone, so its command has ended" in arm.texts("commander_gone")[0]
+    )
     arm.run(1000)
     where = positions(arm)
     assert all(abs(a) < abs(b) - 0.01 for a, b in zip(where, ENDS, strict=True))
@@ -295,7 +297,7 @@ def test_another_client_can_cancel_it(arm, client, other):
     assert other.ask("cancel_trajectory", controller=ARM)["result"] == {}
     assert client.next()["result"]["state"] == "canceled"
     refused = other.ask("cancel_trajectory", controller=ARM)["error"]
-    assert "follows no trajectory; there is nothing to cancel" in str(refused)
+    assert "executes no trajectory; there is nothing to cancel" in str(refused)
 
 
 @pytest.mark.rest
@@ -306,8 +308,8 @@ def test_another_client_can_cancel_it(arm, client, other):
         ({"joints": [*JOINTS[:5], "joint_7"]}, "'joint_7'"),
         ({"points": []}, "it has no points"),
         ({"points": [{"positions": [9.0] * 6, "time_from_start": 9.0}]}, "joint_1 at 9 is beyond its limits of -3.1"),
-        ({"points": [{"positions": [1.0] * 6}]}, "it begins with joint_1 at 1 in 0 s, and it is at"),
-        ({"controller": "joint_state_broadcaster"}, "follows no trajectories"),
+        ({"points": [{"positions": [1.0] * 6}]}, "it begins with joint_1 at 1 after 0 s, but joint_1 is at"),
+        ({"controller": "joint_state_broadcaster"}, "is not a joint trajectory controller"),
         ({"stamp": 1.0}, "it ended"),
     ],
 )
@@ -380,7 +382,7 @@ def test_a_newer_goal_takes_the_place_of_one_and_only_its_own_can_be_cancelled(a
     more = [{"positions": [*here.values()], "time_from_start": 0.5}]
     assert other.ask("send_trajectory", **goal(points=more))["result"]["accepted"]
     ended = client.ask("trajectory_end")["result"]
-    assert (ended["state"], ended["error_code"], ended["text"]) == ("aborted", -1, "another goal has taken its place")
+    assert (ended["state"], ended["error_code"], ended["text"]) == ("aborted", -1, "another goal has replaced it")
     assert client.ask("cancel_trajectory", controller=ARM, own=True)["result"] == {}  # it has ended already
     assert other.ask("trajectory_end")["result"]["state"] == "succeeded"
 
@@ -417,7 +419,7 @@ def test_what_the_trajectory_says_can_be_asked_for_and_its_time_scaled(arm, clie
     assert 0.0 < then["point"]["positions"][0] < ENDS[0]
     late = client.ask("query_trajectory", controller=ARM, time=now + 99.0)["result"]
     assert not late["known"]
-    assert "nothing at that time" in late["text"]
+    assert "no trajectory at that time" in late["text"]
     begin = arm.reactor.now()
     assert client.ask("trajectory_end")["result"]["state"] == "succeeded"
     assert 2.5 < (arm.reactor.now() - begin) / 1e9 < 3.2
@@ -426,7 +428,7 @@ def test_what_the_trajectory_says_can_be_asked_for_and_its_time_scaled(arm, clie
 def test_a_controller_that_follows_nothing_says_so(arm, client):
     for method, more in (("query_trajectory", {"time": 0.0}), ("scale_trajectory", {"factor": 1.0})):
         error = client.ask(method, controller="joint_state_broadcaster", **more)["error"]
-        assert "follows no trajectories" in error["message"]
+        assert "is not a joint trajectory controller" in error["message"]
     arm.robot.switch([], [ARM], strict=True)
     assert "is inactive" in client.ask("query_trajectory", controller=ARM, time=0.0)["result"]["text"]
 

@@ -504,8 +504,8 @@ def test_a_time_out_of_zero_is_told_once_when_it_starts(bench):
     robby = bench(controllers=FOR_EVER)
     robby.run(3000)
     assert [text for text in robby.texts("endless_command") if "command_timeout is 0" in text] == [
-        "robby_forward_controller: command_timeout is 0, so a command never ends by itself: "
-        "what moves continues when its sender ends"
+        "robby_forward_controller: command_timeout is 0, so commands never expire: "
+        "moving joints continue when the sender disappears"
     ]
 
 

@@ -50,5 +50,5 @@ def with_error(limiter: Any, actual: list[float], desired: list[float], period: 
 
     from canopen_control.errors import ControlError
 
-    with pytest.raises(ControlError, match="outside of its range"):
+    with pytest.raises(ControlError, match="outside its range"):
         limiter.enforce(actual, desired, period)

@@ -71,15 +71,15 @@ def test_every_mistake_is_told_at_once_with_its_place():
     found = complaints(text)
     assert [line.split(":")[1] for line in found] == sorted([line.split(":")[1] for line in found], key=int)
     expected = [
-        "r.urdf:3:3: joint shoulder: type 'revolut', did you mean 'revolute'?",
+        "r.urdf:3:3: joint shoulder: unknown type 'revolut', did you mean 'revolute'?",
         "r.urdf:5:5: xyz='1 2' of <origin> is not three numbers",
         "r.urdf:7:5: velocity='fast' of <limit> is not a number",
         "r.urdf:9:3: joint grip: <child link=...> is missing",
-        "r.urdf:9:3: joint grip: no link 'uper', did you mean 'upper'?",
+        "r.urdf:9:3: joint grip: link 'uper' does not exist, did you mean 'upper'?",
         "r.urdf:18:3: <ros2_control name='arm'>: type 'sistem', did you mean 'system'?",
-        "r.urdf:23:5: <ros2_control> names joint 'sholder', no such joint, did you mean 'shoulder'?",
+        "r.urdf:23:5: <ros2_control> names joint 'sholder', which does not exist, did you mean 'shoulder'?",
         "r.urdf:25:7: min='low' of <command_interface> is not a number",
-        "r.urdf:32:5: <gpoi> has no place in <ros2_control>, did you mean 'gpio'?",
+        "r.urdf:32:5: <gpoi> is not allowed in <ros2_control>, did you mean 'gpio'?",
     ]
     assert found == expected
 
@@ -90,13 +90,14 @@ def test_every_mistake_is_told_at_once_with_its_place():
         ("<plugin> canopen_ros2_control/RobotSystem </plugin>", "", "18:3: <ros2_control name='arm'>: <hardware>"),
         ('<joint name="grip2"><state', '<joint name="grip2"><command_interface name="position"/><state', "mimics grip"),
         ('type="prismatic">\n    <parent link="upper"/><child link="thumb"/>',
-         'type="fixed">\n    <parent link="upper"/><child link="thumb"/>', "grip2 is fixed; nothing can drive it"),
-        ('<child link="thumb"/>', '<child link="finger"/>', "link finger hangs on two joints: grip, grip2"),
-        ('mimic joint="grip"', 'mimic joint="grp"', "mimics 'grp', no such joint, did you mean 'grip'"),
-        ('<joint name="grip2"><state', '<joint name="shoulder"><state', "'shoulder' stands twice"),
+         'type="fixed">\n    <parent link="upper"/><child link="thumb"/>', "grip2 is fixed and cannot be driven"),
+        ('<child link="thumb"/>', '<child link="finger"/>', "link finger is the child of two joints: grip, grip2"),
+        ('mimic joint="grip"', 'mimic joint="grp"', "mimics 'grp', which does not exist, did you mean 'grip'"),
+        ('<joint name="grip2"><state', '<joint name="shoulder"><state', "'shoulder' is defined twice"),
         ('<limit lower="-1" upper="2" velocity="3" effort="4"/>', "", "a revolute joint needs <limit"),
         ('<sensor name="force">', "<sensor>", "<sensor> has no name"),
-        ('<state_interface name="position"/>\n', '<state_interface name="position"/>' * 2, "'position' is given twice"),
+        ('<state_interface name="position"/>\n', '<state_interface name="position"/>' * 2,
+         "'position' is defined twice"),
         ("<robot", "<robt", "the root element is <robt>"),
     ],
 )  # fmt: skip
@@ -115,10 +116,10 @@ def test_links_and_joints_of_one_name_are_told_with_both_places_beside_the_other
   <link name="left"/>
 </robot>"""
     assert complaints(text) == [
-        "r.urdf:3:24: link 'wheel' stands twice, first at r.urdf:3:3; rename one",
-        "r.urdf:5:3: joint 'left' stands twice, first at r.urdf:4:3; rename one",
-        "r.urdf:5:3: joint left: type 'revolut', did you mean 'revolute'?",
-        "r.urdf:6:3: link 'wheel' stands twice, first at r.urdf:3:3; rename one",
+        "r.urdf:3:24: link 'wheel' is defined twice, first at r.urdf:3:3; rename one",
+        "r.urdf:5:3: joint 'left' is defined twice, first at r.urdf:4:3; rename one",
+        "r.urdf:5:3: joint left: unknown type 'revolut', did you mean 'revolute'?",
+        "r.urdf:6:3: link 'wheel' is defined twice, first at r.urdf:3:3; rename one",
     ]
 
 
@@ -129,8 +130,8 @@ def test_a_macro_that_is_called_twice_with_one_name_is_told():
     with pytest.raises(RobotConfigError) as caught:
         parse_description("<robot><link name='left_wheel'/><link name='left_wheel'/></robot>", "r.xacro", source=source)
     (told,) = str(caught.value).splitlines()
-    assert told.startswith("r.xacro:2:41: link 'left_wheel' stands twice, ")
-    assert told.endswith("both are made here: call the macro with another name")
+    assert told.startswith("r.xacro:2:41: link 'left_wheel' is defined twice, ")
+    assert told.endswith("both are created here; call the macro with another name")
 
 
 def test_a_file_that_cannot_be_read_is_one_sentence(tmp_path):

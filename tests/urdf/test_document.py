@@ -23,10 +23,10 @@ def test_of_several_of_one_name_each_has_its_own_line():
 @pytest.mark.parametrize(
     ("text", "wanted"),
     [
-        ("<a>\n<b></a>", r"r\.urdf:2:6: no XML: mismatched tag"),
-        ("", r"r\.urdf:1:1: no XML: no element found"),
+        ("<a>\n<b></a>", r"r\.urdf:2:6: not valid XML: mismatched tag"),
+        ("", r"r\.urdf:1:1: not valid XML: no element found"),
         ("<a b='1' b='2'/>", "duplicate attribute"),
-        ("<a>\ud800</a>", "no XML"),
+        ("<a>\ud800</a>", "not valid XML"),
     ],
 )
 def test_what_is_no_xml_names_the_place(text, wanted):

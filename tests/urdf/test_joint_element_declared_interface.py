@@ -27,5 +27,5 @@ def test_bounds_initial_values_and_switched_off_limits():
 
 
 def test_an_interface_given_twice_is_a_mistake():
-    with pytest.raises(RobotConfigError, match=r"r\.urdf:4:\d+: j: state_interface 'position' is given twice"):
+    with pytest.raises(RobotConfigError, match=r"r\.urdf:4:\d+: j: state_interface 'position' is defined twice"):
         read("state_interface", '<state_interface name="position"/>')

@@ -32,7 +32,7 @@ def test_shapes_materials_and_origins():
     assert model.links["slide"].visuals[0].color == GREY
     mesh = model.links["tip"].visuals[0]
     assert (mesh.shape, mesh.file, mesh.size) == ("mesh", "package://a/b.stl", (2, 2, 2))
-    assert model.notes == ("link base: <capsule> is not drawn; box, cylinder, sphere and mesh are",)
+    assert model.notes == ("link base: <capsule> is not drawn; use a box, cylinder, sphere or mesh",)
 
 
 def test_a_shape_without_a_size_is_told_and_not_made_up():
@@ -40,7 +40,7 @@ def test_a_shape_without_a_size_is_told_and_not_made_up():
         "<robot><link name='a'><visual><geometry><cylinder radius='1' length='x'/></geometry></visual></link></robot>"
     )
     assert model.links["a"].visuals == ()
-    assert model.notes == ("link a: <cylinder> without its size is not drawn; box, cylinder, sphere and mesh are",)
+    assert model.notes == ("link a: <cylinder> without its size is not drawn; use a box, cylinder, sphere or mesh",)
 
 
 @given(st.text('robtlinkjxyz="0.1 -', max_size=80))

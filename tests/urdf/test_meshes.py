@@ -84,7 +84,7 @@ def test_a_package_is_found_where_ros_has_it(robot, tmp_path):
 @pytest.mark.parametrize(
     ("uri", "words"),
     [
-        ("http://evil.example/a.stl", "only files of this computer"),
+        ("http://evil.example/a.stl", "only local files"),
         ("package://absent/a.stl", "AMENT_PREFIX_PATH"),
         ("a.stl", "there is no file"),
     ],
@@ -111,12 +111,12 @@ def test_other_formats_become_stl(tmp_path):
 
 def test_what_is_no_mesh_is_a_sentence(tmp_path):
     for name, words in (
-        ("a.ply", "is not read"),
+        ("a.ply", "is not supported"),
         ("b.stl", "not an STL"),
         ("c.dae", "cannot be read"),
         ("d.obj", "no faces"),
         ("e.glb", "not a binary"),
-        ("cut.stl", "7 corners make no whole triangles"),
+        ("cut.stl", "7 corners are not whole triangles"),
     ):
         nonsense = f"solid facet{7 * f'{chr(10)}vertex 0 0 1'}" if name == "cut.stl" else "nonsense"
         (tmp_path / name).write_text(nonsense)

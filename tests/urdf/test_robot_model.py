@@ -68,7 +68,7 @@ def test_parents_come_first_whatever_the_order_of_the_file():
 
 
 def test_what_is_no_urdf_is_told():
-    with pytest.raises(RobotConfigError, match="no XML"):
+    with pytest.raises(RobotConfigError, match="not valid XML"):
         read_model("<robot>")
     with pytest.raises(RobotConfigError, match="root element is <bot>"):
         read_model("<bot/>")

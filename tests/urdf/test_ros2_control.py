@@ -42,8 +42,7 @@ def test_a_ros_1_transmission_says_what_a_ros2_control_tag_would():
     assert list(joint.command_interfaces) == ["velocity"]
     assert tag.transmissions[0].reduction == 30.0
     assert robot.notes == (
-        "b.urdf:5: wheel_joint turns once for 30 turns of wheel_motor; "
-        "the scales of bus.yml are those of the motor shaft",
+        "b.urdf:5: wheel_joint turns once for 30 turns of wheel_motor; the scales of bus.yml apply to the motor shaft",
     )
 
 
@@ -57,7 +56,7 @@ def test_ros2_controls_own_spelling_is_read_and_ros_1s_beside_it_has_no_effect()
     assert not robot.ros1
     (transmission,) = robot.hardware[0].transmissions
     assert (transmission.reduction, transmission.offset) == (-2.5, 0.5)
-    assert any("wheel_trans is ROS 1's and has no effect" in each for each in robot.notes)
+    assert any("wheel_trans is from ROS 1 and has no effect" in each for each in robot.notes)
 
 
 @pytest.mark.parametrize(

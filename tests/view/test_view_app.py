@@ -541,7 +541,7 @@ def test_what_the_robot_refuses_of_a_trajectory_is_its_sentence(arm, play):
         app._page_opened(WholePage())
         return await app.player.play("page 1", "arm_controller", wave(1.0, [*JOINTS[:5], "elbow"]))
 
-    assert "'elbow', no joint of this controller" in play(act).text
+    assert "'elbow', which is not a joint of this controller" in play(act).text
 
 
 def test_a_page_that_only_looks_plays_nothing(arm, play):

@@ -135,9 +135,9 @@ class ToleranceMonitor:
         joints, errors = self._group.joints, self._group.error.positions
         if self.left >= 0:
             off, allowed = errors[self.left], tolerances.path[self.left].position
-            deviation = f"{joints[self.left]} is {off:g} off its path, and {allowed:g} is its tolerance"
+            deviation = f"{joints[self.left]} is {off:g} off its path, with a tolerance of {allowed:g}"
             return ToleranceResult(
-                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{deviation}; see what holds it back"
+                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{deviation}; check what holds it back"
             )
         if self.over and self.outside < 0:
             return _REACHED
@@ -145,7 +145,7 @@ class ToleranceMonitor:
             off, time = errors[self.outside], tolerances.goal_time
             deviation = f"{joints[self.outside]} is {off:g} off its goal {time:g} s after the end"
             return ToleranceResult(
-                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{deviation}; see what holds it back"
+                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{deviation}; check what holds it back"
             )
         return None
 
@@ -381,13 +381,13 @@ class JointTrajectoryController(Controller):
         """Abort the goal; the joints brake, or are released if a joint does not follow commands."""
         del now
         self._waiting = self._group.waits_for()
-        why = self.life.ended_by or "it was to stop"
+        why = self.life.ended_by or "a stop was requested"
         self.life.end()
         if self._waiting is not None:
             self._give_up(self._waiting)
             return
-        client = self.life.source or "who commanded"
-        text = f"{why}, so the command of {client} was taken back; send it again once the joints are enabled"
+        client = self.life.source or "an unnamed client"
+        text = f"{why}, so the command of {client} was aborted; send it again once the joints are enabled"
         self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, text)
         self._brake()
 
@@ -417,7 +417,7 @@ class JointTrajectoryController(Controller):
             self.set_trajectory(goal, now)
             return
         self._check(goal.trajectory, now)
-        self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, "another goal has taken its place")
+        self._end(GoalState.ABORTED, ResultCode.INVALID_GOAL, "another goal has replaced it")
         self.tolerances, self.refused_tolerances = resolve(goal.tolerances, self.params.joints, self._default)
         if self.refused_tolerances is not None:
             self.report("tolerances", self.refused_tolerances)
@@ -427,7 +427,7 @@ class JointTrajectoryController(Controller):
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         del values, now, stamp
-        raise self.refusal("takes trajectories and no numbers; send it one, or a goal")
+        raise self.refusal("accepts only trajectories and goals")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
         """Cancel a goal in execution: the joints brake and are held. `why` is reported."""
@@ -441,7 +441,7 @@ class JointTrajectoryController(Controller):
         if goal is not None:
             self.cancel(goal, why)
         elif self.holding or self.state.value != "active":
-            raise ControlError(f"{self.name} follows no trajectory; there is nothing to cancel")
+            raise ControlError(f"{self.name} executes no trajectory; there is nothing to cancel")
         else:
             self.report("trajectory_ended", "the trajectory was cancelled; the joints are held")
             self._brake()
@@ -499,7 +499,7 @@ class JointTrajectoryController(Controller):
         if (wrong := self._acceptance.mistake(message, now, begin)) is not None:
             raise TrajectoryRefused(str(self.refusal(f"refuses the trajectory: {wrong.text}")), wrong.code)
         if (problem := self._acceptance.unreachable_part(message)) is not None:
-            self.report("unreachable", f"{problem}; until then it is behind")
+            self.report("unreachable", f"{problem}; the joint will lag behind")
 
     def _queue(self, message: JointTrajectory, now: int) -> None:
         self._follower.follow(message)
@@ -535,7 +535,7 @@ class JointTrajectoryController(Controller):
         group, follower, judgement = self._group, self._follower, self._judgement
         over, past = motion.is_over, follower.time_since_end
         if over and not follower.holding and 0.0 < self._timeout < past:
-            text = f"no other trajectory came for {past:.2f} s after the end"
+            text = f"no new trajectory arrived within {past:.2f} s after the end"
             self._end(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, text)
             self._brake()
         group.compare(follower.desired)
@@ -545,7 +545,7 @@ class JointTrajectoryController(Controller):
             follower.write(now, period)
             if free and follower.limited is not None:
                 self.report(
-                    "limited", f"{follower.limited} is held back by its limits; plan slower, or see joint_limits"
+                    "limited", f"{follower.limited} is slowed down by its limits; plan slower, or raise joint_limits"
                 )
         if not follower.holding:
             self._apply_result(judgement.verdict(self.tolerances))

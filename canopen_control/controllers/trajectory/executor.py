@@ -266,7 +266,7 @@ class SpeedScaling:
     def mistake(self, factor: float) -> str | None:
         """Return the reason why a factor is refused, or None for a valid factor."""
         if not self.allowed:
-            return "cannot scale its speed: it commands more than positions"
+            return "cannot scale its speed: only position commands can be scaled"
         return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
 
     def set(self, factor: float) -> None:
@@ -495,7 +495,11 @@ class TrajectoryExecutor:
         """Return the state at `t`, in ns, as an answer to a client of controller `name`."""
         point = Point()
         is_known = self.query(t, point)
-        text = "" if is_known else f"{name} follows nothing at that time; this is where the joints are, or are to end"
+        text = (
+            ""
+            if is_known
+            else f"{name} executes no trajectory at that time; the state is the actual or the final state"
+        )
         return TrajectoryAt(known=is_known, text=text, joints=list(self._group.joints), point=_plain_point(point))
 
     def sample_of(self, time: float, executing: bool, factor: float) -> TrajectorySample:

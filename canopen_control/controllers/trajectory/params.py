@@ -36,11 +36,11 @@ def wrong_commands(names: Sequence[str]) -> str | None:
     if (wrong := _wrong_list("command_interfaces", names, COMMANDS)) is not None:
         return wrong
     if VELOCITY in names and len(names) > 1 and POSITION not in names:
-        return "command_interfaces: velocity goes alone or with position; add position"
+        return "command_interfaces: velocity is allowed alone or with position; add position"
     if ACCELERATION in names and VELOCITY not in names and POSITION not in names:
-        return "command_interfaces: acceleration goes with position or velocity; add one"
+        return "command_interfaces: acceleration needs position or velocity; add one"
     if EFFORT in names and set(names) not in ({EFFORT}, {POSITION, EFFORT}):
-        return "command_interfaces: effort goes alone or with position; leave the others out"
+        return "command_interfaces: effort is allowed alone or with position; remove the others"
     return None
 
 
@@ -49,9 +49,9 @@ def wrong_states(names: Sequence[str]) -> str | None:
     if (wrong := _wrong_list("state_interfaces", names, STATES)) is not None:
         return wrong
     if VELOCITY in names and POSITION not in names:
-        return "state_interfaces: velocity goes with position; add position"
+        return "state_interfaces: velocity needs position; add position"
     if ACCELERATION in names and not {POSITION, VELOCITY}.issubset(names):
-        return "state_interfaces: acceleration goes with position and velocity; add both"
+        return "state_interfaces: acceleration needs position and velocity; add both"
     return None
 
 
@@ -73,10 +73,10 @@ def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | 
     only contain names of `joints`.
     """
     if len(command_joints) > len(joints):
-        return f"command_joints: {len(command_joints)} are more than the {len(joints)} joints; leave some out"
+        return f"command_joints: {len(command_joints)} are more than the {len(joints)} joints; remove some"
     strange = [joint for joint in command_joints if joint not in joints]
     if strange and len(command_joints) != len(joints):
-        return f"command_joints: {', '.join(strange)}: not among joints ({', '.join(joints)}); name some of those"
+        return f"command_joints: {', '.join(strange)}: not among joints ({', '.join(joints)}); use names from joints"
     return None
 
 
@@ -84,10 +84,10 @@ def _wrong_list(key: str, names: Sequence[str], allowed: Sequence[str]) -> str |
     if not names:
         return f"{key} is empty; give one or more of {', '.join(allowed)}"
     if len(set(names)) != len(names):
-        return f"{key} names one twice: {', '.join(names)}; name each once"
+        return f"{key} contains a name twice: {', '.join(names)}; list each name once"
     strange = [name for name in names if name not in allowed]
     if strange:
-        return f"{key}: {', '.join(strange)}: there are {', '.join(allowed)}"
+        return f"{key}: {', '.join(strange)} is not among {', '.join(allowed)}"
     return None
 
 
@@ -158,7 +158,7 @@ def resolve(
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
         end = _of_joints(goal.goal, joints, default.goal, "goal_tolerance")
     except ValueError as error:
-        return default, f"{error}; the tolerances of the parameters hold"
+        return default, f"{error}; the tolerances of the parameters are used"
     return SegmentTolerances(path, end, time), None
 
 
@@ -185,7 +185,9 @@ def _resolved(value: float, default: float, label: str) -> float:
     if abs(value + 1.0) < _FLOAT_EPSILON:
         return 0.0
     if value < 0.0:
-        raise ValueError(f"{label} is {value:g}; it is above 0, 0 for that of the parameters, or -1 for none")
+        raise ValueError(
+            f"{label} is {value:g}; give a value above 0, 0 for the value of the parameters, or -1 for no tolerance"
+        )
     return default
 
 
@@ -408,7 +410,7 @@ class TrajectoryParams(CommonParams):
             yield "joints", "no 'joints'; give it under ros__parameters: joints: [joint_1, joint_2]"
         for key, names in (("joints", self.joints), ("command_joints", self.command_joints)):
             if len(set(names)) != len(names):
-                yield key, f"{key} names one twice: {', '.join(names)}; name each once"
+                yield key, f"{key} contains a name twice: {', '.join(names)}; list each name once"
         commands, states = wrong_commands(self.command_interfaces), wrong_states(self.state_interfaces)
         if commands is None and states is None:
             states = wrong_together(self.command_interfaces, self.state_interfaces)

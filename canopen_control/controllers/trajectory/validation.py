@@ -389,7 +389,7 @@ def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rule
     before = message.points[index - 1].time if index else point.time - 1
     if point.time <= before:
         times = f"{point.time / 1e9:g} s comes after {before / 1e9:g} s"
-        return Refused(Rule.TIME_NOT_INCREASING, f"point {index}: {times}; let time_from_start increase")
+        return Refused(Rule.TIME_NOT_INCREASING, f"point {index}: {times}; time_from_start must increase")
     return _wrong_sizes(index, point, len(message.joint_names), rules)
 
 
@@ -418,7 +418,7 @@ def _wrong_joints(message: JointTrajectory, rules: Rules) -> Refused | None:
     strange = next((name for name in names if name not in rules.joints), None)
     if strange is not None:
         hint = nearest(strange, rules.joints)
-        return Refused(Rule.UNKNOWN_JOINT, f"it names {strange!r}, no joint of this controller{hint}")
+        return Refused(Rule.UNKNOWN_JOINT, f"it names {strange!r}, which is not a joint of this controller{hint}")
     return None
 
 
@@ -455,7 +455,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
             return Refused(rule, f"point {index} has {size} {quantity} for {joints} joints; give one for each")
     if point.effort and not rules.effort:
         return Refused(
-            Rule.EFFORT_NOT_SUPPORTED, f"point {index} has effort, which no command interface takes; leave it out"
+            Rule.EFFORT_NOT_SUPPORTED, f"point {index} has effort, which no command interface accepts; remove it"
         )
     return None
 
@@ -495,7 +495,7 @@ def unreachable(message: JointTrajectory, survey: TrajectorySummary, limits: dic
             if abs(distance) > most * _WRITTEN * seconds:
                 advice = f"give it {abs(distance) / most:.3g} s, or set" if most else "leave it where it is, or set"
                 return (
-                    f"point {at}: {name} would have to go {distance:g} in {seconds:g} s, "
+                    f"point {at}: {name} would have to move {distance:g} in {seconds:g} s, "
                     f"faster than its limit of {most:g}; {advice} unreachable_points"
                 )
     return None
@@ -555,8 +555,8 @@ def far_start(
         distance = shortest_angular_distance(here[name], begin) if bounds.continuous else begin - here[name]
         if abs(distance) > allowed + (bounds.velocity * time if time > 0.0 else 0.0):
             return (
-                f"it begins with {name} at {begin:g} in {time:g} s, and it is at {here[name]:g}; "
-                f"plan from where it is, or set allowed_start_tolerance"
+                f"it begins with {name} at {begin:g} after {time:g} s, but {name} is at {here[name]:g}; "
+                f"plan from the actual position, or set allowed_start_tolerance"
             )
     return None
 
@@ -571,7 +571,7 @@ def lost_start(message: JointTrajectory, begin: int) -> str | None:
     arrival = message.points[0].time + (message.stamp or begin)
     if arrival > begin:
         return None
-    return "point 0 has no positions, and is to be reached at once or was before; give it positions or a later time"
+    return "point 0 has no positions and is not in the future; give it positions or a later time"
 
 
 def _named(names: Sequence[str], index: int) -> str:
@@ -617,9 +617,7 @@ class Acceptance:
                 lacks = lacks or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
             if self.limits[joint].velocity == math.inf:
                 lacks = lacks or f"the description has no velocity limit of {joint}; give it"
-        return (
-            None if lacks is None else f"decelerate_on_cancel has no effect, what is cancelled is held at once: {lacks}"
-        )
+        return None if lacks is None else f"decelerate_on_cancel has no effect, joints are held at once: {lacks}"
 
     def point_limiter(self) -> PointLimiter | None:
         """Return a new limiter of the commanded points, or None if no limiter is configured."""
@@ -692,7 +690,7 @@ class Acceptance:
             turns = whole_turns(here[joint], first[place]) if place < len(first) else 0.0
             for value in (survey.positions.lowest[place], survey.positions.highest[place]):
                 if (fits := command.range_error(value + turns)) is not None:
-                    return f"it leads {joint} to {value:g}, and {fits}; plan within that"
+                    return f"it leads {joint} to {value:g}, and {fits}; plan within this range"
         return None
 
 

@@ -214,9 +214,9 @@ def test_a_position_that_nobody_knows_ends_the_goal_too(arm):
     [
         ([(1.0, math.nan)], "the position of a is nan"),
         ([(5.0, 3.1)], "a at 3.1 is beyond its limits of -3 to 3"),
-        ([(0.1, 1.0)], "it begins with a at 1 in 0.1 s, and it is at 0"),
+        ([(0.1, 1.0)], "it begins with a at 1 after 0.1 s, but a is at 0"),
         ([], "it has no points"),
-        ([(1.0, 0.1), (0.5, 0.2)], "let time_from_start increase"),
+        ([(1.0, 0.1), (0.5, 0.2)], "time_from_start must increase"),
     ],
 )
 def test_a_bad_goal_is_refused_and_nothing_moves(arm, points, text):
@@ -321,7 +321,7 @@ def test_a_joint_that_is_held_back_ends_the_goal_with_its_name_and_what_it_was()
         arm.hardware.set("b/position", 0.0)
     assert goal.code == ResultCode.PATH_TOLERANCE_VIOLATED
     assert goal.text.startswith("b is 0.0")
-    assert "0.05 is its tolerance" in goal.text
+    assert "with a tolerance of 0.05" in goal.text
 
 
 def test_a_deactivation_ends_the_goal(arm):
@@ -366,7 +366,7 @@ def test_a_scaling_that_is_none_is_refused(arm, factor):
 
 
 def test_numbers_are_refused(arm):
-    with pytest.raises(ControlError, match="takes trajectories"):
+    with pytest.raises(ControlError, match="accepts only trajectories"):
         arm.manager.command("arm", [0.0, 0.0], arm.now)
 
 
@@ -541,13 +541,13 @@ def test_without_a_limiter_a_trajectory_may_leap_where_nobody_asks_whether_it_ca
 
 def test_points_that_a_joint_cannot_reach_in_time_are_refused_or_taken_and_told():
     arm = Arm(unreachable_points="refuse")
-    with pytest.raises(TrajectoryRefused, match=r"point 1: a would have to go 1 in 0\.1 s.*give it 0\.5 s"):
+    with pytest.raises(TrajectoryRefused, match=r"point 1: a would have to move 1 in 0\.1 s.*give it 0\.5 s"):
         arm.send((0.1, 0.0), (0.2, 1.0))
     arm = Arm()
     arm.send((0.1, 0.0), (0.2, 1.0))
     assert max(steps_of(arm, 30)) == pytest.approx(0.1)
     (told,) = [each.text for each in arm.events if each.kind == "unreachable"]
-    assert "a would have to go 1 in 0.1 s, faster than its limit of 2" in told
+    assert "a would have to move 1 in 0.1 s, faster than its limit of 2" in told
 
 
 def test_a_point_limiter_holds_velocity_and_acceleration_and_tells_it_once():
@@ -560,7 +560,7 @@ def test_a_point_limiter_holds_velocity_and_acceleration_and_tells_it_once():
     assert max(speeds) == pytest.approx(2.0)
     assert max(abs(b - a) for a, b in itertools.pairwise(speeds)) <= 4.0 * 0.01 + 1e-9
     assert [each.text for each in arm.events if each.kind == "limited"] == [
-        "arm: a is held back by its limits; plan slower, or see joint_limits"
+        "arm: a is slowed down by its limits; plan slower, or raise joint_limits"
     ]
 
 

@@ -95,7 +95,7 @@ def test_a_factor_that_is_none_is_a_sentence(factor):
 def test_where_more_than_positions_is_commanded_it_runs_at_its_own_speed():
     scaling = SpeedScaling(0.5, allowed=False)
     assert scaling.factor == 1.0
-    assert "more than positions" in scaling.mistake(0.5)
+    assert "only position commands" in scaling.mistake(0.5)
 
 
 @pytest.mark.parametrize(

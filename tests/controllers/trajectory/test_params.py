@@ -147,8 +147,8 @@ def test_a_finite_clamp_of_one_side_wins_over_the_deprecated_one():
     ("wrong", "text"),
     [
         ({"joints": []}, "no 'joints'"),
-        ({"joints": ["a", "a"]}, "joints names one twice"),
-        ({"command_joints": ["a", "a"]}, "command_joints names one twice"),
+        ({"joints": ["a", "a"]}, "joints contains a name twice"),
+        ({"command_joints": ["a", "a"]}, "command_joints contains a name twice"),
         ({"command_joints": ["c"]}, "command_joints: c"),
         ({"command_interfaces": []}, "command_interfaces is empty"),
         ({"command_interfaces": ["velocity", "acceleration"]}, "add position"),

@@ -241,7 +241,7 @@ def through(*points):
         (through((0.0, -0.9, 0.0), (0.895, 0.9, 0.0)), None),  # 2.01 rad/s: times are written with few digits
         (
             through((0.0, 0.0, 0.0), (0.5, 0.9, 0.0), (1.0, 0.9, 0.0), (1.5, -0.9, 0.0)),
-            "point 3: a would have to go -1.8 in 0.5 s, faster than its limit of 2; give it 0.9 s, or set unreachable",
+            "point 3: a would have to move -1.8 in 0.5 s, faster than its limit of 2; give it 0.9 s, or set unreach",
         ),
     ],
 )

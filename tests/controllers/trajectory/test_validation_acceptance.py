@@ -87,13 +87,14 @@ def test_what_the_object_behind_cannot_hold_is_named():
     judge, commands = acceptance()
     commands[0].lowest, commands[0].highest = -1.0, 1.0
     text = judge.mistake(packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S, HERE).text
-    assert text == "it leads a to -1.5, and a/position holds -1 to 1; plan within that"
+    assert text == "it leads a to -1.5, and a/position holds -1 to 1; plan within this range"
 
 
 def test_points_that_came_in_process_are_judged_too():
     judge, _ = acceptance()
     assert (
-        "no joint of this controller" in judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE).text
+        "which is not a joint of this controller"
+        in judge.mistake(JointTrajectory(["a", "c"], [Point([0.0, 0.0])]), S, HERE).text
     )
 
 
