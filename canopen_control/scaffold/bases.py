@@ -49,10 +49,10 @@ class BaseKind:
     def problem(self, drives: int) -> str:
         """Return the error text if the base does not support this number of drives, else ""."""
         if self.type_name and self.type_name not in TYPES:
-            return f"--base {self.name}: this version has no {self.type_name}; omit --base, or use diff"
+            return f"--base {self.name}: this version does not include {self.type_name}; omit --base, or use diff"
         if self.shapes and drives not in {len(shape) for shape in self.shapes}:
-            has = "no drive was" if not drives else "one was" if drives == 1 else f"{drives} were"
-            return f"--base {self.name} has {self.words}, {has} given; give as many node ids, or omit --base"
+            count = "1 was" if drives == 1 else f"{drives or 'none'} were"
+            return f"--base {self.name} needs {self.words}, but {count} given; give as many node ids, or omit --base"
         return ""
 
 

@@ -79,22 +79,20 @@ def remark(text: str, words: str) -> str:
 
 def _head(robot: NewRobot) -> list[str]:
     return [
-        f"# The CANopen bus of {robot.name}, in the format of ros2_canopen: its nodes, and the writes of a boot.",
+        f"# The CANopen bus of {robot.name}, in the format of ros2_canopen: nodes, and objects written at boot.",
         f"# Check it: canopen-control check {robot.name}. See each write: canopen-control plan {robot.name}.",
-        *(f"# PROBLEM, which keeps it from running: {text}" for text in robot.problems),
+        *(f"# PROBLEM, which prevents a run: {text}" for text in robot.problems),
         "",
         "master:  # this computer",
         remark(f"  node_id: {robot.master_id}", "node id of the master; must be unique"),
-        remark(
-            f"  baudrate: {robot.baudrate}", "kbit/s, as the devices are set; with real CAN the interface has it too"
-        ),
+        remark(f"  baudrate: {robot.baudrate}", "kbit/s, as set in the devices and in a real CAN interface"),
         remark(f"  sync_period: {robot.sync_us}", "us: period of SYNC, and of feedback, controllers and commands"),
         remark(f"  heartbeat_producer: {robot.heartbeat_ms}", "ms: devices stop when this heartbeat stops"),
     ]
 
 
 def _own_keys(node: NewNode) -> Iterator[str]:
-    yield remark(f"node_id: {node.device.node_id}", node.device.remark or "as the device is set")
+    yield remark(f"node_id: {node.device.node_id}", node.device.remark or "as set in the device")
     if _by_scale(node):
         yield from _scales(node)
     elif node.joints:
@@ -106,15 +104,15 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
     device = node.device.od.device
     product = " ".join(part for part in (device.vendor_name, device.product_name) if part)
     lines = [
-        remark(f"dcf: {_quoted(robot.eds_name(node))}", f"EDS beside this file{f': {product}' if product else ''}"),
+        remark(f"dcf: {_quoted(robot.eds_name(node))}", f"EDS in this folder{f': {product}' if product else ''}"),
         remark("revision_number: 0", "any firmware revision"),
         *_supervision(robot, node),
     ]
     if node.unusable:
-        comment = "# its PDOs stay as they are, and it moves no joint of the description"
+        comment = "# its PDOs are unchanged, and it moves no joint of the description"
         return [*lines, f"# PROBLEM: {node.unusable}", comment]
     if node.drive is None:
-        product = f"{node.profile.words}: " if node.signals else "no profile that is known here, a proxy: "
+        product = f"{node.profile.words}: " if node.signals else "unknown profile, a proxy: "
         return [*lines, *_watched(node), *_kept_pdos(robot, node), *_device_pdos(node, product)]
     return [
         *lines,
@@ -132,7 +130,7 @@ def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
         yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
     listed = (("tpdo", "from the device", node.tpdos), ("rpdo", "to the device", node.rpdos))
     kept = [f"{key.upper()}s" for key, _, uses in listed if not uses]
-    stay = f"its {'PDOs' if len(kept) == len(listed) else ''.join(kept)} stay as they are"
+    stay = f"its {'PDOs' if len(kept) == len(listed) else ''.join(kept)} are unchanged"
     yield f"# {product}{stay if kept else 'its PDOs carry its signals'}"
     for key, words, uses in listed:
         if uses:
@@ -150,10 +148,10 @@ def _known(robot: NewRobot, node: NewNode, present: Collection[str]) -> list[str
     if drive is None:
         return []
     commanded = {joint.axis.interface for joint in node.joints}
-    lines = ["", f"# {drive.title}: `canopen-control drive --like {drive.name}` behaves as such a drive does."]
+    lines = ["", f"# {drive.title}: `canopen-control drive --like {drive.name}` simulates such a drive."]
     for key, text in proposals(drive, robot.sync_us, (), (), commanded):
         named = node.device.like is not None
-        if text in present or (named and key.key == "sdo"):  # that one stands in its list
+        if text in present or (named and key.key == "sdo"):  # it is in the list of `sdo`
             continue
         comment = "" if named and not key.key.endswith("_mode") else "# "
         lines += [f"# {drive.name.upper()}: {key.why} ({key.source}):", f"{comment}{text}"]
@@ -175,7 +173,7 @@ def _watched(node: NewNode) -> list[str]:
     limit = remark(
         f"  - {{name: position, max_rate: {FASTEST_MEASURED:g}}}", "rad/s: a faster change is reported as a jump;"
     )
-    return ["signals:", limit, remark("", "the position is then nan until the next boot of the device")]
+    return ["signals:", limit, remark("", "then the position is nan until the next boot of the device")]
 
 
 def _kept_pdos(robot: NewRobot, node: NewNode) -> list[str]:
@@ -211,7 +209,7 @@ def _supervision(robot: NewRobot, node: NewNode) -> list[str]:
 def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
     lines = [""]
     if drive.motors is not None:
-        text = "of axis 0, axis 1: the motors share the controlword, so that they are enabled and stop together"
+        text = "of axis 0, axis 1: motors with a common controlword are enabled and stopped together"
         lines.append(remark(f"motor_subindices: {list(drive.motors.subindices)}", text))
     for interface, mode in drive.modes.items():
         lines.append(remark(f"{interface}_mode: {int(mode)}", _MODE_WORDS[mode]))
@@ -221,8 +219,8 @@ def _motion(node: NewNode, drive: DriveChoice) -> list[str]:
         *lines,
         remark(f"counts_per_revolution: {drive.axes[0].counts:g}", _counts_comment(drive.axes[0])),
         *_guesses(drive, "counts_per_revolution"),
-        remark("gear_ratio: 1.0", "turns of the motor for one of the joint"),
-        "# A drive that counts velocities in another unit than counts/s, such as rpm, needs four scales instead:",
+        remark("gear_ratio: 1.0", "motor revolutions per joint revolution"),
+        "# A drive whose velocity unit is not counts/s, but for example rpm, needs four scales instead:",
         "# scale_pos_to_dev and scale_pos_from_dev (counts per rad and back), scale_vel_to_dev, scale_vel_from_dev",
     ]
 
@@ -260,7 +258,7 @@ def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
 def _counts_comment(axis: AxisChoice) -> str:
     if axis.is_known:
         return "position counts per revolution (0x608F); verify"
-    return "A GUESS: position counts of one turn of the motor; neither EDS nor drive has them"
+    return "A GUESS: position counts per motor revolution; neither the EDS nor the drive has this value"
 
 
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
@@ -279,7 +277,7 @@ def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
                 lines.append(remark(line, text))
     lines = list(dict.fromkeys(lines))  # an object that axes share is written once
     if len(lines) > 1:
-        lines.append("  # the EDS gives no ramp defaults, and some drives do not move without them; if omitted,")
+        lines.append("  # the EDS has no ramp defaults, and some drives do not move without a ramp; if omitted,")
         lines.append("  # the values that the drive has stored apply")
     lines = [*_named_writes(robot, node), *lines]
     return ["sdo:", *lines] if lines else []
@@ -302,7 +300,7 @@ def _pdos(drive: DriveChoice) -> list[str]:
     for key, words, uses in (("tpdo", "from the drive", drive.tpdos), ("rpdo", "to the drive", drive.rpdos)):
         if any(use.own for use in uses):
             numbers = ", ".join(str(use.number) for use in uses)
-            lines.append(f"# {key} {numbers}, {words}: they cannot be changed, and are used as they are")
+            lines.append(f"# {key} {numbers}, {words}: they cannot be changed, and are used unchanged")
             continue
         lines.append(f"{key}:  # {words}")
         for use in uses:
@@ -319,7 +317,7 @@ def _pdo(use: PdoUse) -> list[str]:
     named = [(f"{{index: 0x{index:04X}, sub_index: {sub}}}", object_name(index) or "") for index, sub in use.objects]
     if use.remaps:
         return [*lines, "  mapping:", *(remark(f"    - {text}", words) for text, words in named)]
-    return [*lines, "  # the mapping is the device's own:", *(remark(f"  #   {text}", words) for text, words in named)]
+    return [*lines, "  # fixed mapping of the device:", *(remark(f"  #   {text}", words) for text, words in named)]
 
 
 def _by_scale(node: NewNode) -> bool:

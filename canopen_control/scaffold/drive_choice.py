@@ -44,8 +44,8 @@ _WITH_SYNC: Final = (
 )  # their set-points act with SYNC
 _ON_ARRIVAL: Final = 255
 _MODE_OBJECTS: Final = {
-    objects.MODES_OF_OPERATION: "by which a mode of operation is chosen",
-    objects.MODES_OF_OPERATION_DISPLAY: ("by which a drive confirms its mode of operation; nothing is enabled without"),
+    objects.MODES_OF_OPERATION: "which selects the mode of operation",
+    objects.MODES_OF_OPERATION_DISPLAY: "which confirms the mode of operation, as required to enable the drive",
 }
 _FEEDBACK: Final = {POSITION: objects.POSITION_ACTUAL, VELOCITY: objects.VELOCITY_ACTUAL}
 
@@ -208,7 +208,7 @@ def _choose_modes(
         chosen.append(_choose_mode(od, axis, interface, dict(chosen)))
     rpdos, missing = _rpdos(od, axes, chosen)
     if missing:
-        raise RobotConfigError(f"its RPDOs cannot carry what {len(axes)} axes need: {_named(missing)} are left over")
+        raise RobotConfigError(f"its RPDOs cannot carry the objects of {len(axes)} axes: {_named(missing)} do not fit")
     return chosen, rpdos
 
 

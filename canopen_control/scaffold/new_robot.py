@@ -201,8 +201,8 @@ def plan_robot(
             barring.append(f"{device.eds}: {nodes[-1].unusable}")
         if not nodes[-1].supervision.stops_alone and not allow_unsupervised:
             barring.append(
-                f"{device.eds}: nothing stops node {device.node_id} when this computer fails: no heartbeat consumer "
-                "(0x1016) that can be set, no node guarding; with an emergency stop in reach, add --allow-unsupervised"
+                f"{device.eds}: nothing stops node {device.node_id} when this computer fails: no writable heartbeat "
+                "consumer (0x1016), no node guarding; with an emergency stop within reach, add --allow-unsupervised"
             )
     base = "none" if any(node.unusable for node in nodes) else base
     ids = {device.node_id for device in devices}
@@ -243,7 +243,7 @@ def _drive_node(
     try:
         drive = choose_drive(device.od, interfaces)
     except RobotConfigError as error:
-        why = f"{error}; map what is needed in its bus.yml by hand, or leave node {device.node_id} out"
+        why = f"{error}; map the objects in bus.yml by hand, or leave node {device.node_id} out"
         return NewNode(name, device, supervision_of(device.od), profile=Profile.DRIVE, unusable=why)
     joints = tuple(
         NewJoint(joint, name, axis, mirror) for joint, axis, mirror in zip(names, drive.axes, mirrored, strict=True)
@@ -266,15 +266,17 @@ def _wrong_ids(devices: Sequence[Device]) -> list[str]:
     by_id, problems = dict[int, Device](), list[str]()
     for device in devices:
         if (first := by_id.setdefault(device.node_id, device)) is not device:
-            problems.append(f"node id {device.node_id} is given twice ({first.eds.name}, {device.eds.name}); each once")
+            problems.append(
+                f"node id {device.node_id} is given twice ({first.eds.name}, {device.eds.name}); give each node id once"
+            )
     if len(by_id) > _MASTERS[1] - 1:
-        problems.append("all 127 node ids are taken, and the master needs one")
+        problems.append("all 127 node ids are used, but the master needs one; omit a node")
     return problems
 
 
 def _wrong_joints(joints: Sequence[str], axes: int, devices: Sequence[Device]) -> list[str]:
     problems = [
-        f"--joint {joint}: a joint's name is a letter, then letters, digits and _"
+        f"--joint {joint}: a joint name must be a letter followed by letters, digits and _"
         for joint in joints
         if not _NAME.fullmatch(joint)
     ]

@@ -63,7 +63,7 @@ def description_text(robot: NewRobot) -> str:
     lines += [
         f'  <ros2_control name={quoteattr(robot.name)} type="system">',
         "    <hardware>",
-        "      <!-- the nodes of bus.yml, virtual or real -->",
+        "      <!-- nodes in bus.yml, virtual or real -->",
         "      <plugin>canopen_ros2_control/RobotSystem</plugin>",
         "    </hardware>",
     ]
@@ -76,7 +76,7 @@ def description_text(robot: NewRobot) -> str:
 
 def _chassis() -> list[str]:
     return [
-        "  <!-- on the ground; odometry moves it -->",
+        "  <!-- on the ground; moved by odometry -->",
         '  <link name="base_footprint"/>',
         '  <joint name="base_joint" type="fixed">',
         '    <parent link="base_footprint"/>',
@@ -136,7 +136,7 @@ def _measured(node: NewNode) -> list[str]:
     """Return the URDF lines of the joint that an encoder measures, without a command interface."""
     return [
         f'    <joint name="{node.measured}">',
-        f'      <param name="device_name">{node.name}</param>  <!-- an encoder of bus.yml -->',
+        f'      <param name="device_name">{node.name}</param>  <!-- encoder in bus.yml -->',
         '      <state_interface name="position"/>',
         '      <state_interface name="velocity"/>',
         "    </joint>",
@@ -149,7 +149,7 @@ def _signals(node: NewNode) -> list[str]:
         return []
     tag = "gpio" if node.profile is Profile.IO or node.outputs else "sensor"
     return [
-        f'    <{tag} name="{node.name}">  <!-- the node of bus.yml of this name -->',
+        f'    <{tag} name="{node.name}">  <!-- node with this name in bus.yml -->',
         *(f'      <command_interface name="{output.name}"/>' for output in node.outputs),
         *(f'      <state_interface name="{signal.name}"/>{_unit(signal.unit)}' for signal in node.signals),
         f"    </{tag}>",
@@ -162,10 +162,10 @@ def _unit(unit: str) -> str:
 
 def _control(joint: NewJoint) -> list[str]:
     axis = joint.axis
-    more = [f'      <param name="axis">{axis.number}</param>  <!-- of that device -->'] if axis.number else []
+    more = [f'      <param name="axis">{axis.number}</param>  <!-- of the device -->'] if axis.number else []
     return [
         f'    <joint name="{joint.name}">',
-        f'      <param name="device_name">{joint.node}</param>  <!-- a node of bus.yml -->',
+        f'      <param name="device_name">{joint.node}</param>  <!-- node in bus.yml -->',
         *more,
         f'      <command_interface name="{axis.interface}"/>',
         *(f'      <state_interface name="{name}"/>' for name in axis.feedback),
@@ -204,8 +204,8 @@ def _outputs(node: NewNode) -> list[str]:
     return [
         remark(f"gpios: [{node.name}]", "the <gpio> of the description"),
         "command_interfaces:",
-        remark(f"  {node.name}: {{interfaces: [{names}]}}", "outputs that a command sets; inputs are published too"),
-        remark("command_timeout: 0.0", "s without a command until outputs go to their safe values; 0: they stay"),
+        remark(f"  {node.name}: {{interfaces: [{names}]}}", "commanded outputs; inputs are published too"),
+        remark("command_timeout: 0.0", "s without a command until outputs have their safe values; 0: never"),
     ]
 
 
@@ -218,7 +218,7 @@ def _battery(node: NewNode) -> list[str]:
 
 
 def _inputs(node: NewNode) -> list[str]:
-    return [remark(f"joints: [{node.name}]", "everything that the device reports, with each update")]
+    return [remark(f"joints: [{node.name}]", "all signals of the device, at every update")]
 
 
 _OUTPUTS: Final = DeviceController("outputs", "gpio_controllers/GpioCommandController", _outputs)
@@ -248,8 +248,8 @@ def controllers_text(robot: NewRobot) -> str:
     groups = {interface: names for interface, names in joints.items() if names}
     rate = round(1_000_000 / robot.sync_us)
     lines = [
-        f"# The controllers of {robot.name}. Active at start: those without joints, and the first one with joints;",
-        f"# choose another one with canopen-control run {robot.name} --controller NAME.",
+        f"# The controllers of {robot.name}. Active at the start: those without joints, and the first with joints;",
+        f"# select another with canopen-control run {robot.name} --controller NAME.",
         "",
         "controller_manager:",
         "  ros__parameters:",
@@ -352,7 +352,7 @@ def _mecanum(robot: NewRobot) -> list[str]:
         remark(f"kinematics.wheels_radius: {RADIUS}", "m; measure it"),
         remark(
             f"kinematics.sum_of_robot_center_projection_on_X_Y_axis: {(WHEELBASE + SEPARATION) / 2:g}",
-            "m, how far ahead and how far aside of the middle a wheel is, summed; measure it",
+            "m, half the wheelbase plus half the track width; measure it",
         ),
         "",
         *(line for line in _odometry(feedback, "reference_timeout") if not line.startswith(_NOT_MECANUM)),
@@ -413,9 +413,9 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
 def refuse_existing(folder: Path, *, force: bool) -> None:
     """Raise RobotConfigError if `folder` is a file, or if it exists and `force` is not set."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise RobotConfigError(f"{folder} is there and is not a folder; choose another name")
+        raise RobotConfigError(f"{folder} exists and is not a folder; choose another name")
     if folder.exists() and not force:
-        raise RobotConfigError(f"{folder} is there already; choose another name, or overwrite its files with --force")
+        raise RobotConfigError(f"{folder} exists already; choose another name, or overwrite its files with --force")
 
 
 def _with_distinct_files(robot: NewRobot) -> NewRobot:

@@ -26,14 +26,14 @@ _MARK = "canopen_robot"
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Declare the ini option `canopen_robot`, which selects the robot."""
-    parser.addini(_MARK, "the robot of the fixture `robot`: its folder, or the name of a bundled one", default="")
+    parser.addini(_MARK, "robot of the fixture `robot`: a folder, or the name of a bundled robot", default="")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Register the mark `canopen_robot`."""
     config.addinivalue_line(
         "markers",
-        f"{_MARK}(config, controllers=(), seed=0, quirks=None, breaches=False): the robot of the fixture `robot`",
+        f"{_MARK}(config, controllers=(), seed=0, quirks=None, breaches=False): robot of the fixture `robot`",
     )
 
 
@@ -55,7 +55,7 @@ def _configured(request: pytest.FixtureRequest) -> tuple[str, dict[str, Any]]:
     text = str(request.config.getini(_MARK))
     if not text:
         raise pytest.UsageError(
-            "the fixture `robot` needs to know which one: canopen_robot = FOLDER in the ini file, or the mark "
+            "the fixture `robot` needs a robot: set canopen_robot = FOLDER in the ini file, or the mark "
             '@pytest.mark.canopen_robot("FOLDER")'
         )
     beside = Path(request.config.rootpath) / text
@@ -76,7 +76,7 @@ def robot(request: pytest.FixtureRequest) -> Iterator[TestedRobot]:
     finally:
         tested.close()
     if tested.breaches and not words.get("breaches", False):
-        pytest.fail("an invariant did not hold: " + "; ".join(tested.breaches), pytrace=False)
+        pytest.fail("an invariant was violated: " + "; ".join(tested.breaches), pytrace=False)
 
 
 @pytest.fixture

@@ -350,7 +350,7 @@ class TestedBus:
 
     def _tamper(self, kind: str, every: int, seconds: float | None) -> None:
         if every < 1:
-            raise ConfigError(f"every {every}: it is every frame with 1, every second one with 2")
+            raise ConfigError(f"every {every}: give 1 for every frame, 2 for every second frame")
         self._robot.do(kind, values=(every,), seconds=seconds)
 
 

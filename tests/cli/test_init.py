@@ -74,7 +74,7 @@ BAD = {
     "no number": ([*TMCM, "--node-id", "two"], "'two' is not a node id"),
     "an id twice": ([*TMCM, "--node-id", "3,3"], "node id 3 is given twice"),
     "more joints than drives": ([*TMCM, "--node-id", "3", "--joint", "a", "--joint", "b"], "2 joints for 1 drive;"),
-    "a base with one drive": ([*TMCM, "--node-id", "3", "--base", "diff"], "--base diff has two drives"),
+    "a base with one drive": ([*TMCM, "--node-id", "3", "--base", "diff"], "--base diff needs two drives"),
     "no node id": ([*TMCM], "--node-id N is missing"),
     "no EDS": (["--node-id", "3"], "--eds FILE is missing; give both, or --can CHANNEL"),
     "a file that is not there": (["--eds", "gone.eds", "--node-id", "3"], "no EDS file gone.eds"),

@@ -92,5 +92,7 @@ def test_axes_may_have_other_interfaces_and_those_of_one_kind_have_one_mode():
 
 def test_axes_that_the_rpdos_cannot_carry_together_are_named():
     few = slots_of(shape(axes=2, drop=(0x1440, 0x1441), pdos=[*TWO_PAIRS[:1], *TWO_PAIRS[2:]]), 2)
-    with pytest.raises(RobotConfigError, match="its RPDOs cannot carry what 2 axes need: 0x6840, 0x68FF are left over"):
+    with pytest.raises(
+        RobotConfigError, match="its RPDOs cannot carry the objects of 2 axes: 0x6840, 0x68FF do not fit"
+    ):
         choose_drive(few)

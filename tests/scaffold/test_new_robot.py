@@ -51,7 +51,7 @@ def test_everything_wrong_is_said_at_once():
     said = str(refused.value)
     for part in (
         "node id 2 is given twice",
-        "--joint c d: a joint's name",
+        "--joint c d: a joint name",
         "--joint b is given twice",
         "4 joints for 2 drives; give a node id for each, or fewer --joint",
         "--base tricycle",
@@ -82,7 +82,7 @@ def test_the_master_takes_an_id_that_is_free():
     assert plan_robot("r", [device(2)]).master_id == 1
     assert plan_robot("r", [device(1)]).master_id == 127
     assert plan_robot("r", [module(1), module(127)]).master_id == 126
-    with pytest.raises(RobotConfigError, match="all 127 node ids are taken"):
+    with pytest.raises(RobotConfigError, match="all 127 node ids are used"):
         plan_robot("r", [module(node_id) for node_id in range(1, 128)])
 
 
@@ -90,7 +90,7 @@ def test_a_drive_that_can_neither_says_what_it_has_and_moves_no_joint():
     robot = plan_robot("r", [device(2, s6502_00={"default": 0x08}), device(3)], base="diff")
     (problem,) = robot.problems
     assert problem.startswith("drive.eds: its modes are TQ (0x6502), and no RPDO can carry")
-    assert problem.endswith("map what is needed in its bus.yml by hand, or leave node 2 out")
+    assert problem.endswith("map the objects in bus.yml by hand, or leave node 2 out")
     assert [(joint.name, joint.node) for joint in robot.joints] == [("right_wheel_joint", "right_wheel_drive")]
     assert robot.base.name == "none"
     assert not robot.is_bus_alone

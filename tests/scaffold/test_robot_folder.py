@@ -246,8 +246,8 @@ def test_pdos_that_are_off_and_cannot_be_put_on_are_no_way_to_a_drive(tmp_path):
         "12_pdos_fixed.eds: its modes are PP, PV, HM (0x6502), and no RPDO can carry the controlword"
     )
     text = (written.folder / "bus.yml").read_text()
-    assert f"# PROBLEM, which keeps it from running: {problem}" in text
-    assert "# its PDOs stay as they are, and it moves no joint of the description" in text
+    assert f"# PROBLEM, which prevents a run: {problem}" in text
+    assert "# its PDOs are unchanged, and it moves no joint of the description" in text
     assert "bus.yml" in written.files
 
 
@@ -256,7 +256,7 @@ def test_a_drive_that_nothing_stops_needs_a_word(tmp_path, what):
     path = write_shape(tmp_path, UNWATCHED[what]())
     marked = new_robot(tmp_path, path, name="marked")
     assert any("nothing would stop this drive when the master is lost" in each for each in marked.problems)
-    assert f"# PROBLEM, which keeps it from running: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
+    assert f"# PROBLEM, which prevents a run: {marked.problems[0]}" in (marked.folder / "bus.yml").read_text()
     assert not check_robot(find_robot(str(marked.folder)), CheckOptions()).passes()
     written = new_robot(tmp_path, path, allow_unsupervised=True)
     assert written.problems == ()
@@ -354,7 +354,7 @@ def test_a_folder_that_is_there_stays_as_it_is_unless_that_is_asked_for(tmp_path
     folder = tmp_path / "fresh"
     folder.mkdir()
     (folder / "bus.yml").write_text("mine")
-    with pytest.raises(RobotConfigError, match=r"is there already; choose another name, or .* --force"):
+    with pytest.raises(RobotConfigError, match=r"exists already; choose another name, or .* --force"):
         new_robot(tmp_path, eds)
     assert (folder / "bus.yml").read_text() == "mine"
     (folder / "notes.txt").write_text("mine too")
@@ -370,7 +370,7 @@ def test_what_is_no_folder_is_never_written_over(tmp_path, kind):
         place.write_text("mine")
     else:
         place.symlink_to(tmp_path)
-    with pytest.raises(RobotConfigError, match="is there and is not a folder"):
+    with pytest.raises(RobotConfigError, match="exists and is not a folder"):
         new_robot(tmp_path, data_path("eds", "generic_cia402.eds"), force=True)
 
 

@@ -27,7 +27,7 @@ def test_without_a_robot_it_says_what_is_missing(pytester):
     pytester.makepyfile("def test_it(robot):\n    pass\n")
     result = run(pytester)
     result.assert_outcomes(errors=1)
-    result.stdout.fnmatch_lines(["*needs to know which one: canopen_robot = FOLDER*"])
+    result.stdout.fnmatch_lines(["*needs a robot: set canopen_robot = FOLDER*"])
 
 
 def test_a_folder_beside_the_ini_file_is_found(pytester):
