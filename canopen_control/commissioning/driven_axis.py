@@ -43,14 +43,14 @@ def fault_words(node: NodeSession) -> str:
     code = next(filter(None, (node.number(axis_index(ERROR_CODE, axis), 0, DataType.UNSIGNED16) for axis in axes)), 0)
     code = code or (node.number(*_HISTORY) or 0) & 0xFFFF
     fault = FaultEvent(code or None, node.number(*_REGISTER, DataType.UNSIGNED8) or None)
-    return fault.text or "it does not say which"
+    return fault.text or "unknown (the drive reports no error code)"
 
 
 def error_history(node: NodeSession) -> list[str]:
     """Read the error history (0x1003) as texts, newest first; raise ConfigError if the node has none."""
     count = node.number(_HISTORY[0], 0, DataType.UNSIGNED8)
     if count is None:
-        raise ConfigError(f"{node} keeps no error history (0x1003)")
+        raise ConfigError(f"{node} has no error history (0x1003)")
     codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MOST_ERRORS) + 1))
     return [f"{code_text(code & 0xFFFF)}{_own(code)}" for code in codes if code]
 
@@ -66,7 +66,7 @@ def why_not_free(node: NodeSession) -> str:
     if not powered or powered[0] is None:
         return ""
     words = powered[0].name.replace("_", " ")
-    return f"{node} is {words}: another program has enabled it, and two must not move it; end that program first"
+    return f"{node} is {words}: another program has enabled it, and only one may move it; end that program first"
 
 
 PERIOD_S: Final = 0.02
@@ -106,7 +106,9 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
         names = ", ".join(f"{place.node_id} {place.name}" for place in places) or "none"
         raise ConfigError(f"robot {client.robot} has no node {node!r}; its nodes: {names}")
     if not axis < len(place.joints):
-        raise ConfigError(f"node {place.node_id} ({place.name}) of the running robot {client.robot} moves no joint")
+        raise ConfigError(
+            f"node {place.node_id} ({place.name}) of the running robot {client.robot} does not move a joint"
+        )
     joint = place.joints[axis]
     controllers = client.ask(ListControllers())
     own = next((controller for controller in controllers if takes_targets(controller, joint)), None)
@@ -121,11 +123,11 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
     shutdown = f"canopen-control shutdown --name {client.robot}"
     if not users:
         raise ConfigError(
-            f"{place_text}, where no active controller moves it; activate one (canopen-control controller switch "
+            f"{place_text}, but no active controller moves it; activate one (canopen-control controller switch "
             f"--activate NAME --name {client.robot}) and send it commands, or end the robot first: {shutdown}"
         )
     raise ConfigError(
-        f"{place_text}, commanded by {users[0]}, and two must not move it; "
+        f"{place_text} and is commanded by {users[0]}, and only one client may move it; "
         f"drive it by `canopen-control command` or `teleop`, or end the robot first: {shutdown}"
     )
 
@@ -221,6 +223,6 @@ def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
     """Return the state and the error of a drive that is not enabled any more, as text."""
     axis = axis_reading(sample, drive)
     if axis is None:
-        return "the drive shows no state any more"
+        return "the drive reports no state any more"
     error = f": {axis.error}" if axis.error else ""
-    return f"the drive is {(axis.state or 'nowhere').replace('_', ' ')}{error}; nothing is reset by itself"
+    return f"the drive is {(axis.state or 'unknown').replace('_', ' ')}{error}; faults are not reset automatically"

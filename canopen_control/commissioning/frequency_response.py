@@ -77,7 +77,7 @@ def frequency_response(
     """Estimate the response from `low` to `high` in Hz; raise DriveError if no point is reliable."""
     u, y = np.asarray(inputs, float), np.asarray(outputs, float)
     if len(u) < _FEWEST:
-        raise DriveError(f"{len(u)} samples are too few for a frequency response; excite it longer: --for S")
+        raise DriveError(f"{len(u)} samples are too few for a frequency response; excite the axis longer (--for S)")
     length = len(u) + len(u) // 8  # what comes late is not what came first
     first, second = np.fft.rfft(u, length), np.fft.rfft(y, length)
     frequencies = np.fft.rfftfreq(length, period)
@@ -96,8 +96,8 @@ def frequency_response(
         points.append(BodePoint(place, gain, phase, min(1.0, abs(cross) ** 2 / (auto * answer))))
     if not points:
         raise DriveError(
-            "nothing of the frequency response can be trusted (the coherence is below "
-            f"{TRUSTED:g} everywhere): excite it more, or longer; keep it turning one way"
+            "no point of the frequency response is reliable (the coherence is below "
+            f"{TRUSTED:g} everywhere): use a stronger or longer excitation, in one direction"
         )
     return Bode(tuple(_unwrapped(points)))
 

@@ -152,7 +152,7 @@ def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple
 def _of_the_vendor(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
     """Return the only EDS of the vendor without a product code, or None, with a remark."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
-    return (same[0], "without a product code, chosen by its vendor") if len(same) == 1 else (None, "")
+    return (same[0], "without a product code, chosen by the vendor") if len(same) == 1 else (None, "")
 
 
 def differences(identity: DeviceIdentity, expected: NodeIdentity) -> list[str]:
@@ -162,5 +162,5 @@ def differences(identity: DeviceIdentity, expected: NodeIdentity) -> list[str]:
         expected_number, has = getattr(expected, field), getattr(identity, field)
         if expected_number and expected_number != has:
             shown = "none" if has is None else f"0x{has:08X}"
-            texts.append(f"{label} 0x{expected_number:08X} expected, {shown} found")
+            texts.append(f"{label} 0x{expected_number:08X} expected, {shown} reported")
     return texts

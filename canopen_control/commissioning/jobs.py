@@ -339,7 +339,7 @@ class JobRun:
         """Report progress; raise DriveError if the end of the job was requested."""
         self.show(done, total)
         if self._ending.is_set():
-            raise DriveError("a page asked for its end")
+            raise DriveError("a page requested the end")
 
     def show(self, done: int, total: int | None) -> None:
         """Update the progress, even if the end of the job was requested."""

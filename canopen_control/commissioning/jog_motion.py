@@ -42,9 +42,9 @@ class JogEnd(Enum):
 
     NONE = ""
     REQUESTED = "ended by a key"
-    TERMINAL_CLOSED = "the terminal is gone"
+    TERMINAL_CLOSED = "the terminal was closed"
     OVER = "duration elapsed"
-    THERE = "there"
+    THERE = "target position reached"
     TRAVEL = "the travel limit is reached"
     SPEED = "the speed limit is reached"
     CURRENT = "the current limit is reached"
@@ -135,16 +135,16 @@ class JogMotion:
         if math.isnan(self._farthest):
             if self._fastest > 0.0:  # not for nan
                 return None
-            return "nothing was seen to turn: the drive shows no position"
+            return "unknown whether the shaft turned: the drive reports no position"
         distance = abs(self._value) if self.kind is JogKind.POSITION else 0.0
         if self.kind is JogKind.VELOCITY and self._seconds is not None and self.ended is JogEnd.OVER:
             distance = abs(self._value) * self._seconds
         if self._farthest > max(_COUNTS * resolution, _TURNED * distance):
             return None
         if self._held and not self._commanded:
-            return "nothing turned: no key was held"
+            return "the shaft did not turn: no key was held"
         return (
-            "nothing turned: the drive was commanded and its position stayed; see whether the shaft is blocked, a "
+            "the shaft did not turn although a motion was commanded; check whether the shaft is blocked, a "
             "brake is closed, the torque is too small, or the scale (--counts) is wrong"
         )
 
@@ -223,7 +223,7 @@ class JogMotion:
         if not sign or not self._blocked(sign):
             return
         if self._held:
-            self.note = "the travel limit is reached, it goes the other way only (--max-travel)"
+            self.note = "the travel limit is reached; only the other direction is possible (--max-travel)"
         else:
             self.end(JogEnd.TRAVEL)
 

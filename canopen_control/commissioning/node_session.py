@@ -103,7 +103,7 @@ class NodeSession:
     def dictionary(self) -> ObjectDictionary:
         """EDS of the node; raise ConfigError if the node has none."""
         if self.od is None:
-            raise ConfigError(f"{self}: no file describes its objects; give its EDS with --eds FILE")
+            raise ConfigError(f"{self} has no EDS; give one with --eds FILE")
         return self.od
 
     # -- objects
@@ -170,7 +170,7 @@ class NodeSession:
             expected, actual = eds_number(self.dictionary, subindex), self.number(index, subindex)
             if expected and actual != expected:
                 shown = "none" if actual is None else f"0x{actual:08X}"
-                texts.append(f"{label} 0x{expected:08X} in the EDS, {shown} found")
+                texts.append(f"{label} 0x{expected:08X} in the EDS, {shown} in the device")
         return texts
 
     # -- states
@@ -232,8 +232,8 @@ class RobotTransfers(Transfers):
     def write(self, index: int, subindex: int, data: bytes) -> None:
         if len(data) > MAX_OBJECT:
             raise ConfigError(
-                f"{len(data)} bytes are more than the {MAX_OBJECT} a running robot passes on; "
-                "end it and write straight on the bus with --can"
+                f"{len(data)} bytes are more than the {MAX_OBJECT} that a running robot can transfer; "
+                "end the robot and write on the bus with --can"
             )
         request = SdoWrite(
             node=str(self._node_id),
@@ -250,7 +250,9 @@ class RobotTransfers(Transfers):
 
     def command(self, command: NmtCommand) -> None:
         """Raise ControlError, because the robot is the NMT master of its nodes."""
-        raise ControlError(f"NMT {command.name.replace('_', ' ').lower()} is the robot's to send; ask it for that")
+        raise ControlError(
+            f"NMT {command.name.replace('_', ' ').lower()} can only be sent by the robot; use `canopen-control nmt`"
+        )
 
     def nmt_state(self) -> NmtState | None:
         reading = self._reading()

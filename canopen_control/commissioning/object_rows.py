@@ -127,7 +127,7 @@ def parse_type(text: str) -> DataType:
     data_type = _ALIASES.get(text.casefold()) or DataType.__members__.get(text.upper())
     if data_type is None:
         raise ConfigError(
-            f"no data type {text!r}; there are: {TYPE_NAMES}, and the names of CiA 301 such as UNSIGNED32"
+            f"no data type {text!r}; data types: {TYPE_NAMES}, and the names of CiA 301 such as UNSIGNED32"
         )
     return data_type
 
@@ -465,7 +465,7 @@ def why_fixed(entry: Entry) -> str:
         return "moves the axis: use the hold buttons, which stop it on release"
     if entry.index in _PROGRAM:
         return "is the drive's program: use Firmware"
-    return "is a DOMAIN: bytes of any length" if entry.data_type is DataType.DOMAIN else ""
+    return "is a DOMAIN, which cannot be edited" if entry.data_type is DataType.DOMAIN else ""
 
 
 def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
@@ -481,7 +481,7 @@ def limit_words(entry: Entry) -> str:
     low, high = limits_of(entry)
     if low is not None and high is not None:
         return f"{low} to {high}"
-    return f"{low} at least" if low is not None else f"{high} at most" if high is not None else ""
+    return f"at least {low}" if low is not None else f"at most {high}" if high is not None else ""
 
 
 def parsed_value(entry: Entry, text: str) -> Value:
@@ -495,7 +495,7 @@ def parsed_value(entry: Entry, text: str) -> Value:
         raise ConfigError(f"{name}: {error}; nothing was written") from None
     low, high = limits_of(entry)
     if isinstance(value, int | float) and not ((low is None or value >= low) and (high is None or value <= high)):
-        raise ConfigError(f"{name} takes {limit_words(entry)} by its EDS, and not {value}; nothing was written")
+        raise ConfigError(f"{name} accepts {limit_words(entry)}, not {value}; nothing was written")
     return value
 
 
@@ -529,7 +529,9 @@ class EditHistory:
         self.edits = [*self.edits[1 - _MOST_EDITS :], edit]
         if not same_value(entry, value, edit.after):
             has = value_text(entry, edit.after)
-            raise DriveError(f"{entry_label(entry)}: asked {value_text(entry, value)}, the drive has {has}")
+            raise DriveError(
+                f"{entry_label(entry)}: {value_text(entry, value)} was written, but the drive reports {has}"
+            )
         return edit
 
     @property
@@ -541,12 +543,12 @@ class EditHistory:
         """Undo the newest edit; raise DriveError if the value has changed since, or ConfigError without an edit."""
         edit = self.last
         if edit is None or edit.before is None:
-            raise ConfigError(f"{session}: nothing was written here that could be undone")
+            raise ConfigError(f"{session}: there is no edit to undo")
         entry, current = edit.entry, session.read_value(edit.entry)
         if not same_value(entry, current, edit.after):
             self.edits.remove(edit)
             raise DriveError(
-                f"{entry_label(entry)} holds {value_text(entry, current)} and not {value_text(entry, edit.after)} any "
+                f"{entry_label(entry)} is {value_text(entry, current)} and not {value_text(entry, edit.after)} any "
                 "more: another program has written it since; nothing was written"
             )
         session.write_value(entry, edit.before)

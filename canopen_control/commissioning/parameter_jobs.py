@@ -41,11 +41,11 @@ def run_backup(session: NodeSession, run: JobRun, reached: Reached, name: str = 
     name = name or f"{session.name or f'node{session.node_id}'}.dcf"
     parameters, refused = _all_of(session, run)
     if not parameters.values:
-        raise CanopenError(f"{session} has no parameter that can be read and written; nothing was written")
+        raise CanopenError(f"{session} has no readable and writable parameter; no file was written")
     text, lost = backup_file_text(parameters, session.name)
     left_out, count = [*refused, *lost], len(parameters.values) - len(lost)
     for reason in left_out:
-        run.note(f"left out: {reason}")
+        run.note(f"omitted: {reason}")
     run.file = name, text.encode()
     run.document = BackupReport(session.node_id, session.name or None, name, count, left_out)
     return f"{session}: {count} parameters to {name}"
@@ -124,7 +124,7 @@ def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: 
     run.document, run.failed = report, bool(report.refused)
     for line in report.refused:
         run.note(f"refused: {line}")
-    run.lines += [f"kept as it is: {line}" for line in report.protected]
+    run.lines += [f"not written: {line}" for line in report.protected]
     if report.foreign:
         run.lines.append(f"never written (read-only, commands, live values): {first_of(report.foreign)}")
     return report.words(session)

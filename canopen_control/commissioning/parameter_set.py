@@ -67,7 +67,7 @@ _DRIVE_COMMANDS: Final = (MOTION | {TOUCH_PROBE_FUNCTION}) - {MODES_OF_OPERATION
 _VENDOR_COMMANDS: Final = {
     0x286: frozenset((0x210B, 0x2700, 0x2701)),  # Trinamic: position of the motion controller, store and restore
 }
-_OWN_TO_THE_DEVICE: Final = {HOME_OFFSET: "is calibrated to the encoder of its own drive"}
+_OWN_TO_THE_DEVICE: Final = {HOME_OFFSET: "is calibrated to the encoder of the original drive"}
 _VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the node id or the bit rate")}
 _MANUFACTURER: Final = range(0x2000, 0x6000)
 _OWN_NAMES: Final = re.compile(r"node[ _-]?id\b|baud|bit[ _-]?rate|serial[ _-]?(number|no\b|nr\b)", re.IGNORECASE)
@@ -97,7 +97,7 @@ def protection_of(od: ObjectDictionary, entry: Entry, *, same_device: bool = Fal
     info = od.objects.get(entry.index)
     names = f"{entry.name}\n{info.name if info is not None else ''}"
     if not own and index in _MANUFACTURER and _OWN_NAMES.search(names):
-        return "is named as node id, bit rate or serial number"
+        return "has the name of a node id, bit rate or serial number"
     return own
 
 
@@ -251,7 +251,7 @@ def parse_backup(data: bytes, name: str) -> ParameterSet:
 def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
     own = file.od.node_id
     if own is None:
-        raise EdsError(path, 0, "has no node id ([DeviceComissioning]), so it is an EDS and no DCF of a node")
+        raise EdsError(path, 0, "has no node id ([DeviceComissioning]), so it is an EDS and not the DCF of a node")
     _refuse_unsound(file)
     od = file.od if node_id is None else file.od.for_node(node_id)
     chosen = {entry.address: entry.parameter_value for entry in parameters_of(od) if entry.parameter_value is not None}
@@ -260,7 +260,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
         if (entry := od.get(*address)) is not None:
             chosen[address] = zero_of(entry.data_type)
     if not chosen:
-        raise EdsError(path, 0, "holds no ParameterValue of a parameter, so there is nothing to compare or restore")
+        raise EdsError(path, 0, "has no ParameterValue of a parameter, so there is nothing to compare or restore")
     identity = _backup_identity(lines, od) if lines is not None else _identity_of(od)
     date = "" if lines is None else _get(lines, "Date")
     values = without_unused_slots(dict(sorted(chosen.items())))
@@ -273,9 +273,9 @@ def _refuse_unsound(file: EdsFile) -> None:
     is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
     for issue in file.issues:
         if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
-            raise EdsError(issue.path, issue.line, f"{issue.text.partition(';')[0]}; correct it, or leave the line out")
+            raise EdsError(issue.path, issue.line, f"{issue.text.partition(';')[0]}; correct or remove the line")
         if is_backup and issue.code == "list-object" and issue.text.endswith("has no section"):
-            raise EdsError(issue.path, issue.line, f"{issue.text}: the backup was cut, make a new one")
+            raise EdsError(issue.path, issue.line, f"{issue.text}: the backup is incomplete; make a new one")
 
 
 def _is_set(entry: Entry) -> bool:
@@ -293,7 +293,7 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
     if not lost:
         return text, []
     values = {address: value for address, value in parameters.values.items() if address not in lost}
-    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot hold this text" for index, subindex in lost]
+    reasons = [f"0x{index:04X}:{subindex:02X}: a DCF cannot represent this text" for index, subindex in lost]
     return backup_text(replace(parameters, values=values), eds_name=eds_name, node_name=node_name), reasons
 
 
@@ -422,7 +422,7 @@ def value_text(entry: Entry, value: Value) -> str:
 # whose value has changed is then no parameter, whatever the EDS says.
 
 
-_VARIES = "two readings differed, so it is not a parameter"
+_VARIES = "two readings differed, so the object is not a parameter"
 
 
 @dataclass(frozen=True, slots=True)

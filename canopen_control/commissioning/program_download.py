@@ -67,7 +67,7 @@ _ERRORS: Final = {
 class DownloadStep(enum.Enum):
     """Steps of a download; the values are texts for users."""
 
-    ASKING = "asking what program it has"
+    ASKING = "reading the present program"
     STOPPING = "stopping the program"
     CLEARING = "clearing the program"
     SENDING = "sending"
@@ -146,7 +146,7 @@ def refuse_no_program(image: bytes, name: str = "the program file") -> None:
     if not image:
         raise ConfigError(f"{name} is empty; nothing was sent")
     if image.lstrip()[:1] in _TEXT and _DEVICE_FILE in image[:4096].lower():  # a program may have an EDS inside
-        raise ConfigError(f"{name} is an EDS or DCF, and no program; nothing was sent")
+        raise ConfigError(f"{name} is an EDS or DCF, not a program; nothing was sent")
 
 
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
@@ -174,7 +174,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
             break
         if progress.tries >= options.tries:
             raise DriveError(
-                f"the program was not taken: {why}; the node has no program now and waits in its boot-loader"
+                f"the program was not accepted: {why}; the node has no program now and stays in its boot-loader"
             )
         progress.notes.append(f"started again: {why}")
     yield from _verify(image, number, options, progress)
@@ -191,7 +191,7 @@ def _ask(number: int, progress: DownloadProgress) -> Sequence:
             raise outcome.error
         raise ConfigError(
             f"program {number} of the node cannot be loaded over CANopen: 0x1F51:{number:02X}: "
-            f"{reason_of(outcome.error)}; the manufacturer's tool may have another way"
+            f"{reason_of(outcome.error)}; use the manufacturer's tool"
         )
     progress.old = yield from _number(IDENTIFICATION, number)
     progress.old_date = yield from _date()
@@ -232,12 +232,13 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
             return
         if refusal and (command, status) == (STOP, CONFIRM):
             raise DriveError(
-                f"the program that runs is on trial and takes no other one (0x1F51:{number:02X} is 0x80, {refusal}): "
+                f"the running program is on trial and does not allow another download "
+                f"(0x1F51:{number:02X} is 0x80, {refusal}): "
                 f"make it permanent with `canopen-control sdo write NODE 1F51:{number} 0x80 --type u8`, or reset the "
-                "node, which brings the one before it back"
+                "node, which restores the previous program"
             )
         seconds -= _POLL_S + ((soon or _SILENCE_S) if status == _SILENT else 0.0)
-    why = f": {refusal}" if refusal else ", and the node gives no answer" if status == _SILENT else ""
+    why = f": {refusal}" if refusal else ", and the node does not answer" if status == _SILENT else ""
     raise DriveError(f"the program does not {word} (0x1F51 <- {command}){why}")
 
 
@@ -254,7 +255,7 @@ def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
         yield DownloadOrder(DownloadAct.PAUSE, seconds=pause)
         seconds -= pause + (_SILENCE_S if status == _SILENT else 0.0)
         pause = min(2.0 * pause, _POLL_S)
-    return "the flash stays busy, or the node is silent"
+    return "the flash stays busy, or the node does not answer"
 
 
 def _verify(image: bytes, number: int, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
@@ -263,7 +264,7 @@ def _verify(image: bytes, number: int, options: ProgramOptions, progress: Downlo
     if options.expected is not None and progress.new != options.expected:
         shown = "nothing" if progress.new is None else f"0x{progress.new:08X}"
         raise DriveError(
-            f"the node identifies its new program as {shown} (0x1F56), expected was 0x{options.expected:08X}; "
+            f"the node identifies its new program as {shown} (0x1F56), 0x{options.expected:08X} was expected; "
             "it was not started"
         )
     if progress.new is not None and progress.new == zlib.crc32(image):
@@ -285,7 +286,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
     expected = options.expected_date
     if expected is not None and not expected.fits(progress.new_date):
         shown = "no date" if progress.new_date is None else str(progress.new_date)
-        raise DriveError(f"the program runs, and reports {shown} (0x1F52); expected was {expected}")
+        raise DriveError(f"the program runs, and reports {shown} (0x1F52); {expected} was expected")
 
 
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
@@ -327,8 +328,8 @@ def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None
         differences = [difference for difference in differences if difference.startswith(_VENDOR)]
     if differences:
         raise ConfigError(
-            f"{session} is not a device of that EDS: {', '.join(differences)}; nothing was sent; of a boot-loader "
-            "with an identity of its own that is known to be the drive's, leave --eds out"
+            f"{session} does not match its EDS: {', '.join(differences)}; nothing was sent; for a boot-loader "
+            "with an identity of its own, omit --eds"
         )
 
 
@@ -422,7 +423,7 @@ def interrupted_words(session: NodeSession, progress: DownloadProgress, error: B
     """Return a text with the failed step of a download, the reason, and what to do next."""
     reason = str(error) or "interrupted"
     warning = "" if isinstance(error, DriveError) else "the old program may be gone: "
-    return f"{session}: {progress.step.value}: {reason}; {warning}the same command starts again"
+    return f"{session}: {progress.step.value}: {reason}; {warning}repeat the command to start again"
 
 
 def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
@@ -463,7 +464,7 @@ def boot_check(session: NodeSession, before: DeviceIdentity) -> DeviceIdentity:
     """Return the identity of the new program; raise DriveError for a boot-loader or another product."""
     after = session.identity()
     if is_loader(after):
-        raise DriveError(f"{session}: the new program does not run: the node shows its boot-loader")
+        raise DriveError(f"{session}: the new program does not run: the node is in its boot-loader")
     if not is_loader(before) and (strangers := before.strangers(after)):
         raise DriveError(f"{session} is another product with the new program: {', '.join(strangers)}")
     return after

@@ -85,7 +85,7 @@ def parse_quantity(text: str, kind: str) -> Quantity:
         raise ConfigError(f"{text!r} is not a {kind}: a number and its unit, such as 10{units[0]} ({', '.join(units)})")
     unit = match[2].lower()
     if unit and unit not in units:
-        raise ConfigError(f"{text!r}: there is no unit {match[2]!r} of a {kind}; there are: {', '.join(units)}")
+        raise ConfigError(f"{text!r}: {match[2]!r} is not a unit of {kind}; units: {', '.join(units)}")
     value = float(match[1])
     if not math.isfinite(value):
         raise ConfigError(f"{text!r} is not a {kind} that a drive could reach; give a finite number")

@@ -189,10 +189,10 @@ _POLL_S: Final = 0.2
 class RestoreStep(enum.Enum):
     """Steps of a restore; the values are texts for users."""
 
-    READING = "reading what the drive holds"
+    READING = "reading the present values"
     WRITING = "writing"
     VERIFYING = "reading back"
-    UNDOING = "putting back what the drive held"
+    UNDOING = "restoring the previous values"
     DONE = "done"
 
 
@@ -200,7 +200,8 @@ def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: No
     """Return the differences of revision and software; raise ConfigError for another product."""
     if strangers := parameters.identity.strangers(identity):
         raise ConfigError(
-            f"{parameters.where} belongs to another product than {session}: {', '.join(strangers)}; nothing was written"
+            f"{parameters.where} belongs to a different product than {session}: {', '.join(strangers)}; "
+            "nothing was written"
         )
     return parameters.identity.variations(identity)
 
@@ -297,7 +298,7 @@ class Restore:
             name = entry_label(entry)
             if name not in failed:
                 target_text, has = value_text(entry, target), value_text(entry, value)
-                self.refused.append(f"{name}: asked {target_text}, the drive has {has}")
+                self.refused.append(f"{name}: {target_text} was written, but the drive reports {has}")
 
     def _undo(self) -> None:
         """Write the previous values back, and add values that the node refuses to `refused`."""
@@ -309,7 +310,7 @@ class Restore:
         changed = [address for address, value in self.held.items()
                 if address not in after or not same_value(self.od[address], value, after[address])]  # fmt: skip
         self.undone = not changed
-        self.refused += [f"{entry_label(self.od[address])}: could not be put back" for address in changed]
+        self.refused += [f"{entry_label(self.od[address])}: could not be restored" for address in changed]
 
 
 def store(session: NodeSession) -> None:
@@ -319,7 +320,9 @@ def store(session: NodeSession) -> None:
     if it stays silent.
     """
     if _STORE not in session.dictionary:
-        raise ConfigError(f"{session} has no 0x1010:01, so it cannot store; the values are lost with the power")
+        raise ConfigError(
+            f"{session} has no 0x1010:01, so it cannot store parameters; the values are lost at power-off"
+        )
     try:
         session.write(*_STORE, SAVE)
     except SdoTimeout:
@@ -334,7 +337,7 @@ def _wait_for_answer(session: NodeSession) -> None:
         except SdoTimeout:
             continue
         return
-    raise DriveError(f"{session}: no answer {_STORE_S:g} s after the store command; do not switch it off yet")
+    raise DriveError(f"{session}: no answer {_STORE_S:g} s after the store command; do not switch the drive off yet")
 
 
 # Values of a drive before a change, as a DCF in the user's state folder, which survives the end of the process.
@@ -379,8 +382,8 @@ class KeptParameters:
                 os.fsync(file.fileno())
         except (OSError, CanopenError) as error:
             raise ConfigError(
-                f"{session}: what it holds cannot be kept in {self.path}, so nothing was written into it: {error}; set "
-                "XDG_STATE_HOME to a folder of yours"
+                f"{session}: its values cannot be saved in {self.path}, so nothing was written to the node: {error}; "
+                "set XDG_STATE_HOME to a writable folder"
             ) from None
 
     def forget(self) -> None:
@@ -413,14 +416,14 @@ class RestoreJournal:
         if self._old is None:
             return ""
         return (
-            f"{self._session}: a restore of {self._old.date} ended half-way: the same command again goes on; "
-            f"{self.undo_words} what the node held before it"
+            f"{self._session}: a restore of {self._old.date} was interrupted: repeat the command to continue it; "
+            f"{self.undo_words} the previous values"
         )
 
     @property
     def undo_words(self) -> str:
         """Start of a sentence, with the command that restores the previous values."""
-        return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` puts back"
+        return f"`canopen-control restore {shlex.join([str(self.path), *self._words()])}` restores"
 
     def begin(self, od: ObjectDictionary, current: Mapping[Address, Value]) -> None:
         """Store the previous values before the first write; raise ConfigError if they cannot be stored."""
@@ -483,7 +486,7 @@ class RestoreReport:
     def words(self, session: NodeSession) -> str:
         """Return the final sentence of the restore."""
         if self.refused:
-            end = "the drive is as it was" if self.undone else "what it took is kept, and not stored"
+            end = "the drive is unchanged" if self.undone else "the accepted values are kept, but not stored"
             return f"{session}: {len(self.refused)} parameters refused; {end}"
         end = "stored" if self.stored else "not stored: a power cycle undoes it"
         return f"{session}: {self.verified} parameters as in {self.source}, {self.written} written; {end}"
@@ -496,8 +499,8 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
     serial = session.identity().serial_number
     if serial is None or serial != file.identity.serial_number:
         raise ConfigError(
-            f"{file.where} is of node {file.node_id}, and {session} is another drive; nothing was written: name node "
-            f"{file.node_id}, or give --any-node if it is meant to have these parameters"
+            f"{file.where} belongs to node {file.node_id}, and {session} is another drive; nothing was written: "
+            f"give node {file.node_id}, or --any-node to write these parameters to another drive"
         )
 
 
@@ -515,7 +518,7 @@ def protected(
         if reason:
             reasons[address] = reason
     if unused := [glob for glob in globs if glob not in used]:
-        raise ConfigError(f"--protect {unused[0]}: fits no parameter; write an address as in '0x2*', or a name")
+        raise ConfigError(f"--protect {unused[0]} matches no parameter; write an address as in '0x2*', or a name")
     return reasons
 
 
@@ -619,7 +622,7 @@ def _interrupted(restore: Restore, journal: RestoreJournal, error: BaseException
     reason = str(error) or "interrupted"
     return (
         f"{restore.session}: the restore ended while {restore.step.value}: {reason}; {summary}, nothing was stored; "
-        f"the same command again writes what is missing, {journal.undo_words} what the node held"
+        f"repeat the command to write the rest; {journal.undo_words} the previous values"
     )
 
 

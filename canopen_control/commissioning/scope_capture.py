@@ -180,8 +180,8 @@ class Shot:
 class ScopeState(Enum):
     """States of a scope capture."""
 
-    WAITING = "waiting for its trigger"
-    TAKING = "taking"
+    WAITING = "waiting for the trigger"
+    TAKING = "capturing"
     DONE = "done"
 
 
@@ -194,7 +194,7 @@ class ScopeCapture:
     def __init__(self, trigger: Trigger | None, *, length: float, before: float = 0.0, shots: int | None = 1) -> None:
         if not 0.0 <= before < length:
             raise ConfigError(
-                f"{before:g} s before the trigger do not fit into {length:g} s; take less before, or more"
+                f"{before:g} s before the trigger do not fit into {length:g} s; reduce --before, or increase the length"
             )
         self.state = ScopeState.WAITING
         self._trigger, self._length, self._before, self._shots_left = trigger, length, before, shots
@@ -317,7 +317,7 @@ def parse_csv(text: str, place: str) -> NamedShot:
     """Parse a file written by `csv_of`; raise ConfigError, with the file name `place`, if the file is invalid."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
-        raise ConfigError(f"{place} is not a shot of a scope: it begins with time,t and the names of signals")
+        raise ConfigError(f"{place} is not a capture of a scope, which begins with time,t and the names of signals")
     names = tuple(lines[0][2:])
     try:
         rows = tuple(
@@ -325,7 +325,7 @@ def parse_csv(text: str, place: str) -> NamedShot:
         )
         zero = float(lines[1][0]) - float(lines[1][1])
     except (ValueError, IndexError):
-        raise ConfigError(f"{place}: a cell is not a number; give a file that `scope -o` has written") from None
+        raise ConfigError(f"{place}: a cell is not a number; give a file written by `scope -o`") from None
     if any(len(row) != len(names) for _, row in rows):
         raise ConfigError(f"{place}: a row has more or fewer cells than the first line")
     first = rows[0][0]

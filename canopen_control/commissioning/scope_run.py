@@ -46,9 +46,9 @@ def capture_of(options: ScopeOptions, signals: int, faults: int = 0) -> ScopeCap
     if not signals:
         raise ConfigError("choose at least one signal")
     if signals > MOST_SIGNALS:
-        raise ConfigError(f"{signals} signals are too many for one look; {MOST_SIGNALS} at most")
+        raise ConfigError(f"{signals} signals are too many for a capture; choose at most {MOST_SIGNALS}")
     if options.before is not None and not options.trigger:
-        raise ConfigError("--before is of a trigger; give --trigger too")
+        raise ConfigError("--before requires --trigger")
     trigger = parse_trigger(options.trigger, signals) if options.trigger else None
     if trigger is not None and trigger.condition is Condition.FAULT:
         trigger = replace(trigger, places=tuple(range(signals, signals + faults)))
@@ -71,14 +71,14 @@ class Scope:
     ) -> None:
         joints = [joint_signal_of(text) for text in texts]
         if client is None and any(joints):
-            raise ConfigError("joints are of a running robot; on a bare bus a scope shows objects: NODE:OBJECT")
+            raise ConfigError("joints exist only in a running robot; on a bare bus give objects: NODE:OBJECT")
         self.signals: list[Signal] = [
             joint or signal_of(text, sessions[node_of(text)]) for text, joint in zip(texts, joints, strict=True)
         ]
         by_id = {session.node_id: session for session in sessions.values()}
         faults = [statusword_of(session) for session in by_id.values()] if options.trigger == _FAULT else []
         if options.trigger == _FAULT and not faults:
-            raise ConfigError("a trigger on faults looks at drives, and no signal is an object of one; add NODE:0x6041")
+            raise ConfigError("a trigger on faults needs a signal of a drive; add NODE:0x6041")
         self.capture = capture_of(options, len(texts), len(faults))
         self.values = SignalValues([*self.signals, *faults])
         self._source: ScopeSource = (
@@ -108,7 +108,7 @@ class Scope:
         after = self._source.cycles()
         if self._before is None or after is None:
             return ""
-        return f"the robot made {after[0] - self._before[0]} cycles meanwhile and missed {after[1] - self._before[1]}"
+        return f"{after[0] - self._before[0]} cycles of the robot, {after[1] - self._before[1]} missed"
 
 
 _FAULT: Final = Condition.FAULT.value
@@ -134,7 +134,7 @@ class ScopeRun:
         self.signals: Sequence[Signal] = ()
         self.captures = 0
         self.over, self.good = False, True
-        self.words = "begins"
+        self.words = "starting"
         self._desk, self._connect = desk, connect
         self._ending = threading.Event()
 

@@ -214,7 +214,7 @@ def node_of(text: str) -> str:
     node, colon, item = text.partition(":")
     if not (node and colon and item):
         raise ConfigError(
-            f"{text!r} is not a signal; write NODE:OBJECT, such as 3:0x6064 or left_drive:0x606C, or of a running "
+            f"{text!r} is not a signal; write NODE:OBJECT, such as 3:0x6064 or left_drive:0x606C, or for a running "
             f"robot JOINT:QUANTITY ({', '.join(_QUANTITIES)})"
         )
     return node
@@ -228,9 +228,7 @@ def signal_of(text: str, session: NodeSession) -> ScopeSignal:
     if entry is None:
         raise ConfigError(f"{text}: the EDS of {session} has no 0x{address.index:04X}:{address.subindex:02X}")
     if not (entry.data_type.is_integer or entry.data_type.is_real) or not entry.readable:
-        raise ConfigError(
-            f"{text}: {address.label} is not a number that can be read ({entry.data_type.name}, {entry.access})"
-        )
+        raise ConfigError(f"{text}: {address.label} is not a readable number ({entry.data_type.name}, {entry.access})")
     sub = f":{entry.subindex:02X}" if entry.subindex else ""
     return ScopeSignal(
         session.node_id,

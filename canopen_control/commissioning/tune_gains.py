@@ -70,8 +70,8 @@ def _raw(entry: Entry, value: float) -> Value:
     high = entry.data_type.maximum if entry.high is None else entry.high
     if number == 0 or not low <= number <= high:
         raise ConfigError(
-            f"{entry_label(entry)} would be {value:.4g}, and it holds {max(1, low)} to {high}: the gain cannot be set "
-            "with this scale; take another --crossover, or check --counts"
+            f"{entry_label(entry)} would be {value:.4g}, outside of {max(1, low)} to {high}: the gain cannot be set "
+            "with this scale; use another --crossover, or check --counts"
         )
     return number
 
@@ -94,7 +94,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: Kep
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
     if left_out:
-        raise DriveError(f"{session} does not show its gains, so they could not be taken back: {left_out[0]}")
+        raise DriveError(f"{session} does not allow to read its gains, so they could not be reverted: {left_out[0]}")
     stored.keep(od, {**current, **stored.read()})
     _write(session, values)
     return _changes(od, current, values)
@@ -104,7 +104,9 @@ def revert_gains(session: NodeSession, stored: KeptGains) -> list[GainChange]:
     """Restore the gains from before the first `set_gains`; raise DriveError if no gains are stored."""
     target = stored.read()
     if not target:
-        raise DriveError(f"{session}: no gains were set on this drive from here, so there is nothing to take back")
+        raise DriveError(
+            f"{session}: no gains of this drive were set from this computer, so there is nothing to revert"
+        )
     refuse_moving(session)
     od = session.dictionary
     current, _ = read_values(session, [od[address] for address in target if address in od])
@@ -125,7 +127,7 @@ def _changes(
 def _write(session: NodeSession, values: Mapping[Address, Value]) -> None:
     restore = Restore(session, session.dictionary, values)
     if not restore.run():
-        raise DriveError(f"{session} refused gains, and is as it was: {'; '.join(restore.refused)}")
+        raise DriveError(f"{session} refused gains and is unchanged: {'; '.join(restore.refused)}")
 
 
 # Design of the PI gains of a velocity loop for a phase margin, and of the P gain of the position loop around that loop.
@@ -176,8 +178,11 @@ def design_velocity_loop(
 def _impossible(needed: float, crossover: float, margin: float, delay: float) -> str:
     words = f"a crossover of {crossover / math.tau:.3g} Hz with a phase margin of {math.degrees(margin):.0f} degrees"
     if needed >= 0.0:
-        return f"no PI gives {words} at a dead time of {delay * 1e3:.3g} ms: take a lower --crossover or --phase-margin"
-    return f"{words} needs no P at all: take a greater --phase-margin, or a higher --crossover"
+        return (
+            f"no PI controller gives {words} at a dead time of {delay * 1e3:.3g} ms: use a lower "
+            "--crossover or --phase-margin"
+        )
+    return f"{words} needs no P gain: use a larger --phase-margin, or a higher --crossover"
 
 
 def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DELAY_S) -> tuple[float, float]:
@@ -250,10 +255,12 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
     """
     u, w = np.asarray(torque, float), np.asarray(speed, float)
     if len(w) < _FEWEST:
-        raise DriveError(f"{len(w)} samples are too few to identify anything; excite it longer: --for S")
+        raise DriveError(f"{len(w)} samples are too few for an identification; excite the axis longer (--for S)")
     fastest = float(np.nanmax(np.abs(w)))
     if not fastest:
-        raise DriveError("the shaft did not move: the torque does not overcome its friction; take more, or free it")
+        raise DriveError(
+            "the shaft did not move: the torque does not overcome the friction; use more torque, or free the shaft"
+        )
     best: tuple[float, NDArray[np.floating], float, float] | None = None
     first = int(_MOST_DELAY) + 1
     for quarter in range(round(_MOST_DELAY * _STEPS) + 1):
@@ -266,8 +273,8 @@ def identify_plant(torque: Sequence[float], speed: Sequence[float], period: floa
     share = 1.0 - residual / power if power > 0.0 else 0.0
     if parts[0] <= 0.0 or share < _TRUSTED:
         raise DriveError(
-            f"the speed does not follow the torque as that of a mass with friction does (it explains {share:.0%} of "
-            "it): excite it more, look whether the shaft is free and whether something else drives it"
+            f"the model of a mass with friction does not explain the speed (only {share:.0%} of its changes): use a "
+            "stronger excitation, and check that the shaft is free and that nothing else drives it"
         )
     inertia = 1.0 / parts[0]
     viscous, coulomb = abs(parts[_VISCOUS]) * inertia, abs(parts[_COULOMB]) * inertia
@@ -295,10 +302,15 @@ def _fit(
     moving = np.minimum(np.abs(before), np.abs(after)) > _STANDING * fastest
     moving &= (before * after > 0.0) & np.isfinite(u)
     if int(moving.sum()) < _FEWEST:
-        raise DriveError("the shaft hardly moved: the torque does not overcome its friction; take more, or free it")
+        raise DriveError(
+            "the shaft hardly moved: the torque does not overcome the friction; use more torque, or free the shaft"
+        )
     turned = np.sign(mean[moving])
     if int(min((turned > 0.0).sum(), (turned < 0.0).sum())) < _FEWEST // 5:
-        raise DriveError("the shaft turned one way only, so that friction and load look the same: excite it more")
+        raise DriveError(
+            "the shaft turned in one direction only, so friction and load cannot be distinguished: "
+            "use a stronger excitation"
+        )
     change = (after - before)[moving]
     allowed: list[tuple[NDArray[np.floating], float, float]] = []
     columns = period * np.column_stack([u[moving], mean[moving], turned, np.ones(len(change))])
@@ -324,7 +336,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
     match = _GAIN.fullmatch(text.strip())
     if match is None or match[1].lower() not in GAIN_NAMES:
         raise ConfigError(
-            f"--gain {text}: say which object holds which gain and what 1 in it is worth, as in "
+            f"--gain {text}: give the gain, its object and the gain for a value of 1, as in "
             f"velocity_p=0x3210:01*0.001; the gains are {', '.join(GAIN_NAMES)}"
         )
     try:
@@ -357,12 +369,12 @@ def settable_gains(
             )
             names = ", ".join(f"{entry_label(od[place])} ({gain.name.lower()})" for gain, place in places.items())
             raise ConfigError(
-                f"{session}: its manufacturer holds gains in {names}; the value of 1 in them is in its manual alone, "
+                f"{session}: the manufacturer's gains are in {names}; the gain for a value of 1 is only in the manual, "
                 f"so nothing is set without: {' '.join(named_places)}"
             )
         raise ConfigError(
-            f"{session}: it is unknown which of its objects hold {' and '.join(missing)} "
-            "or what their numbers are worth, if it has such loops (a stepper has none); omit --apply, or name "
+            f"{session}: the objects of {' and '.join(missing)} are unknown, "
+            "or the drive has no such loops (as a stepper); omit --apply, or give "
             "them: --gain velocity_p=0x3210:01*0.001"
         )
     return objects

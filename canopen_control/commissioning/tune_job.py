@@ -64,8 +64,8 @@ class TunePlan:
         limits = self.limits
         return [
             f"excitation: {self.request.words(scale)}",
-            f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} each way,",
-            f"        current {limits.current / 10:g} % of the rated one, more for {PEAK_S:g} s at most",
+            f"limits: {scale.velocity_words(limits.speed)}, {scale.position_words(limits.travel)} in each direction,",
+            f"        current {limits.current / 10:g} % of the rated current, exceeded for {PEAK_S:g} s at most",
         ]
 
     @property
@@ -79,7 +79,7 @@ def request_of(
 ) -> TuneRequest:
     """Return the request of a test with samples every `period` s; raise ConfigError for a step without a speed."""
     if test is TuneTest.STEP and (speed is None or not speed.value):
-        raise ConfigError(f"a step to {speed or 0}: that moves nothing")
+        raise ConfigError(f"a step to {speed or 0} causes no motion; give a velocity other than 0")
     return TuneRequest(
         test=test,
         speed=speed,
@@ -127,7 +127,7 @@ class TuneFound:
 def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: int, robot: str) -> str:
     """Return why `drive_of_robot` would refuse a run of this axis, or ""."""
     if not axis < len(place.joints):
-        return f"{place.name} moves no joint of {robot}: there is nothing to tune."
+        return f"{place.name} moves no joint of {robot}, so there is nothing to tune."
     joint = place.joints[axis]
     if any(takes_targets(controller, joint) for controller in controllers):
         return ""
@@ -137,9 +137,9 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
         if controller.active and joint in controller.joints and not controller.is_broadcaster
     ]
     if not users:
-        return f"No active controller takes a target for {joint}, and a run needs one."
+        return f"No active controller accepts targets for {joint}, which a run requires."
     return (
-        f"{users[0]} commands {joint}, and two must not move it. End the robot, then tune the drive alone: "
+        f"{users[0]} commands {joint}, and only one client may move it. End the robot, then tune the drive alone: "
         f"canopen-control shutdown --name {robot}, then canopen-control tune {place.node_id} --can CHANNEL --step 3"
     )
 
@@ -157,7 +157,7 @@ class PagePresence:
     def check(self) -> None:
         """Raise DriveError if the page has not confirmed for `GONE_S` that it is open."""
         if self._clock() - self._seen > GONE_S:
-            raise DriveError("the page that began it is gone: stopped and disabled")
+            raise DriveError("the page that started the run was closed: stopped and disabled")
 
 
 def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFound, presence: PagePresence) -> str:
@@ -201,10 +201,10 @@ def apply_gains(
 ) -> str:
     """Set the proposed gains of an axis and verify them; `counts` are user units of 0x6064 per revolution."""
     run.lines += applied(session, gains, counts / math.tau, GainPlace(axis, stores=stores))
-    return f"{session.name}: gains set and proven; Revert takes them back"
+    return f"{session.name}: gains set and verified; Revert restores the previous gains"
 
 
 def revert(session: NodeSession, run: JobRun, *, axis: int = 0, stores: bool) -> str:
     """Restore the gains of an axis from before the first change."""
     run.lines += reverted(session, GainPlace(axis, stores=stores))
-    return f"{session.name}: gains are those from before"
+    return f"{session.name}: previous gains restored"

@@ -64,15 +64,15 @@ def step_metrics(times: Sequence[float], values: Sequence[float], target: float,
     before = [value for time, value in zip(times, values, strict=True) if time < 0.0]
     rows = [(time, value) for time, value in zip(times, values, strict=True) if time >= 0.0]
     if len(rows) < _FEWEST:
-        raise DriveError(f"{len(rows)} samples of the step are too few to judge it; take a longer one: --for S")
+        raise DriveError(f"{len(rows)} samples of the step are too few to measure it; use a longer step (--for S)")
     base = before[-1] if before else rows[0][1]
     tail = [value for _, value in rows[-max(1, len(rows) // _TAIL) :]]
     final = sum(tail) / len(tail)
     height = final - base
     if abs(height) < _LEAST * abs(target - base) or height * (target - base) <= 0.0:
         raise DriveError(
-            f"the drive did not follow the step: {target - base:g} was asked for and {height:g} came; "
-            "look at its limits, ramps and load"
+            f"the drive did not follow the step: {target - base:g} was commanded, {height:g} was reached; "
+            "check its limits, ramps and load"
         )
     shares = [(time, (value - base) / height) for time, value in rows]
     rise_begin, rise_end = _crossing(shares, 0.1), _crossing(shares, 0.9)
@@ -135,9 +135,9 @@ def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Pa
             _write(output, bode_picture(bode) if output.suffix == PICTURE else bode_csv(bode).encode())
         bandwidth = bode.bandwidth()
         lines = [
-            "velocity as commanded to velocity as measured; the phase has the way over the bus in it",
+            "response of the measured to the commanded velocity; the phase includes the delay of the bus",
             *bode_lines(bode),
-            f"bandwidth (-3 dB): {f'{bandwidth:.1f} Hz' if bandwidth is not None else 'beyond what was measured'}",
+            f"bandwidth (-3 dB): {f'{bandwidth:.1f} Hz' if bandwidth is not None else 'above the measured range'}",
         ]
     return [*lines, *([] if output is None else [f"written: {output}"])]
 
@@ -221,7 +221,7 @@ def _pairs(record: TuneRecord) -> tuple[list[float], list[float]]:
 
 def _speed(sample: TuneSample) -> float:
     if sample.velocity is None:
-        raise DriveError("no TPDO of the drive carries its velocity (0x606C), without which nothing can be judged")
+        raise DriveError("no TPDO of the drive contains its velocity (0x606C), which a result requires")
     return sample.velocity
 
 

@@ -183,9 +183,9 @@ class TuneMotion:
 
 _SOURCE: Final = "tune"
 _REMEDIES: Final = {
-    JogEnd.CURRENT: "; excite it less, or raise --max-current, if it is safe",
-    JogEnd.SPEED: "; excite it less, or raise --max-speed, if it is safe",
-    JogEnd.TRAVEL: "; make it shorter (--for), or raise --max-travel, if it is safe",
+    JogEnd.CURRENT: "; use a weaker excitation, or raise --max-current if that is safe",
+    JogEnd.SPEED: "; use a weaker excitation, or raise --max-speed if that is safe",
+    JogEnd.TRAVEL: "; use a shorter run (--for), or raise --max-travel if that is safe",
 }
 _WAIT_S: Final = 1.0  # for the first sample
 _SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded any more
@@ -246,7 +246,7 @@ class TuneRun:
             raise DriveError(f"{self._drive.joint}: {ended_words(self._sample, self._drive)}")
         if motion.ended is not JogEnd.OVER:
             raise DriveError(
-                f"{motion.ended.value}: stopped and disabled; nothing is concluded of half a run"
+                f"{motion.ended.value}: stopped and disabled; an incomplete run has no result"
                 f"{_REMEDIES.get(motion.ended, '')}"
             )
         return record
@@ -281,7 +281,7 @@ class TuneRun:
                     self._take_torque(message)
                 if isinstance(message, StateSample) and message.cycle.period_s:
                     return message.cycle.period_s
-        raise DriveError(f"{self._drive.joint}: its robot reports nothing of its cycles")
+        raise DriveError(f"{self._drive.joint}: the robot reports no cycles")
 
     def _move(self, client: RobotClient, motion: TuneMotion, record: TuneRecord) -> None:
         last_sample = time.monotonic()
@@ -514,23 +514,26 @@ class TuneRequest:
     def check(self, limits: JogLimits, scale: JogScale) -> None:
         """Raise ConfigError if the test exceeds the limits, or is too short for a result."""
         if self.seconds < _SHORTEST:
-            raise ConfigError(f"{self.seconds:g} s are too short for a {self.test.value}; {_SHORTEST:g} s at least")
+            raise ConfigError(
+                f"{self.seconds:g} s are too short for a {self.test.value}; at least {_SHORTEST:g} s are needed"
+            )
         if self.kind is JogKind.TORQUE:
             if self.torque > limits.current:
-                raise ConfigError(f"a torque of {self.torque:g} per mille is beyond --max-current {limits.current:g}")
+                raise ConfigError(f"a torque of {self.torque:g} per mille exceeds --max-current {limits.current:g}")
             return
         peak = self.excitation(scale).peak
         if peak > limits.speed * (1 + 1e-9):
             words = scale.velocity_words
             raise ConfigError(
-                f"{words(peak)} is beyond the limit of {words(limits.speed)}; raise that, if it is safe: --max-speed"
+                f"{words(peak)} exceeds the limit of {words(limits.speed)}; raise --max-speed if that is safe"
             )
 
     def words(self, scale: JogScale) -> str:
         if self.test is TuneTest.STEP:
             return f"a step to {scale.velocity_words(self.height(scale))} for {self.seconds:g} s"
         if self.test is TuneTest.IDENTIFY:
-            return f"a torque of up to {self.torque / 10:g} % of the rated one, both ways, for {self.seconds:g} s"
+            share = f"{self.torque / 10:g} % of the rated torque"
+            return f"a torque of up to {share}, in both directions, for {self.seconds:g} s"
         around = f"{scale.velocity_words(_BIAS)} and {scale.velocity_words(_AMPLITUDE)} more or less"
         low, high = self.band
         signal = f"a sine from {low:g} to {high:.3g} Hz" if self.signal == "chirp" else "a pseudo-random sequence"

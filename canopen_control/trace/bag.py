@@ -67,7 +67,7 @@ class BagMessages:
             from numpy import array
             from rosbags.typesys import Stores, get_types_from_msg, get_typestore
         except ImportError as error:
-            text = "a bag is written by rosbags, which is not installed: pip install 'canopen-control[bag]'"
+            text = "a bag needs rosbags, which is not installed: pip install 'canopen-control[bag]'"
             raise ConfigError(text) from error
         self.store = get_typestore(Stores.ROS2_JAZZY)
         for name in _ADDED:
@@ -114,7 +114,7 @@ class BagMessages:
 S = TypeVar("S", bound="Sample")
 
 _LEVELS: Final = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/msg/Log
-_CUT: Final = "the bag has no end: what is in it up to there can be had with `mcap recover`"
+_CUT: Final = "the bag is incomplete; recover its content with `mcap recover`"
 _DIAGNOSTICS_S: Final = 1.0
 _LATCHED: Final = ("/tf_static", "/robot_description")
 
@@ -312,7 +312,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
     except WriterError as error:
         raise ConfigError(f"{path}: it already exists; give a new folder for the bag") from error
     except OSError as error:
-        raise failed(path, error, "no bag was begun") from error
+        raise failed(path, error, "no bag was created") from error
     return writer
 
 

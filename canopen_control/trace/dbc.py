@@ -97,7 +97,7 @@ def dbc_text(network: NetworkDescription) -> str:
     try:
         from cantools.database.can import Database
     except ImportError:
-        raise ConfigError("a DBC is written by cantools: pip install 'canopen-control[dbc]'") from None
+        raise ConfigError("a DBC needs cantools: pip install 'canopen-control[dbc]'") from None
     senders = _senders(network)
     messages = [_message(message) for message in _distinct(_messages(network, senders))]
     database = Database(messages, nodes=[_node(name) for name in senders.values()], version="")

@@ -190,7 +190,7 @@ def _switch_global(data: bytes) -> str:
 
 def _fast_scan(data: bytes) -> str:
     if data[5] == FAST_SCAN_START:
-        return "fast scan: is anybody without a node id?"
+        return "fast scan: any node without a node id"
     part = _PARTS[data[6]] if data[6] < len(_PARTS) else f"part {data[6]}"
     return f"fast scan: {part} 0x{_number(data):08X}, bits {data[5]} to 31"
 
@@ -219,7 +219,7 @@ _MASTER: dict[int, Callable[[bytes], str]] = {
     _C.STORE: _constant("store"),
     **{_C.SWITCH_SELECTIVE + n: _part("select", part) for n, part in enumerate(_PARTS)},
     **{_C.IDENTIFY + n: _part("identify", part) for n, part in enumerate(_RANGES)},
-    _C.IDENTIFY_NON_CONFIGURED: _constant("identify those without a node id"),
+    _C.IDENTIFY_NON_CONFIGURED: _constant("identify nodes without a node id"),
     _C.FAST_SCAN: _fast_scan,
     **{_C.INQUIRE + n: _constant(f"inquire {part}") for n, part in enumerate(_PARTS)},
     _C.INQUIRE_NODE_ID: _constant("inquire node id"),
@@ -412,14 +412,14 @@ class Decoder:
     def _nmt(self, frame: CanFrame) -> _Decoded:
         parsed = parse_nmt(frame)
         if parsed is None:
-            return _Decoded("no command of the standard", mark=Mark.WARNING)
+            return _Decoded("unknown NMT command", mark=Mark.WARNING)
         command, node_id = parsed
         target = "all nodes" if node_id == BROADCAST else self.network.who(node_id)
         return _Decoded(f"{command.name.replace('_', ' ')}, {target}", mark=Mark.NOTABLE, node_id=node_id or None)
 
     def _remote(self, frame: CanFrame) -> tuple[_Route, _Decoded]:
         route = self._routes.get(frame.can_id) or self._predefined(frame.can_id)
-        text = "guarding request" if route.service == "hb" else f"asks for {route.subject}"
+        text = "guarding request" if route.service == "hb" else f"request for {route.subject}"
         return route, _Decoded(text if route.subject else f"remote frame, {len(frame.data)} bytes")
 
     def _emcy(self, node_id: int) -> Callable[[CanFrame], _Decoded]:
@@ -547,7 +547,7 @@ def _nothing(_frame: CanFrame) -> _Decoded:
 
 _ERROR = _Route("error", None, "CAN error", _error)
 _UNKNOWN = _Route("raw", None, "", _nothing)
-_EXTENDED = _Route("raw", None, "", lambda _frame: _Decoded("29-bit identifier, no PDO of this bus has it"))
+_EXTENDED = _Route("raw", None, "", lambda _frame: _Decoded("29-bit identifier of no known PDO"))
 _SINGLE: dict[Service, tuple[str, str, Callable[[CanFrame], _Decoded] | None]] = {
     Service.NMT: ("nmt", "NMT", None),
     Service.SYNC: ("sync", "SYNC", _sync),

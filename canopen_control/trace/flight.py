@@ -275,8 +275,8 @@ class FlightRecorder:
             lines = self._events.lines(), self._states.lines(since), self._requests.lines(since)
             path = save(flight_folder(self.name), meta, can, *lines)
         except (CanopenError, OSError, ValueError) as error:
-            return f"the flight recorder could not write what led to this: {error}"
-        return f"flight recording: {path} (a page of it: canopen-control report)"
+            return f"the flight recorder could not write a file about this fault: {error}"
+        return f"flight recording: {path} (show it with canopen-control report)"
 
     def _send_event(self, sentence: str) -> None:
         """Send a text to the robot as an event, or add it to `unsent` if the robot has ended."""

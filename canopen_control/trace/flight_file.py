@@ -168,7 +168,7 @@ T = TypeVar("T")
 FORMAT: Final = "canopen_control flight recording"
 VERSION: Final = 1
 MAX_FILES: Final = 20
-_LOST: Final = "nothing is left of this recording, those before it are"
+_LOST: Final = "this recording is lost, earlier recordings are kept"
 _CHUNK: Final = 10_000  # log lines formatted at once
 _STEP: Final = 1 << 16  # bytes unpacked at once
 _META, _CAN, _EVENTS, _STATES, _EDS = "meta.json", "can.log", "events.jsonl", "states.jsonl", "eds/"
@@ -185,7 +185,7 @@ _UNREADABLE: Final = (
 FlightFrame = tuple[int, str, CanFrame]  # Unix ns, name of the bus, frame
 
 
-NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="nothing was reported to go wrong")
+NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="no error was reported")
 
 
 class FlightFileError(ValueError):
@@ -360,7 +360,9 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
     try:
         with zipfile.ZipFile(path) as archive:
             if len(archive.infolist()) > _MOST_MEMBERS:
-                raise ConfigError(f"{path}: this is not a flight recording: {len(archive.infolist())} files are in it")
+                raise ConfigError(
+                    f"{path}: this is not a flight recording: it contains {len(archive.infolist())} files"
+                )
             text = _content(archive, _META)
             file_format = _parsed(_META, text, FlightFormat)
             if (file_format.format, file_format.version) != (FORMAT, VERSION):
@@ -430,5 +432,5 @@ def _read(archive: zipfile.ZipFile, meta: FlightMeta) -> FlightFile:
         if name.startswith(_EDS) and os.path.basename(name):
             file.eds[os.path.basename(name)] = _content(archive, name)
             if sum(map(len, file.eds.values())) > _MOST_EDS:
-                raise _too_large("what is in " + _EDS, _MOST_EDS)
+                raise _too_large("the content of " + _EDS, _MOST_EDS)
     return file

@@ -73,7 +73,7 @@ def parse_services(text: str) -> frozenset[str]:
     """Parse a list of services such as ``pdo,sdo``; the ValueError lists the valid services."""
     names = {_ALIASES.get(part, part) for part in text.lower().replace(" ", "").split(",") if part}
     if unknown := sorted(names - set(SERVICES)):
-        raise ValueError(f"no service {unknown[0]!r}; there are: {', '.join(SERVICES)}")
+        raise ValueError(f"unknown service {unknown[0]!r}; services: {', '.join(SERVICES)}")
     return frozenset(names)
 
 

@@ -284,6 +284,6 @@ def _folder(folder: Path) -> Iterator[NodeDescription]:
     parsed = [(path, read_eds(path).od) for path in files]
     named = [(path, od) for path, od in parsed if od.node_id is not None]
     if not named:
-        raise ConfigError(f"--eds {folder}: no file there says its node id; write --eds NODE=FILE for each")
+        raise ConfigError(f"--eds {folder}: no file in it contains a node id; give --eds NODE=FILE for each file")
     for path, od in named:
         yield NodeDescription(path.stem, od.node_id or 0, od, pdos_by_default(od), str(path))

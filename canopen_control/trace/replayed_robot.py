@@ -50,7 +50,7 @@ class ReplayedRobot:
         speed: float = 1.0,
     ) -> None:
         if not samples:
-            raise ConfigError(f"there are no states of {meta.robot} in the recording, so that there is nothing to see")
+            raise ConfigError(f"the recording of {meta.robot} contains no states to replay")
         self.name, self.over, self._begun = name, False, False
         self._meta, self._samples = meta, samples
         self._description = Description(description.urdf, description.path, meta.world)
@@ -85,7 +85,7 @@ class ReplayedRobot:
         self._server.close()
 
     def _refuse(self, call: Call[Any]) -> None:
-        call.refuse(ControlError(f"{self.name} is a recording of {self._meta.robot}: nothing in it can be changed"))
+        call.refuse(ControlError(f"{self.name} is a recording of {self._meta.robot}, which cannot be changed"))
 
     def _subscribe(self, call: Call[messages.Subscribe]) -> None:
         self._watching[call.connection] = call.request

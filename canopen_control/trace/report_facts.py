@@ -42,16 +42,16 @@ def _drive_names(facts: ReportFacts) -> Iterator[str]:
 
 def _no_drives(facts: ReportFacts) -> str:
     joints = ", ".join(facts.joints)
-    return f"no bus, made-up hardware: {joints}" if joints and not facts.channels else "no node was seen"
+    return f"no bus, simulated hardware: {joints}" if joints and not facts.channels else "no node was seen"
 
 
 def _wrong(facts: ReportFacts) -> Iterator[str]:
     errors = [event for event in facts.events if event.level == "error" and event.at >= 0]
     first = facts.fault
     if first is None:
-        yield "Nothing was reported to go wrong in this time."
+        yield "No error was reported in this time."
         return
-    yield f"What went wrong first, {first.at:.3f} s into it ({clock(first.time)}): {_sentence(first.text)}"
+    yield f"First error, {first.at:.3f} s after the beginning ({clock(first.time)}): {_sentence(first.text)}"
     later = [event for event in errors if event.time >= first.time and event.text != first.text]
     for event in later[:_MOST]:
         yield f"{1e3 * (event.time - first.time):.0f} ms later: {_sentence(event.text)}"
@@ -61,7 +61,7 @@ def _wrong(facts: ReportFacts) -> Iterator[str]:
 
 def _reaction(facts: ReportFacts) -> Iterator[str]:
     for joint, seconds in facts.stopped_after_s.items():
-        yield f"{joint} {'was not seen to stop' if seconds is None else f'came to rest {seconds:.2f} s later'}."
+        yield f"{joint} {'did not stop in the recording' if seconds is None else f'stopped {seconds:.2f} s later'}."
     if facts.last_state:
         yield f"At the end the robot was in state {facts.last_state}."
 
@@ -105,9 +105,9 @@ def _gaps(facts: ReportFacts) -> Iterator[str]:
     """Yield sentences about missing data, whose absence could be mistaken for normal operation."""
     gaps = facts.gaps
     if gaps.unheard:
-        yield f"Not listened to: {', '.join(gaps.unheard)}; its frames are not in here."
+        yield f"Not recorded: the frames of {', '.join(gaps.unheard)}."
     if gaps.frames_lost:
-        yield f"{gaps.frames_lost} frames were lost: they came faster than they were recorded."
+        yield f"{gaps.frames_lost} frames were lost because they arrived too fast."
     if gaps.unread_lines:
         yield f"{gaps.unread_lines} lines of the log could not be read."
     if gaps.faults_left_out:

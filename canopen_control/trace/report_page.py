@@ -282,8 +282,7 @@ def _axis(facts: ReportFacts) -> TimeAxis:
 
 def _summary(facts: ReportFacts) -> Iterator[str]:
     sentences = "".join(
-        f'<p class="{"first" if text.startswith("What went wrong first") else ""}">{escape(text)}</p>'
-        for text in facts.summary
+        f'<p class="{"first" if text.startswith("First error") else ""}">{escape(text)}</p>' for text in facts.summary
     )
     yield f'<div class="sum {"bad" if facts.fault else ""}">{sentences}</div>'
 
@@ -340,7 +339,7 @@ def _measured(facts: ReportFacts) -> Iterator[str]:
         for numbers in [(fact.least, fact.most, fact.last)]
     ]
     if rows:
-        yield _section("Measured", _table(("told by", "value", "least", "most", "last", ""), rows), kind="long")
+        yield _section("Measured", _table(("controller", "value", "min", "max", "last", "unit"), rows), kind="long")
 
 
 def _events(facts: ReportFacts) -> Iterator[str]:
@@ -348,8 +347,8 @@ def _events(facts: ReportFacts) -> Iterator[str]:
     rows = [(event.level, _event_cells(event)) for event in events]
     if rows:
         left_out = len(facts.events) - len(events)
-        more = f'<p class="soft">{left_out} older ones are left out here.</p>' if left_out else ""
-        yield _section("Events", more + _table(("s", "time", "node", "what happened"), rows), kind="long")
+        more = f'<p class="soft">{left_out} older events are omitted.</p>' if left_out else ""
+        yield _section("Events", more + _table(("s", "time", "node", "event"), rows), kind="long")
 
 
 def _event_cells(event: EventFacts) -> list[tuple[str, str]]:
@@ -374,10 +373,10 @@ def _frames(facts: ReportFacts) -> Iterator[str]:
 def _last_words(facts: ReportFacts) -> Iterator[str]:
     if facts.last_words and facts.fault:
         rows = [(frame.mark, _frame_cells(frame, facts.fault.at)) for frame in facts.last_words]
-        yield _section("The last that was heard of each node before the fault", _table(_FRAME_HEADINGS, rows))
+        yield _section("Last frame of each node before the fault", _table(_FRAME_HEADINGS, rows))
 
 
-_FRAME_HEADINGS: Final = ("ms to fault", "id", "data", "node", "service", "what it says")
+_FRAME_HEADINGS: Final = ("ms to fault", "id", "data", "node", "service", "content")
 
 
 def _frame_cells(frame: FrameFacts, fault: float | None) -> list[tuple[str, str]]:
@@ -428,7 +427,7 @@ def _cycle(facts: ReportFacts) -> Iterator[str]:
     drawn = bars("cycles", [*(f"≤ {name}" for name in names), f"> {names[-1]}"], cycle.late_counts)
     if drawn:
         note = (
-            f'<p class="soft">How late the cycle of {1e3 * cycle.period_s:g} ms began; heights are logarithmic. '
+            f'<p class="soft">Lateness of the cycles of {1e3 * cycle.period_s:g} ms; heights are logarithmic. '
             f"The longest work of a cycle in the run took {1e3 * cycle.work_max_s:.2f} ms.</p>"
         )
         yield _section("Jitter of the cycle", drawn + note)

@@ -93,7 +93,7 @@ class SdoConversation:
 
     def _where(self) -> str:
         if self._address is None:
-            return "a transfer that began unheard"
+            return "a transfer with unknown start"
         return self._named(*self._address)
 
     def _named(self, index: int, subindex: int) -> str:
@@ -142,12 +142,12 @@ class SdoConversation:
         if address != self._address:
             self._begin(data, "write")
         value, self._pending = self._pending, None
-        return SdoText(f"{'go on with' if self._open else 'written'} {self._where()}", held=value)
+        return SdoText(f"{'continue' if self._open else 'written'} {self._where()}", held=value)
 
     def _segment_answer(self, data: bytes) -> SdoText:  # noqa: ARG002 - one shape for all
         place = self._where()
         if self._open or self._address is None:
-            return SdoText(f"segment of {place} taken")
+            return SdoText(f"segment of {place} acknowledged")
         self._end()
         return SdoText(f"written {place}")
 
@@ -161,12 +161,12 @@ class SdoConversation:
         if data[0] & _EXPEDITED:
             text = self._completed(self._carried(data))
             return text._replace(held=text.value)
-        size = self._announced(data) if data[0] & _SIZED else "length unsaid"
+        size = self._announced(data) if data[0] & _SIZED else "length unknown"
         return SdoText(f"{self._where()}: {size}, in segments")
 
     def _segment(self, data: bytes, kind: str) -> SdoText:
         if self._address is None or self._kind != kind:
-            return SdoText("segment of a transfer that began unheard")
+            return SdoText("segment of a transfer with unknown start")
         self._keep(data[1 : 8 - (data[0] >> 1 & 7)])
         if not data[0] & 1:
             return SdoText(f"segment of {self._where()}, {self._progress()}")
@@ -215,7 +215,7 @@ class SdoConversation:
         if self._kind != "block write":
             self._begin(data, "block write")
         self._streams = True
-        return SdoText(f"go on with {self._where()}, blocks of {data[4]} segments")
+        return SdoText(f"continue {self._where()}, blocks of {data[4]} segments")
 
     def _block_upload_client(self, data: bytes) -> SdoText:
         if data[0] == BLOCK_ACK:
@@ -226,7 +226,7 @@ class SdoConversation:
         if data[0] == BLOCK_END_ANSWER:
             place = self._where()
             self._end()
-            return SdoText(f"{place} taken")
+            return SdoText(f"{place} received")
         return SdoText(f"read {self._begin(data, 'block read')} in blocks of {data[4]} segments")
 
     def _block_upload_server(self, data: bytes) -> SdoText:
@@ -235,7 +235,7 @@ class SdoConversation:
         address = data[1] | data[2] << 8, data[3]
         if address != self._address or self._kind != "block read":
             self._begin(data, "block read")
-        size = self._announced(data) if data[0] & SIZED_FLAG else "length unsaid"
+        size = self._announced(data) if data[0] & SIZED_FLAG else "length unknown"
         return SdoText(f"{self._where()}: {size}, in blocks")
 
     def _block_segment(self, data: bytes) -> SdoText:
@@ -252,15 +252,15 @@ class SdoConversation:
         acknowledged, expected = data[1], max(self._block, default=0)
         for number in range(1, acknowledged + 1):
             self._keep(self._block.get(number, bytes(SEGMENT_DATA)))
-        again = f", {expected - acknowledged} come again" if acknowledged < expected else ""
+        again = f", {expected - acknowledged} to be repeated" if acknowledged < expected else ""
         if again or not self._last:
             self._streams, self._last = self._address is not None, 0
         self._block = {}
-        return SdoText(f"{acknowledged} segments of {self._where()} taken{again}")
+        return SdoText(f"{acknowledged} segments of {self._where()} acknowledged{again}")
 
     def _block_end(self, data: bytes, kind: str) -> SdoText:
         if self._kind != kind:
-            return SdoText("end of a block transfer that began unheard")
+            return SdoText("end of a block transfer with unknown start")
         self._streams = False
         unused = data[0] >> 2 & 7
         self._length = max(0, self._length - unused)

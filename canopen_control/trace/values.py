@@ -245,7 +245,7 @@ def _hex(_words: NodeWords, _subindex: int, value: int) -> str:
 
 def _consumer(_words: NodeWords, _subindex: int, value: int) -> str:
     node_id, ms = value >> 16 & 0xFF, value & 0xFFFF
-    return f"0x{value:08X} (node {node_id} within {ms} ms)" if node_id and ms else f"0x{value:08X} (watches no node)"
+    return f"0x{value:08X} (node {node_id} within {ms} ms)" if node_id and ms else f"0x{value:08X} (no node)"
 
 
 def _store(_words: NodeWords, _subindex: int, value: int) -> str:

@@ -34,8 +34,8 @@ def test_the_new_drive_is_equal_and_stays_itself(bus, capsys):
     bus.call(lambda: configure(bus))
     assert main(["clone", "3", "4", *bus.options, "--store"]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "kept as it is: 0x2705:00 Node-ID to store: is the node id or the bit rate",
-        "kept as it is: 0x607C:00 Home offset: is calibrated to the encoder of its own drive",
+        "not written: 0x2705:00 Node-ID to store: is the node id or the bit rate",
+        "not written: 0x607C:00 Home offset: is calibrated to the encoder of the original drive",
         "node 4: 130 parameters as in node 3, 5 written; stored",
     ]
     new = bus.nodes[4].store
@@ -58,7 +58,7 @@ def test_one_node_and_another_product_are_refused(bus, capsys):
     assert "3 and 3 are the same node" in capsys.readouterr().err
     before = bus.call(lambda: dict(bus.nodes[5].store.values))
     assert main(["clone", "3", "5", *bus.options]) == 2
-    assert "belongs to another product than node 5" in capsys.readouterr().err
+    assert "belongs to a different product than node 5" in capsys.readouterr().err
     assert bus.call(lambda: dict(bus.nodes[5].store.values)) == before
 
 

@@ -60,7 +60,7 @@ def test_the_date_of_a_program_is_told_and_compared(bus, tmp_path, capsys, expec
     assert main(["firmware", "3", str(path), *bus.options, "--eds", bus.eds, "--expect-date", expected]) == code
     said = capsys.readouterr()
     if code:
-        assert "the program runs, and reports 2025-01-25 12:00:00 (0x1F52); expected was 2025-01-26" in said.err
+        assert "the program runs, and reports 2025-01-25 12:00:00 (0x1F52); 2025-01-26 was expected" in said.err
     else:
         assert said.out.endswith(" of 2025-01-25 12:00:00\n")
     assert bus.nodes[3].program.runs
@@ -90,14 +90,14 @@ def test_a_node_without_program_download_is_told(bus, program, capsys):
 def test_another_product_an_enabled_drive_and_bad_files_send_nothing(bus, program, tmp_path, capsys):
     before = bus.nodes[3].program.image
     assert main(["firmware", "3", program, *bus.options, "--eds", TMCM]) == 2
-    assert "node 3 is not a device of that EDS: vendor 0x00000286 in the EDS" in capsys.readouterr().err
+    assert "node 3 does not match its EDS: vendor 0x00000286 in the EDS" in capsys.readouterr().err
     empty = tmp_path / "empty.bin"
     empty.touch()
     eds = str(data_path("eds", TMCM))
     for name, why in (
         (str(empty), "is empty"),
         (str(tmp_path / "gone.bin"), "cannot be read"),
-        (eds, "is an EDS or DCF, and no program"),
+        (eds, "is an EDS or DCF, not a program"),
     ):
         assert main(["firmware", "3", name, *bus.options]) == 2
         assert why in capsys.readouterr().err
@@ -114,7 +114,7 @@ def test_a_damaged_file_is_told_and_the_right_one_mends_it(bus, program, tmp_pat
     assert main(["firmware", "3", str(damaged), *bus.options, "--eds", bus.eds]) == 1
     error = capsys.readouterr().err
     assert "format or CRC error" in error
-    assert "the same command starts again" in error
+    assert "repeat the command to start again" in error
     assert main(["firmware", "3", program, *bus.options, "--eds", bus.eds]) == 0
     assert "is in its boot-loader" in capsys.readouterr().err
 

@@ -49,4 +49,4 @@ def test_what_is_not_there_is_told(drive, capsys):
     assert main(["objects", "6", "--live", "--can", BUS, "--eds", TMCM, "--timeout", "0.1"]) == 1
     assert "node 6: 0x1000:00: no answer" in capsys.readouterr().err
     assert main(["objects", "5", "--live", "--can", BUS]) == 2
-    assert "give its EDS with --eds FILE" in capsys.readouterr().err
+    assert "has no EDS; give one with --eds FILE" in capsys.readouterr().err

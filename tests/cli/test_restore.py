@@ -35,7 +35,7 @@ def values(bus, node_id):
 def test_a_node_holds_its_backup_again(bus, backup, capsys):
     assert main(["restore", backup, "3", *bus.options]) == 0
     assert capsys.readouterr().out.splitlines() == [
-        "kept as it is: 0x2705:00 Node-ID to store: is the node id or the bit rate",
+        "not written: 0x2705:00 Node-ID to store: is the node id or the bit rate",
         f"node 3: 131 parameters as in {backup}, 1 written; not stored: a power cycle undoes it (--store)",
     ]
     assert values(bus, 3)[0x6081, 0] == 1600
@@ -61,17 +61,17 @@ def test_a_node_that_ran_runs_again(bus, backup):
 
 def test_what_is_protected_stays(bus, backup, capsys):
     assert main(["restore", backup, "3", *bus.options, "--protect", "profile vel*"]) == 0
-    assert "kept as it is: 0x6081:00 Profile velocity: --protect profile vel*" in capsys.readouterr().out
+    assert "not written: 0x6081:00 Profile velocity: --protect profile vel*" in capsys.readouterr().out
     assert values(bus, 3)[0x6081, 0] == 1
     assert main(["restore", backup, "3", *bus.options, "--protect", "0x7*"]) == 2
-    assert "--protect 0x7*: fits no parameter" in capsys.readouterr().err
+    assert "--protect 0x7* matches no parameter" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("node", "options", "code", "sentence"),
     [
-        ("4", [], 2, "is of node 3, and node 4 is another drive; nothing was written"),
-        ("5", ["--any-node"], 2, "belongs to another product than node 5"),
+        ("4", [], 2, "belongs to node 3, and node 4 is another drive; nothing was written"),
+        ("5", ["--any-node"], 2, "belongs to a different product than node 5"),
         ("9", ["--any-node", "--timeout", "0.05"], 1, "node 9: 0x1000:00: no answer"),
     ],
 )
@@ -103,12 +103,12 @@ def test_a_refusal_leaves_the_drive_as_it_was_and_stores_nothing(bus, backup, ca
     before = values(bus, 3)
     assert main(["restore", backup, "3", *bus.options, "--store"]) == 1
     output = capsys.readouterr()
-    assert "refused: 0x6081:00 Profile velocity: asked 1600, the drive has 1000" in output.err
-    assert output.out.endswith("node 3: 1 parameters refused; the drive is as it was\n")
+    assert "refused: 0x6081:00 Profile velocity: 1600 was written, but the drive reports 1000" in output.err
+    assert output.out.endswith("node 3: 1 parameters refused; the drive is unchanged\n")
     assert values(bus, 3) == before
     assert (0x6081, 0) not in bus.nodes[3].store.power_on
     assert main(["restore", backup, "3", *bus.options, "--keep"]) == 1
-    assert "what it took is kept, and not stored" in capsys.readouterr().out
+    assert "the accepted values are kept, but not stored" in capsys.readouterr().out
     assert values(bus, 3)[0x6083, 0] == 0
 
 

@@ -65,8 +65,8 @@ def test_a_bus_yml_is_held_against_what_is_there(bus, capsys):
     _, two, three, *_known = capsys.readouterr().out.splitlines()
     assert two.endswith("right_drive: as expected")
     assert three.endswith(
-        "left_drive: device type 0xFFFF0192 expected, 0x00020192 found, vendor 0x00000286 expected, 0x00000000 found, "
-        "product 0x000004F6 expected, 0x00000402 found"
+        "left_drive: device type 0xFFFF0192 expected, 0x00020192 reported, "
+        "vendor 0x00000286 expected, 0x00000000 reported, product 0x000004F6 expected, 0x00000402 reported"
     )
 
 

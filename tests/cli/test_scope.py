@@ -136,7 +136,7 @@ def test_process_data_of_a_running_robot_come_with_every_cycle(bench, tmp_path, 
         assert main(["scope", f"{drive.node}:0x606C", "--name", drive.robot, "--for", "0.1", "--json"]) == 0
     said = capsys.readouterr()
     assert json.loads(said.out)["signals"][0]["label"] == "Velocity actual value"
-    assert "cycles meanwhile" in said.err
+    assert "cycles of the robot" in said.err
     assert str(bench.get(0x6083)) in path.read_text().splitlines()[-1]  # no TPDO carries it
 
 
@@ -154,7 +154,7 @@ def test_eight_channels_of_every_millisecond_and_no_cycle_missed(bench, tmp_path
         words = [*(f"{drive.node}:0x{index:04X}" for index in SIX), *(f"{drive.joint}:{each}" for each in QUANTITIES)]
         assert main(["scope", *words, "--name", drive.robot, "--for", "1", "-o", str(path)]) == 0
     said = capsys.readouterr().out
-    assert "and missed 0" in said
+    assert "cycles of the robot, 0 missed" in said
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     times = sorted({round(float(row["time"]) * 1000) for row in rows})
@@ -183,7 +183,7 @@ def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, 
     [
         (("5:0x6064", "--trigger", "1:rising:1e9", "--wait", "0.2"), 1, "no capture, as the trigger"),
         (("5:0x6064", "--trigger", "2:rising:0"), 2, "counted from 1 to 1"),
-        (("5:0x6064", "--before", "1"), 2, "--before is of a trigger"),
+        (("5:0x6064", "--before", "1"), 2, "--before requires --trigger"),
         (("5",), 2, "'5' is not a signal"),
         (("5:0x5FFF",), 2, "has no 0x5FFF:00"),
         (("6:0x6064", "--timeout", "0.1"), 1, "no answer"),
@@ -191,7 +191,7 @@ def test_two_shots_are_laid_over_each_other_and_measured_between_cursors(bench, 
         (("5:0x6064", "-o", "x.svg"), 2, "write NAME.csv"),
         (("5:0x6064", "--cursors", "1"), 2, "write two times in s"),
         (("5:0x6064", "--overlay", "gone.csv"), 2, "gone.csv cannot be read"),
-        (("5:0x6064", "wheel:velocity"), 2, "joints are of a running robot"),
+        (("5:0x6064", "wheel:velocity"), 2, "joints exist only in a running robot"),
     ],
 )
 def test_what_is_no_look_is_told(bench, capsys, words, code, why):

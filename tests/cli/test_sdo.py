@@ -210,4 +210,4 @@ def test_a_file_that_the_api_does_not_carry_is_refused_before_it_is_sent(robby, 
     big = tmp_path / "big"
     big.write_bytes(bytes(400_001))
     assert main(["sdo", "download", "3", "0x2000", str(big)]) == 2
-    assert "more than the 400000 a running robot passes on" in capsys.readouterr().err
+    assert "more than the 400000 that a running robot can transfer" in capsys.readouterr().err

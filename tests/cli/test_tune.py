@@ -138,9 +138,17 @@ def test_the_response_of_drive_and_bus_is_true_within_a_decibel_and_five_degrees
 @pytest.mark.parametrize(
     ("words", "why", "degrees"),
     [
-        (("--max-travel", "20deg"), "the travel limit is reached: stopped and disabled; nothing is concluded", 30),
+        (
+            ("--max-travel", "20deg"),
+            "the travel limit is reached: stopped and disabled; an incomplete run has no result",
+            30,
+        ),
         # a tenth of a second at 180 degrees in a second, and the ramp of 14 degrees from that
-        (("--max-current", "5"), "of half a run; excite it less, or raise --max-current, if it is safe", 60),
+        (
+            ("--max-current", "5"),
+            "an incomplete run has no result; use a weaker excitation, or raise --max-current if that is safe",
+            60,
+        ),
     ],
 )
 def test_a_limit_ends_it_within_the_limit(bench, no_terminal, capsys, words, why, degrees):
@@ -154,9 +162,9 @@ def test_a_limit_ends_it_within_the_limit(bench, no_terminal, capsys, words, why
     ("words", "why"),
     [
         (("--step", "30rpm"), "nothing moves unless the limits are confirmed: give --yes"),
-        (("--step", "90rpm", "--yes"), "is beyond the limit of 6.28 rad/s"),
-        (("--step", "0", "--yes"), "that moves nothing"),
-        (("--identify", "200", "--max-current", "100", "--yes"), "beyond --max-current 100"),
+        (("--step", "90rpm", "--yes"), "exceeds the limit of 6.28 rad/s"),
+        (("--step", "0", "--yes"), "causes no motion"),
+        (("--identify", "200", "--max-current", "100", "--yes"), "exceeds --max-current 100"),
         (("--step", "30rpm", "--yes", "-o", "step.txt"), "give NAME.csv"),
         (("--step", "30rpm", "--yes", "--axis", "2"), "node 5 has no axis 2"),
     ],
@@ -207,7 +215,7 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
     assert "0x60F9:01 Velocity loop proportional gain: " in capsys.readouterr().out
     assert [bench.get(0x60F9, 1), bench.get(0x60F9, 2), bench.get(0x60FB, 1)] == before
     assert bench.verb("tune", "--revert") == 1
-    assert "nothing to take back" in capsys.readouterr().err
+    assert "nothing to revert" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -216,7 +224,7 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
         (("--step", "30rpm", "--apply"), "--apply sets the gains that --identify proposes"),
         (("--step", "30rpm", "--store"), "nothing is set without --apply or --revert"),
         (("--step", "30rpm", "--gain", "velocity_p=0x3210:01*1"), "give --apply"),
-        (("--identify", "100", "--apply", "--gain", "p=1"), "say which object holds which gain"),
+        (("--identify", "100", "--apply", "--gain", "p=1"), "give the gain, its object"),
         (("--identify", "100", "--apply", "--gain", "velocity_p=0x3210:01*1"), "has no 0x3210:01 in its EDS"),
     ],
 )

@@ -58,9 +58,13 @@ def test_a_drive_that_takes_targets_by_itself_is_moved_through_its_robot():
 @pytest.mark.parametrize(
     ("node", "controllers", "why"),
     [
-        ("left", [controller("forward", "commands")], "commanded by forward, and two must not move it; drive it by"),
-        ("left", [controller("wheel", "target", active=False)], "where no active controller moves it; activate one"),
-        ("io", [], r"node 3 \(io\) of the running robot robby moves no joint"),
+        (
+            "left",
+            [controller("forward", "commands")],
+            "and is commanded by forward, and only one client may move it; drive it by",
+        ),
+        ("left", [controller("wheel", "target", active=False)], "but no active controller moves it; activate one"),
+        ("io", [], r"node 3 \(io\) of the running robot robby does not move a joint"),
         ("9", [], "robot robby has no node '9'; its nodes: 2 left, 3 io"),
     ],
 )
@@ -92,4 +96,4 @@ def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
 
 
 def test_a_drive_of_which_nothing_is_known_is_told_as_such():
-    assert ended_words(None, DRIVE) == "the drive shows no state any more"
+    assert ended_words(None, DRIVE) == "the drive reports no state any more"

@@ -28,7 +28,7 @@ def test_a_fault_is_told_by_its_code_and_the_error_register():
 
 def test_without_an_error_code_the_history_tells_and_else_nobody():
     node = session(FAULT)
-    assert fault_words(node) == "it does not say which"
+    assert fault_words(node) == "unknown (the drive reports no error code)"
     node.transfers.objects[0x1003, 1] = b"\x10\x43\x02\x00"
     assert fault_words(node).startswith("0x4310 ")
 
@@ -46,5 +46,5 @@ def test_the_errors_that_a_drive_remembers_are_told_newest_first():
     assert [each[:6] for each in found] == ["0x2310", "0x8110"]
     assert found[0].endswith(", additional information 0x0001")
     assert error_history(NodeSession(NodeStub({(0x1003, 0): b"\0"}), 5, None)) == []
-    with pytest.raises(ConfigError, match=r"node 5 keeps no error history \(0x1003\)"):
+    with pytest.raises(ConfigError, match=r"node 5 has no error history \(0x1003\)"):
         error_history(NodeSession(NodeStub({}), 5, None))

@@ -66,6 +66,6 @@ def test_what_is_not_as_expected_is_told_and_zero_expects_nothing():
     identity = DeviceIdentity(device_type=0x20192, vendor_id=1, product_code=2, revision_number=3)
     assert differences(identity, NodeIdentity(vendor_id=1, revision_number=3, eds_revision=9)) == []
     assert differences(identity, NodeIdentity(device_type=0x20192, vendor_id=5, serial_number=7)) == [
-        "vendor 0x00000005 expected, 0x00000001 found",
-        "serial number 0x00000007 expected, none found",
+        "vendor 0x00000005 expected, 0x00000001 reported",
+        "serial number 0x00000007 expected, none reported",
     ]

@@ -53,6 +53,6 @@ def test_a_part_begins_anew():
 def test_a_run_that_is_asked_to_end_ends_at_its_next_step():
     run = JobRun(RESTORE, "Restoring a.dcf")
     run.end()
-    with pytest.raises(DriveError, match="a page asked for its end"):
+    with pytest.raises(DriveError, match="a page requested the end"):
         run.at(2, 2)
     assert (run.done, run.over) == (2, False)

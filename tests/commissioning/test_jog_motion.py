@@ -167,7 +167,7 @@ def test_a_shaft_that_stays_where_it_is_told(kind, value, seconds, places):
     for each in places:
         at(motion, each)
     motion.tick(2000 * MS)
-    assert motion.nothing_turned(COUNT).startswith("nothing turned: the drive was commanded and its position stayed")
+    assert motion.nothing_turned(COUNT).startswith("the shaft did not turn although a motion was commanded")
 
 
 def test_one_that_is_ended_early_is_not_judged_by_its_whole_time():
@@ -182,12 +182,12 @@ def test_a_jog_by_keys_that_holds_none_says_so():
     motion = jog()
     at(motion, 5.0)
     motion.key("ctrl-c", MS)
-    assert motion.nothing_turned(COUNT) == "nothing turned: no key was held"
+    assert motion.nothing_turned(COUNT) == "the shaft did not turn: no key was held"
 
 
 def test_without_a_position_the_velocity_shows_it():
     motion = jog(seconds=1.0)
-    assert "shows no position" in motion.nothing_turned(COUNT)
+    assert "reports no position" in motion.nothing_turned(COUNT)
     at(motion, None, 0.5)
     assert motion.nothing_turned(COUNT) is None
 

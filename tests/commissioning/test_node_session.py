@@ -64,7 +64,7 @@ def test_what_is_long_goes_in_pieces_and_what_is_too_long_not_at_all():
     robot = FakeRobot()
     RobotTransfers(robot, 3).write(0x2000, 0, bytes(60_000))
     assert [type(each) for each in robot.requests] == [SdoPiece, SdoPiece, SdoWrite]
-    with pytest.raises(ConfigError, match="400001 bytes are more than the 400000 a running robot passes on"):
+    with pytest.raises(ConfigError, match="400001 bytes are more than the 400000 that a running robot can transfer"):
         RobotTransfers(robot, 3).write(0x2000, 0, bytes(MAX_OBJECT + 1))
 
 
@@ -94,7 +94,7 @@ def test_how_far_a_transfer_is_is_asked_beside_it(monkeypatch):
 
 
 def test_an_nmt_command_is_the_robots_to_send():
-    with pytest.raises(ControlError, match="NMT enter pre operational is the robot's to send"):
+    with pytest.raises(ControlError, match="NMT enter pre operational can only be sent by the robot"):
         RobotTransfers(FakeRobot(), 3).command(NmtCommand.ENTER_PRE_OPERATIONAL)
 
 
@@ -140,9 +140,9 @@ def test_an_identity_is_compared_to_the_eds_where_that_tells_one():
     good = {(0x1018, 1): (0x286).to_bytes(4, "little"), (0x1018, 2): (0x4F6).to_bytes(4, "little")}
     assert session(good).identity_differences() == []
     assert session({**good, (0x1018, 1): (0x287).to_bytes(4, "little")}).identity_differences() == [
-        "vendor 0x00000286 in the EDS, 0x00000287 found"
+        "vendor 0x00000286 in the EDS, 0x00000287 in the device"
     ]
-    assert session().identity_differences()[1] == "product 0x000004F6 in the EDS, none found"
+    assert session().identity_differences()[1] == "product 0x000004F6 in the EDS, none in the device"
     assert session(good).identity() == DeviceIdentity(None, 0x286, 0x4F6, device_name="", hardware="", software="")
 
 
@@ -161,7 +161,7 @@ def test_a_node_that_is_no_drive_has_no_states():
 
 
 def test_without_an_eds_the_user_is_told_how_to_give_one():
-    with pytest.raises(ConfigError, match="node 5: no file describes its objects; give its EDS with --eds FILE"):
+    with pytest.raises(ConfigError, match="node 5 has no EDS; give one with --eds FILE"):
         assert session(od=None).dictionary
 
 

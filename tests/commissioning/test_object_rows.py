@@ -94,7 +94,7 @@ def test_types_have_short_names_and_those_of_the_standard():
     assert parse_type("i32") is parse_type("integer32") is parse_type("INTEGER32") is I32
     assert all(parse_type(name.strip()) in DataType for name in TYPE_NAMES.split(","))
     assert {parse_type(name.strip()) for name in TYPE_NAMES.split(",")} == set(DataType)
-    with pytest.raises(ConfigError, match="no data type 'u9'; there are: bool, i8"):
+    with pytest.raises(ConfigError, match="no data type 'u9'; data types: bool, i8"):
         parse_type("u9")
 
 

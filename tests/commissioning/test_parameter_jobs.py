@@ -65,14 +65,14 @@ def test_a_file_is_restored_and_what_stays_is_told():
     said = run_restore(session, done, file_of(session, s6081=9, s2705=7), RestoreOptions(store=True))
     assert said.endswith("1 written; stored")
     assert session.read_value(OD[SPEED]) == 9
-    assert any(each.startswith("kept as it is: 0x2705:00") for each in done.lines)
+    assert any(each.startswith("not written: 0x2705:00") for each in done.lines)
 
 
 def test_what_the_drive_refuses_is_told_and_undone():
     session, done = taken_out(), work()
     session.transfers.device.store.ceilings.inject({0x6083: 1})
     said = run_restore(session, done, file_of(session, s6081=9, s6083=5000), RestoreOptions())
-    assert said.endswith("1 parameters refused; the drive is as it was")
+    assert said.endswith("1 parameters refused; the drive is unchanged")
     assert done.failed
     assert any(each.startswith("refused: 0x6083:00") for each in done.lines)
     assert session.read_value(OD[SPEED]) == 0
@@ -94,10 +94,10 @@ def test_another_product_and_another_drive_are_refused():
     session = taken_out(serial=8)
     file = file_of(session)
     stranger = replace(file, identity=replace(file.identity, product_code=99))
-    with pytest.raises(ConfigError, match="belongs to another product than node 5"):
+    with pytest.raises(ConfigError, match="belongs to a different product than node 5"):
         run_restore(session, work(), stranger, RestoreOptions())
     other = replace(file, node_id=6, identity=replace(file.identity, serial_number=7))
-    with pytest.raises(ConfigError, match=r"left\.dcf is of node 6, and node 5 is another drive"):
+    with pytest.raises(ConfigError, match=r"left\.dcf belongs to node 6, and node 5 is another drive"):
         run_restore(session, work(), other, RestoreOptions())
     assert session.transfers.written == []
 
@@ -114,7 +114,7 @@ def test_a_page_that_asks_for_the_end_ends_it_and_it_says_what_is_written():
     session, done = taken_out(), work()
     file = file_of(session, s6081=9, s6083=9, s6084=9)
     done.end()
-    with pytest.raises(DriveError, match="a page asked for its end; 1 of 3 were written"):
+    with pytest.raises(DriveError, match="a page requested the end; 1 of 3 were written"):
         run_restore(session, done, file, RestoreOptions())
 
 
@@ -132,6 +132,6 @@ def test_a_node_is_cloned_from_another():
 def test_a_drive_that_has_other_parameters_alone_gives_no_backup():
     session, done = session_with(OD), work()
     session.transfers.lacking = {entry.address for entry in parameters_of(OD)}
-    with pytest.raises(CanopenError, match="has no parameter that can be read and written; nothing was written"):
+    with pytest.raises(CanopenError, match="has no readable and writable parameter; no file was written"):
         run_backup(session, done, Reached())
     assert done.file is None

@@ -65,7 +65,7 @@ def test_what_differs_between_two_readings_is_left_out():
     found, left_out = read_parameters(session)
     assert (0x6081, 0) not in found.values
     assert [str(each) for each in left_out] == [
-        "0x6081:00 Profile velocity: two readings differed, so it is not a parameter"
+        "0x6081:00 Profile velocity: two readings differed, so the object is not a parameter"
     ]
 
 
@@ -153,7 +153,7 @@ def test_obj_flags_are_obeyed(flags):
 
 def test_what_belongs_to_one_device_is_protected_with_a_reason():
     assert "node id or the bit rate" in protection_of(TMCM, Entry(0x2705, 0, "x", DataType.UNSIGNED8))
-    assert "encoder of its own drive" in protection_of(SERVO, Entry(0x687C, 0, "Home offset", DataType.INTEGER32))
+    assert "encoder of the original drive" in protection_of(SERVO, Entry(0x687C, 0, "Home offset", DataType.INTEGER32))
     assert protection_of(SERVO, Entry(0x2100, 0, "CANopen Baudrate", DataType.UNSIGNED8)) != ""
     assert protection_of(SERVO, Entry(0x2100, 0, "Velocity", DataType.UNSIGNED8)) == ""
     assert protection_of(SERVO, Entry(0x6081, 0, "Node ID", DataType.UNSIGNED8)) == ""  # a name of the profile's range
@@ -276,7 +276,9 @@ def test_a_value_that_is_none_is_told_with_its_line(tmp_path):
     number = next(at for at, line in enumerate(lines) if line.startswith("ParameterValue="))
     lines[number] = "ParameterValue=many"
     path.write_text("\n".join(lines))
-    with pytest.raises(EdsError, match=rf"backup\.dcf:{number + 1}: ParameterValue=many is not a .*; correct it"):
+    with pytest.raises(
+        EdsError, match=rf"backup\.dcf:{number + 1}: ParameterValue=many is not a .*; correct or remove the line"
+    ):
         read_backup(path)
 
 
@@ -284,7 +286,9 @@ def test_a_backup_that_was_cut_is_refused(tmp_path):
     path = written(tmp_path, parameters())
     whole = path.read_text()
     path.write_text(whole[: len(whole) // 2])
-    with pytest.raises(EdsError, match=r"backup\.dcf:\d+: 0x.* has no section: the backup was cut, make a new one"):
+    with pytest.raises(
+        EdsError, match=r"backup\.dcf:\d+: 0x.* has no section: the backup is incomplete; make a new one"
+    ):
         read_backup(path)
 
 

@@ -128,7 +128,7 @@ def test_after_a_kill_at_every_tenth_block_the_next_attempt_succeeds(frames, blo
 
 def test_with_one_try_the_loss_is_told_and_the_loader_waits(frames):
     frames.cut, frames.what = 500, "power"
-    with pytest.raises(DriveError, match=r"not taken: .*waits in its boot-loader"):
+    with pytest.raises(DriveError, match=r"not accepted: .*stays in its boot-loader"):
         load(frames, tries=1)
     session = NodeSession(frames, 5, frames.device.od)
     assert is_loader(session.identity())
@@ -154,13 +154,13 @@ def test_a_stranger_is_refused_but_its_loader_is_not(frames):
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 2): replace(session.od[0x1018, 2], default=7)}
     )
-    with pytest.raises(ConfigError, match="node 5 is not a device of that EDS: product"):
+    with pytest.raises(ConfigError, match="node 5 does not match its EDS: product"):
         refuse_other_product(session, session.identity())
     refuse_other_product(session, DeviceIdentity(device_type=0))
     session.od = replace(
         session.od, entries={**session.od.entries, (0x1018, 1): replace(session.od[0x1018, 1], default=8)}
     )
-    with pytest.raises(ConfigError, match="not a device of that EDS: vendor"):
+    with pytest.raises(ConfigError, match="does not match its EDS: vendor"):
         refuse_other_product(session, DeviceIdentity(device_type=0))
 
 
@@ -172,7 +172,7 @@ def test_the_boot_check_knows_the_loader_and_another_product(frames):
         boot_check(session, replace(before, product_code=9))
     frames.write(0x1F51, 1, b"\0")
     frames.advance(500 * MS)
-    with pytest.raises(DriveError, match="shows its boot-loader"):
+    with pytest.raises(DriveError, match="is in its boot-loader"):
         boot_check(session, before)
 
 
@@ -282,7 +282,7 @@ def test_a_device_without_identification_and_flash_status_is_borne():
 
 def test_a_damaged_file_is_refused_with_the_word_of_the_flash():
     bench = Bench()
-    with pytest.raises(DriveError, match="not taken: format or CRC error; the node has no program now"):
+    with pytest.raises(DriveError, match="not accepted: format or CRC error; the node has no program now"):
         bench.run(NEW[:-1] + b"?")
     assert not bench.device.program.runs
     assert bench.run().tries == 1
@@ -305,7 +305,7 @@ def test_a_transfer_that_breaks_off_is_begun_anew_with_a_fresh_clear():
 
 def test_another_identification_than_expected_is_not_started():
     bench = Bench()
-    with pytest.raises(DriveError, match="expected was 0x00000001; it was not started"):
+    with pytest.raises(DriveError, match="0x00000001 was expected; it was not started"):
         bench.run(options=ProgramOptions(expected=1))
     assert not bench.device.program.runs
 

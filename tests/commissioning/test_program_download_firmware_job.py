@@ -58,7 +58,7 @@ def test_a_download_that_ends_half_way_says_what_may_be_gone(session, steps):
         raise DriveError("the program was not taken: CRC error; the node waits in its boot-loader")
 
     steps.append(break_off)
-    with pytest.raises(DriveError, match=r"node 5: sending: .*CRC error.*the same command starts again"):
+    with pytest.raises(DriveError, match=r"node 5: sending: .*CRC error.*repeat the command to start again"):
         load_program(session, work(), NEW, ProgramOptions())
 
 
@@ -79,7 +79,7 @@ def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refuse
     with pytest.raises(DriveError, match="is enabled; nothing was written"):
         load_program(session, work(), NEW, ProgramOptions())
     session.identity_differences = lambda: ["vendor 0x1 in the EDS, 0x2 found"]
-    with pytest.raises(ConfigError, match="is not a device of that EDS"):
+    with pytest.raises(ConfigError, match="does not match its EDS"):
         load_program(session, work(), NEW, ProgramOptions())
     assert session.transfers.written == []
 

@@ -119,7 +119,7 @@ def test_another_process_finds_what_was_kept(private_folders):
 def test_a_folder_that_cannot_be_written_is_told(private_folders):
     state_dir().mkdir(parents=True, exist_ok=True)
     state_dir("gains").write_text("in the way")
-    with pytest.raises(ConfigError, match=r"cannot be kept in .*, so nothing was written into it"):
+    with pytest.raises(ConfigError, match=r"cannot be saved in .*, so nothing was written to the node"):
         kept().keep(OD, GAINS)
 
 
@@ -210,7 +210,9 @@ def test_a_value_that_the_drive_cuts_counts_as_refused():
     before = held_by(session).values
     session.transfers.device.store.ceilings.inject({0x6081: 1000})
     one, _ = restore(session, {**before, **CHANGES})
-    assert [str(each) for each in one.refused] == ["0x6081:00 Profile velocity: asked 1600, the drive has 1000"]
+    assert [str(each) for each in one.refused] == [
+        "0x6081:00 Profile velocity: 1600 was written, but the drive reports 1000"
+    ]
     assert one.undone
     assert held_by(session).values == before
 
@@ -264,7 +266,7 @@ def test_another_product_is_refused_and_another_revision_told():
         "revision 0x00000001 and 0x00000002"
     ]
     with pytest.raises(
-        ConfigError, match=r"left.dcf belongs to another product than node 5: product .*nothing was written"
+        ConfigError, match=r"left.dcf belongs to a different product than node 5: product .*nothing was written"
     ):
         check_device(file, DeviceIdentity(0xFFFF0192, 0x286, 0x4F5, 1), session)
 
@@ -300,7 +302,7 @@ def test_a_drive_that_is_silent_while_it_stores_is_waited_for():
     store(session)
     assert len(pauses) == 3
     session.transfers.silent_from = 0
-    with pytest.raises(DriveError, match="do not switch it off yet"):
+    with pytest.raises(DriveError, match="do not switch the drive off yet"):
         store(session)
 
 

@@ -71,7 +71,7 @@ def test_globs_fit_addresses_and_names():
     assert fitting("0x607D:01") == {(0x607D, 1)}
     assert fitting("0X20*", "PROFILE*") == {(0x2003, 0), (0x6081, 0)}
     assert fitting("software position limit") == {(0x607D, 1)}
-    with pytest.raises(ConfigError, match="--protect 0x99: fits no parameter"):
+    with pytest.raises(ConfigError, match="--protect 0x99 matches no parameter"):
         fitting("0x99")
 
 
@@ -101,13 +101,15 @@ def test_the_report_says_what_came_of_it():
     assert report.words(session).endswith("parameters as in left.dcf, 1 written; stored")
     session.transfers.device.store.ceilings.inject({0x6083: 1})
     report, _ = restored(session, backup(s6083=9))
-    assert report.words(session) == "node 5: 1 parameters refused; the drive is as it was"
+    assert report.words(session) == "node 5: 1 parameters refused; the drive is unchanged"
     assert report.refused[0].startswith("0x6083:00")
 
 
 def test_the_backup_of_another_drive_is_for_its_own_place():
     other = replace(backup(serial=7), node_id=6)
-    with pytest.raises(ConfigError, match=r"left.dcf is of node 6, and node 5 is another drive; nothing was written"):
+    with pytest.raises(
+        ConfigError, match=r"left.dcf belongs to node 6, and node 5 is another drive; nothing was written"
+    ):
         refuse_other_drive(other, session_with(TMCM, serial=8))
     refuse_other_drive(other, session_with(TMCM, serial=7))
     refuse_other_drive(backup(serial=7), session_with(TMCM, serial=8))

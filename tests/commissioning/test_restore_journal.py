@@ -61,10 +61,10 @@ def interrupted(after=1, values=WANTED):
 def test_the_same_command_goes_on_and_says_what_it_found(capsys):
     session, _, said = interrupted()
     (journal,) = journals()
-    undo = f"`canopen-control restore {journal} 5 --can can0` puts back what the node held"
+    undo = f"`canopen-control restore {journal} 5 --can can0` restores the previous values"
     assert said.endswith(undo)
     assert restored(session, backup(), arguments()) == 0
-    assert f"ended half-way: the same command again goes on; {undo} before it" in capsys.readouterr().err
+    assert f"was interrupted: repeat the command to continue it; {undo}" in capsys.readouterr().err
     assert held(session) == WANTED
     assert journals() == []
 
@@ -108,7 +108,7 @@ def test_nothing_is_written_where_it_cannot_be_kept():
     state_dir().parent.mkdir(parents=True, exist_ok=True)
     state_dir().mkdir(exist_ok=True)
     (state_dir() / "restores").write_text("a file where the folder belongs")
-    with pytest.raises(ConfigError, match=r"so nothing was written into it: .*set XDG_STATE_HOME"):
+    with pytest.raises(ConfigError, match=r"so nothing was written to the node: .*set XDG_STATE_HOME"):
         restored(session, backup(), arguments())
     assert session.transfers.written == []
 
@@ -123,7 +123,7 @@ def test_a_node_without_a_serial_number_is_known_by_its_channel():
 
 def test_others_are_told_of_it_and_a_node_without_one_is_not_asked():
     session, _, _ = interrupted()
-    assert "ended half-way" in unfinished_words(session, Reached("can0"))
+    assert "was interrupted" in unfinished_words(session, Reached("can0"))
     restored(session, backup(), arguments())
     session.transfers.silent_from = 0
     assert unfinished_words(session, Reached("can0")) == ""

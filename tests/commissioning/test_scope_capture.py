@@ -59,9 +59,9 @@ def test_what_was_written_is_read_back(samples, trigger):
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("", "is not a shot of a scope"),
-        ("time_s,command\n0,1\n", "is not a shot of a scope"),
-        ("time,t,a\n", "is not a shot of a scope"),
+        ("", "is not a capture of a scope"),
+        ("time_s,command\n0,1\n", "is not a capture of a scope"),
+        ("time,t,a\n", "is not a capture of a scope"),
         ("time,t,a\n1,0,x\n", "a cell is not a number"),
         ("time,t,a\n1\n", "a cell is not a number"),
         ("time,t,a\n1,0,2,3\n", "more or fewer cells"),

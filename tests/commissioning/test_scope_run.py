@@ -71,7 +71,7 @@ def test_one_shot_is_taken_and_told_with_the_cycles_of_the_robot():
     assert (named.names, named.units) == (("left_drive:0x606C",), ("counts/s",))
     assert [row[0] for _, row in named.shot.rows] == [1.0, 2.0, 3.0, 4.0]
     assert (scope.over, scope.good, scope.captures) == (True, True, 1)
-    assert scope.words == "1 capture; the robot made 100 cycles meanwhile and missed 0"
+    assert scope.words == "1 capture; 100 cycles of the robot, 0 missed"
 
 
 def test_a_trigger_has_what_was_before_it_and_a_fault_needs_no_statusword_among_the_signals():
@@ -141,9 +141,9 @@ def test_what_goes_wrong_is_its_end_and_its_words():
 
 def test_joints_and_a_fault_need_a_robot_and_a_drive():
     options = ScopeOptions(trigger="fault")
-    with pytest.raises(ConfigError, match="joints are of a running robot"):
+    with pytest.raises(ConfigError, match="joints exist only in a running robot"):
         Scope(["left:velocity"], {}, None, options)
-    with pytest.raises(ConfigError, match="a trigger on faults looks at drives"):
+    with pytest.raises(ConfigError, match="a trigger on faults needs a signal of a drive"):
         Scope(["left:velocity"], {}, Robot(), options)
-    with pytest.raises(ConfigError, match="--before is of a trigger"):
+    with pytest.raises(ConfigError, match="--before requires --trigger"):
         ScopeRun(Desk(), (SPEED,), ScopeOptions(before=0.5))

@@ -124,9 +124,7 @@ def test_what_is_no_signal_is_told_with_what_one_is(text):
         node_of(text)
 
 
-@pytest.mark.parametrize(
-    ("text", "why"), [("5:0x1008", "is not a number that can be read"), ("5:0x5FFE", "has no 0x5FFE:00")]
-)
+@pytest.mark.parametrize(("text", "why"), [("5:0x1008", "is not a readable number"), ("5:0x5FFE", "has no 0x5FFE:00")])
 def test_what_cannot_be_shown_is_told(text, why):
     with pytest.raises(ConfigError, match=why):
         signal_of(text, NODE)

@@ -100,7 +100,7 @@ def test_a_plant_is_identified_and_its_gains_are_set_and_taken_back(private_fold
         now = page.bench.get(0x60F9, 1)
         assert now * 1e-5 * COUNTS == pytest.approx(found.gains.velocity_p, rel=1e-3)
         with page.desk.session() as session:
-            assert "those from before" in revert(session, page.work, stores=False)
+            assert "previous gains restored" in revert(session, page.work, stores=False)
         assert page.bench.get(0x60F9, 1) == before != now
         assert any("0x60F9:01" in line for line in page.work.lines)
 
@@ -110,7 +110,7 @@ def test_a_page_that_goes_ends_it_at_once(private_folders):
     with page_for(JogKind.VELOCITY) as page:
         seconds = iter([0.0, *[0.0] * 60, *[5.0] * 1000])
         page.presence = PagePresence(lambda: next(seconds))
-        with pytest.raises(DriveError, match="the page that began it is gone: stopped and disabled"):
+        with pytest.raises(DriveError, match="the page that started the run was closed: stopped and disabled"):
             page.run(plan(seconds=1.0))
         assert page.power is not State.OPERATION_ENABLED
         assert page.bench.speed == pytest.approx(0.0, abs=200)
@@ -140,9 +140,9 @@ def test_stop_and_the_button_end_it(private_folders, end):
 @pytest.mark.parametrize(
     ("wish", "why"),
     [
-        ({"speed": 0.0}, "moves nothing"),
-        ({"speed": 9.0}, "beyond the limit"),
-        ({"test": TuneTest.IDENTIFY, "torque": 200.0, "max_current": 100.0}, "beyond --max-current"),
+        ({"speed": 0.0}, "causes no motion"),
+        ({"speed": 9.0}, "exceeds the limit"),
+        ({"test": TuneTest.IDENTIFY, "torque": 200.0, "max_current": 100.0}, "exceeds --max-current"),
         ({"test": TuneTest.BODE, "seconds": 0.1}, "too short"),
     ],
 )
@@ -154,6 +154,6 @@ def test_what_is_beyond_the_limits_is_told_before_anything_moves(wish, why):
 def test_what_is_confirmed_says_what_moves_within_which_limits():
     words = plan(seconds=1.0, max_speed=Quantity(60.0, "rpm", "velocity")).lines(SCALE)
     assert words[0].startswith("excitation: a step to 3.00 rad/s")
-    assert words[1] == "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg each way,"
-    assert words[2].startswith("        current 100 % of the rated one, more for 0.1 s")
+    assert words[1] == "limits: 6.28 rad/s (60.0 rpm), 3600.0 deg in each direction,"
+    assert words[2].startswith("        current 100 % of the rated current, exceeded for 0.1 s")
     assert curves_of is not None

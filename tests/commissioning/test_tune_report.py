@@ -94,14 +94,14 @@ def test_a_proposal_that_cannot_be_is_told_and_the_rest_stands():
     _, record = pushed(loaded(), Prbs(150.0, 0.05, 4.0), 0.01)
     lines = report(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE, None)
     assert lines[0].startswith("inertia ")
-    assert lines[-1].startswith("no proposal: no PI gives a crossover of 477 Hz")
+    assert lines[-1].startswith("no proposal: no PI controller gives a crossover of 477 Hz")
 
 
 def test_what_tells_nothing_is_told(tmp_path):
     with pytest.raises(DriveError, match="was never commanded"):
         step_of(record_of([0.0] * 50, begin=99), 1.0)
     record = TuneRecord(0.01, [TuneSample(0, 1.0, 0.0, None)])
-    with pytest.raises(DriveError, match="no TPDO of the drive carries its velocity"):
+    with pytest.raises(DriveError, match="no TPDO of the drive contains its velocity"):
         identified(record)
     with pytest.raises(ConfigError, match="cannot be written"):
         report(record, IDENTIFY, SCALE, tmp_path / "no" / "folder.csv")
@@ -118,7 +118,7 @@ def test_programs_are_told_the_same_in_numbers():
     assert told.velocity_i > 0.0
     told = findings(record, TuneRequest(TuneTest.IDENTIFY, 4.0, 0.01, torque=150.0, crossover=3000.0), SCALE)
     assert told.gains is None
-    assert "no PI gives a crossover" in told.no_gains
+    assert "no PI controller gives a crossover" in told.no_gains
 
 
 @pytest.mark.rest

@@ -40,7 +40,7 @@ def test_what_is_commanded_is_what_is_confirmed():
     identify = request(TuneTest.IDENTIFY, torque=160.0)
     assert identify.kind is JogKind.TORQUE
     assert identify.excitation(SCALE).peak == pytest.approx(100.0)  # and 60 of them to one side
-    assert identify.words(SCALE) == "a torque of up to 16 % of the rated one, both ways, for 8 s"
+    assert identify.words(SCALE) == "a torque of up to 16 % of the rated torque, in both directions, for 8 s"
     assert "as a sine from 0.5 to 38.3 Hz, for 8 s" in request(TuneTest.BODE).words(SCALE)
     assert "as a pseudo-random sequence" in request(TuneTest.BODE, signal="prbs").words(SCALE)
 
@@ -48,8 +48,8 @@ def test_what_is_commanded_is_what_is_confirmed():
 @pytest.mark.parametrize(
     ("asked", "why"),
     [
-        (request(TuneTest.STEP, speed=parse_quantity("70rpm", "velocity")), "beyond the limit of 6.28 rad/s"),
-        (request(TuneTest.IDENTIFY, torque=250.0), "beyond --max-current 200"),
+        (request(TuneTest.STEP, speed=parse_quantity("70rpm", "velocity")), "exceeds the limit of 6.28 rad/s"),
+        (request(TuneTest.IDENTIFY, torque=250.0), "exceeds --max-current 200"),
         (request(TuneTest.BODE, 0.3), "too short for a frequency response"),
     ],
 )

@@ -74,7 +74,7 @@ def test_a_device_that_dies_while_it_floods_is_both(bench):
         port.send(pack_records([CanFrame(0x85, bytes(8))] * 3000))
 
     assert reasons(run_with(node, die)) == {
-        "not run: the device stopped answering; 0x085 came 3000 times in a second",
+        "not run: the device stopped answering; 0x085 was received 3000 times in a second",
     }
 
 

@@ -22,7 +22,7 @@ def one(can_id, data="", decoder=None):
 LINES = [
     (0x000, "0103", "nmt", "left_drive", "START, node 3 (left_drive)", Mark.NOTABLE),
     (0x000, "8200", "nmt", "", "RESET COMMUNICATION, all nodes", Mark.NOTABLE),
-    (0x000, "FF03", "nmt", "", "no command of the standard", Mark.WARNING),
+    (0x000, "FF03", "nmt", "", "unknown NMT command", Mark.WARNING),
     (0x080, "", "sync", "", "", Mark.PLAIN),
     (0x080, "07", "sync", "", "counter 7", Mark.PLAIN),
     (0x703, "00", "hb", "left_drive", "boot-up", Mark.NOTABLE),
@@ -41,9 +41,9 @@ LINES = [
     (0x7E4, "1100", "lss", "", "node id: accepted", Mark.PLAIN),
     (0x385, "11", "pdo", "", "mapping unknown", Mark.PLAIN),
     (0x6FF, "00", "raw", "", "no CANopen service has this identifier", Mark.PLAIN),
-    (EXTENDED_FLAG | 0x183, "00", "raw", "", "29-bit identifier, no PDO of this bus has it", Mark.PLAIN),
+    (EXTENDED_FLAG | 0x183, "00", "raw", "", "29-bit identifier of no known PDO", Mark.PLAIN),
     (REMOTE_FLAG | 0x703, "00", "hb", "left_drive", "guarding request", Mark.PLAIN),
-    (REMOTE_FLAG | 0x183, "", "pdo", "left_drive", "asks for TPDO1", Mark.PLAIN),
+    (REMOTE_FLAG | 0x183, "", "pdo", "left_drive", "request for TPDO1", Mark.PLAIN),
     (
         *(ERROR_FLAG | 0x40, "", "error", ""),
         "bus-off; check the cable, the terminators and the bit rate",

@@ -18,7 +18,7 @@ from canopen_control.trace.decoder import lss_text
         ("17", True, "store"),
         ("4186020000", True, "select product 0x00000286"),
         ("4B01000000", True, "identify highest serial 0x00000001"),
-        ("51000000008000", True, "fast scan: is anybody without a node id?"),
+        ("51000000008000", True, "fast scan: any node without a node id"),
         ("51860200000400 00", True, "fast scan: vendor 0x00000286, bits 4 to 31"),
         ("5E", True, "inquire node id"),
         ("EE", True, "unknown command 0xEE"),

@@ -95,7 +95,7 @@ def test_a_copy_writes_while_the_recorder_goes_on(reactor, robot, monkeypatch):
     assert reactor.run_until(lambda: recorder._writer is None, 10 * SECOND)
     path = newest(flight_folder("flight"))
     assert read_flight(path).meta.reason.text == "aside"
-    hear(reactor, recorder, f"flight recording: {path} (a page of it: canopen-control report)")
+    hear(reactor, recorder, f"flight recording: {path} (show it with canopen-control report)")
     assert recorder.unsent == []
     recorder.finish()
 

@@ -171,7 +171,7 @@ def test_a_file_is_whole_or_not_there(tmp_path):
         yield "(1.0) can 080#\n"
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    with pytest.raises(DiskFull, match=r"left_drive\.zip: No space left on device; nothing is left of this"):
+    with pytest.raises(DiskFull, match=r"left_drive\.zip: No space left on device; this recording is lost"):
         save(tmp_path, META, failing(), [], [])
     assert list(tmp_path.iterdir()) == []
 
@@ -343,10 +343,10 @@ def test_a_size_that_lies_is_not_believed(tmp_path):
 @pytest.mark.rest
 def test_more_files_than_a_recording_has_are_refused(tmp_path):
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": b"" for number in range(1001)})
-    with pytest.raises(ConfigError, match=r"not a flight recording: 1006 files are in it"):
+    with pytest.raises(ConfigError, match=r"not a flight recording: it contains 1006 files"):
         read_flight(path)
     path = rewritten(write(tmp_path), **{f"eds/{number}.eds": MIB * 15 for number in range(5)})
-    with pytest.raises(ConfigError, match=r"what is in eds/ is larger than 64 MiB"):
+    with pytest.raises(ConfigError, match=r"the content of eds/ is larger than 64 MiB"):
         read_flight(path)
 
 

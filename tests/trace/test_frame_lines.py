@@ -60,7 +60,7 @@ def test_a_line_is_a_row_of_columns_with_the_seconds_since_the_first():
         "target reached; Modes of operation display 3 PV",
         "    0.001500  080                                        SYNC",
         "    0.003000  709  05                       node 9       heartbeat     OPERATIONAL",
-        "    0.004500  183  remote, 2 bytes          left_drive   TPDO1         asks for TPDO1",
+        "    0.004500  183  remote, 2 bytes          left_drive   TPDO1         request for TPDO1",
     ]
 
 

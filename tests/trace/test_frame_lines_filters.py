@@ -64,7 +64,7 @@ def test_what_changes_remembers_has_an_end():
 
 def test_services_are_named_and_a_wrong_one_names_them():
     assert parse_services("pdo, SDO,heartbeat") == {"pdo", "sdo", "hb"}
-    with pytest.raises(ValueError, match=r"no service 'pod'; there are: nmt, sync"):
+    with pytest.raises(ValueError, match=r"unknown service 'pod'; services: nmt, sync"):
         parse_services("pod")
 
 

@@ -33,7 +33,7 @@ def test_one_file_describes_every_node_and_a_named_one_wins():
 
 def test_a_folder_is_taken_by_the_node_ids_of_its_dcf_files(tmp_path):
     shutil.copy(EDS, tmp_path / "plain.eds")
-    with pytest.raises(ConfigError, match="no file there says its node id"):
+    with pytest.raises(ConfigError, match="no file in it contains a node id"):
         network_of_eds("", [str(tmp_path)])
     text = EDS.read_bytes() + b"\r\n[DeviceComissioning]\r\nNodeID=5\r\nBaudrate=1000\r\n"
     (tmp_path / "lift.dcf").write_bytes(text)

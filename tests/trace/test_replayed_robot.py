@@ -106,14 +106,14 @@ def test_what_a_page_asks_is_answered_and_what_moves_is_refused(watched):
     assert w.ask("nodes")["nodes"] == []
     assert w.ask("controllers") == []
     refused = w.ask("stop", latch=True)
-    assert refused["message"] == "was is a recording of robby: nothing in it can be changed"
+    assert refused["message"] == "was is a recording of robby, which cannot be changed"
     assert "is a recording" in w.ask("twist", controller="base", linear=1.0, angular=0.0)["message"]
 
 
 def test_a_recording_without_states_is_told():
     with (
         Reactor(ManualClock(S)) as reactor,
-        pytest.raises(ConfigError, match="there are no states of robby in the recording"),
+        pytest.raises(ConfigError, match="the recording of robby contains no states to replay"),
     ):
         ReplayedRobot("was", META, [], [], Description(""), reactor)
 

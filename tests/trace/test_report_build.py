@@ -267,7 +267,7 @@ def test_what_is_missing_is_said(calm_run):
     calm_run.meta = replace(calm_run.meta, unheard=("arm",), frames_lost=7, faults_left_out=3)
     calm_run.unread_lines = 2
     said = " ".join(facts_of(calm_run).summary)
-    for words in ("Not listened to: arm", "7 frames were lost", "2 lines", "3 earlier faults"):
+    for words in ("Not recorded: the frames of arm", "7 frames were lost", "2 lines", "3 earlier faults"):
         assert words in said
 
 

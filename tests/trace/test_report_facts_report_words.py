@@ -11,10 +11,10 @@ def test_the_first_lines_name_robot_drives_and_the_fault(lost_drive):
     said = facts_of(lost_drive).summary
     assert said[0].startswith("robby: 4.0 s up to ")
     assert "left_drive (node 3), right_drive (node 2)" in said[0]
-    assert said[1].startswith("What went wrong first, 2.")
+    assert said[1].startswith("First error, 2.")
     assert "left_drive" in said[1]
-    assert any(line.startswith("right_wheel_joint came to rest") for line in said)
-    assert "left_wheel_joint was not seen to stop." in said
+    assert any(line.startswith("right_wheel_joint stopped") for line in said)
+    assert "left_wheel_joint did not stop in the recording." in said
     assert all(line.endswith((".", "?")) for line in said)
 
 
@@ -31,7 +31,7 @@ def test_a_storm_is_counted_instead_of_listed(lost_drive):
 def test_hardware_that_is_made_up_is_called_that(calm_run):
     calm_run.states = [replace(sample, nodes={}) for sample in calm_run.states]
     calm_run.frames, calm_run.meta = [], replace(calm_run.meta, buses={})
-    assert "no bus, made-up hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run).summary[0]
+    assert "no bus, simulated hardware: left_wheel_joint, right_wheel_joint" in facts_of(calm_run).summary[0]
 
 
 def test_the_joint_that_was_furthest_off_and_odd_set_points_are_told(calm_run):

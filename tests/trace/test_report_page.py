@@ -63,5 +63,5 @@ def test_what_is_in_a_recording_is_text_and_never_markup(lost_drive):
 def test_an_empty_recording_has_a_page():
     page = page_of(facts_of(FlightFile(FlightMeta(robot="", reason=NO_FAULT))))
     parsed(page)
-    assert "Nothing was reported to go wrong" in page
+    assert "No error was reported" in page
     assert "<svg" not in page

@@ -131,9 +131,9 @@ def test_a_string_in_segments_is_read_as_one():
 def test_who_comes_late_is_told_so():
     texts = said(robby_decoder(), (0x583, "00544D434D2D3132"), (0x603, "6000000000000000"), (0x583, "C100000000000000"))
     assert texts == [
-        "segment of a transfer that began unheard",
-        "next segment of a transfer that began unheard",
-        "end of a block transfer that began unheard",
+        "segment of a transfer with unknown start",
+        "next segment of a transfer with unknown start",
+        "end of a block transfer with unknown start",
     ]
 
 
@@ -150,7 +150,7 @@ def test_a_lost_block_segment_is_sent_again_and_counted_once():
         (0x603, "A2 01 7F 00 00 00 00 00"),
         (0x583, "C1 00 00 00 00 00 00 00"),
     )
-    assert texts[5] == "1 segments of 0x2000:00 taken, 1 come again"
+    assert texts[5] == "1 segments of 0x2000:00 acknowledged, 1 to be repeated"
     assert texts[-1] == "0x2000:00 = 41 42 43 44 45 46 47 48 49 4a 4b 4c 4d 4e"
 
 

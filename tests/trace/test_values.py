@@ -59,7 +59,7 @@ def test_faults_are_faulty_and_the_rest_is_not():
         (0x1600, 0, 2, "2"),
         (0x1600, 1, 0x00050008, "0x00050008 (0x0005:00 dummy UNSIGNED8, 8 bits)"),
         (0x1600, 1, 0, "0 (nothing)"),
-        (0x1016, 1, 0, "0x00000000 (watches no node)"),
+        (0x1016, 1, 0, "0x00000000 (no node)"),
         (0x1029, 1, 2, "2 (to STOPPED)"),
         (0x1029, 1, 9, "9"),
         (0x6502, 0, 0xA5, "0x000000A5 (PP, PV, HM, CSP)"),

@@ -64,7 +64,7 @@ def test_work_that_is_asked_to_end_ends_at_its_next_step():
     work = JobRun(RESTORE, "restoring")
     work.at(1, 2)
     work.end()
-    with pytest.raises(DriveError, match="a page asked for its end"):
+    with pytest.raises(DriveError, match="a page requested the end"):
         work.at(2, 2)
     assert work.done == 2
 

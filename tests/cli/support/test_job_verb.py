@@ -33,7 +33,7 @@ def backup(**changes):
 def test_the_report_is_printed(capsys):
     assert restored(session_with(TMCM), backup(s6081=9), arguments("--protect", "0x6083")) == 0
     out = capsys.readouterr().out
-    assert "kept as it is: 0x6083:00" in out
+    assert "not written: 0x6083:00" in out
     assert out.endswith("1 written; not stored: a power cycle undoes it (--store)\n")
 
 
@@ -43,7 +43,7 @@ def test_what_was_refused_goes_to_standard_error_and_is_the_exit_code(capsys):
     assert restored(session, backup(s6083=9), arguments()) == 1
     told = capsys.readouterr()
     assert "canopen-control: refused: 0x6083:00" in told.err
-    assert told.out.endswith("1 parameters refused; the drive is as it was\n")
+    assert told.out.endswith("1 parameters refused; the drive is unchanged\n")
 
 
 def test_the_same_as_json(capsys):

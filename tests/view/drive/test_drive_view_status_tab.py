@@ -46,7 +46,7 @@ def test_it_shows_what_the_robot_knows_of_the_node():
 def test_it_shows_the_errors_that_the_drive_remembers():
     assert "0x2310" in played(read)
     assert "error history is empty" in played(read, held={(0x1003, 0): b"\0"})
-    assert "keeps no error history" in played(read, held={})
+    assert "has no error history" in played(read, held={})
 
 
 def test_a_node_that_does_not_answer_is_told():

@@ -91,7 +91,7 @@ def test_what_is_beyond_the_limits_opens_no_question():
         return html(user)
 
     words, begun = played(act)
-    assert "is beyond the limit of" in words
+    assert "exceeds the limit of" in words
     assert begun == []
 
 
@@ -167,8 +167,8 @@ async def closed(user, tab, _page):
 @pytest.mark.parametrize(
     ("how", "why"),
     [
-        ({"controllers": [FORWARD]}, "forward commands left, and two must not move it"),
-        ({"controllers": [TARGET | {"state": "inactive"}]}, "No active controller takes a target for left"),
+        ({"controllers": [FORWARD]}, "forward commands left, and only one client may move it"),
+        ({"controllers": [TARGET | {"state": "inactive"}]}, "No active controller accepts targets for left"),
         ({"joints": (), "controllers": [FORWARD]}, "left_drive moves no joint of pair"),
         ({"new": state(latched=True)}, "STOP is latched: release it"),
     ],
