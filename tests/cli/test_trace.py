@@ -84,7 +84,7 @@ def test_a_file_that_breaks_off_is_shown_and_said(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--service", "pod"], "no service 'pod'"),
+        (["--service", "pod"], "unknown service 'pod'"),
         (["--id", "zz"], "hexadecimal"),
         (["--count", "0"], "not a whole number above 0"),
         (["--for", "-1"], "seconds above 0"),
