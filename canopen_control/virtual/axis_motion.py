@@ -288,10 +288,10 @@ class Reactions(Protocol):
     def limit_switch_hit(self, side: int, now: int) -> None:
         """Handle a wired limit switch that became active; `side` is -1 (negative) or 1 (positive)."""
 
-    def judge_following_error(self, error: float, now: int) -> None:
+    def check_following_error(self, error: float, now: int) -> None:
         """Check a following error in counts; called periodically while the plant lags."""
 
-    def judge_load(self, torque: float, now: int) -> None:
+    def check_load(self, torque: float, now: int) -> None:
         """Check the torque (per mille of the rated torque) of a powered motor with a coupled plant."""
 
     def sampled(self) -> None:
@@ -432,13 +432,13 @@ class AxisMotion:
             self.loop.rest()
         self.demand = hold(now, self.plant.position)
 
-    def displace(self, way: float, now: int) -> None:
-        """Displace the plant and its position demand by `way` counts."""
+    def displace(self, distance: float, now: int) -> None:
+        """Displace the plant and its position demand by `distance` counts."""
         self._move(now)
-        self.plant.position += way
+        self.plant.position += distance
         if not self.powered or self.torque is None:
             demand = self.demand
-            self.demand = demand.shifted(way)
+            self.demand = demand.shifted(distance)
 
     def run(self, demand: DemandCurve, now: int) -> None:
         """Follow `demand`; `arrived` is called at the end of the demand, or immediately if there is no motion."""
@@ -507,7 +507,7 @@ class AxisMotion:
         position, velocity = self.demand.at(now)
         error = 0.0 if self._drifts else position - self.plant.position
         if not self._drifts:
-            self.owner.judge_following_error(error, now)
+            self.owner.check_following_error(error, now)
         if velocity or now < self.demand.end_ns or abs(error) >= 0.5 or not self.at_standstill:
             self.at("follow", now + FOLLOW_NS, self._follow)
 
@@ -520,8 +520,8 @@ class AxisMotion:
         if not self.powered:
             return
         if self.torque is None and not self._drifts:
-            self.owner.judge_following_error(self.demand.at(now)[0] - plant.position, now)
-        self.owner.judge_load(plant.torque, now)
+            self.owner.check_following_error(self.demand.at(now)[0] - plant.position, now)
+        self.owner.check_load(plant.torque, now)
         if self.powered:
             self._evaluate_next(plant, now)
 

@@ -21,12 +21,12 @@ from canopen_control.virtual.node_pdos import TPDO
 from canopen_control.virtual.quirk_base import (
     Quirk,
     Strength,
-    hears,
+    apply_switch,
+    filter_frames,
+    hide_objects,
     in_seconds,
-    lacks,
     pdo_mappings,
     pdo_records,
-    turns,
     whole,
 )
 
@@ -287,7 +287,7 @@ _SDO_QUIRKS: Final[tuple[Quirk, ...]] = (
         node=_answers(_aborted_with(0)),
         group="abort codes",
     ),
-    Quirk("sdo_no_block", "does not support SDO block transfer", _SDO, "unsourced", node=hears(refuses_blocks)),
+    Quirk("sdo_no_block", "does not support SDO block transfer", _SDO, "unsourced", node=filter_frames(refuses_blocks)),
     Quirk(
         "storing_silent",
         "neither receives nor sends frames for some time while it stores parameters",
@@ -310,12 +310,12 @@ def _refuses(
     """Return a quirk action that refuses writes with `code` if `when` is true."""
 
     def act(hooks: QuirkHooks, strength: float) -> None:
-        def judge(entry: Entry, value: Value, before: Guard) -> Value:
+        def check(entry: Entry, value: Value, before: Guard) -> Value:
             if when(hooks.node, entry, int(value), strength):
                 raise SdoServerAbort(code)
             return before(entry, value)
 
-        hooks.guard(indices(hooks.node), judge)
+        hooks.guard(indices(hooks.node), check)
 
     return act
 
@@ -327,15 +327,15 @@ def _cob_id_fixed(hooks: QuirkHooks, _strength: float) -> None:
 
 
 def _inhibit_time(hooks: QuirkHooks, seconds: float) -> None:
-    least = round(seconds * 10_000)
+    minimum = round(seconds * 10_000)
     for number in hooks.node.pdos.tpdos:
-        if hooks.node.store.number(TPDO + number, 3) < least:
-            hooks.preset(TPDO + number, 3, least)
+        if hooks.node.store.number(TPDO + number, 3) < minimum:
+            hooks.preset(TPDO + number, 3, minimum)
 
-    def judge(entry: Entry, value: Value, before: Guard) -> Value:
-        return before(entry, max(least, int(value)) if entry.subindex == 3 else value)
+    def check(entry: Entry, value: Value, before: Guard) -> Value:
+        return before(entry, max(minimum, int(value)) if entry.subindex == 3 else value)
 
-    hooks.guard([TPDO + number for number in hooks.node.pdos.tpdos], judge)
+    hooks.guard([TPDO + number for number in hooks.node.pdos.tpdos], check)
 
 
 def _mapping_swapped(hooks: QuirkHooks, _strength: float) -> None:
@@ -361,7 +361,7 @@ def _cob_ids_of_node(hooks: QuirkHooks, node_id: float) -> None:
 def _cob_id_not_stored(hooks: QuirkHooks, _strength: float) -> None:
     store = hooks.node.store
 
-    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+    def check(entry: Entry, value: Value, before: Guard) -> Value:
         cob_ids = {record: store.power_on.get((record, 1)) for record in pdo_records(hooks.node)}
         answer = before(entry, value)
         for record, cob_id in cob_ids.items():
@@ -370,7 +370,7 @@ def _cob_id_not_stored(hooks: QuirkHooks, _strength: float) -> None:
                 store.power_on[record, 1] = cob_id
         return answer
 
-    hooks.guard([0x1010], judge)
+    hooks.guard([0x1010], check)
 
 
 _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
@@ -386,7 +386,11 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
         ),
     ),
     Quirk(
-        "mapping_fixed", "has a PDO mapping that cannot be written", _MAPPING, "unsourced", node=hears(refuses_mapping)
+        "mapping_fixed",
+        "has a PDO mapping that cannot be written",
+        _MAPPING,
+        "unsourced",
+        node=filter_frames(refuses_mapping),
     ),
     Quirk(
         "mapping_in_preop",
@@ -406,7 +410,7 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
         "linuxcnc-ethercat#512, #343 (Inovance)",
         node=_refuses(
             AbortCode.MAPPING_TOO_LONG,
-            lambda _node, entry, value, most: entry.subindex == 0 and value > most,
+            lambda _node, entry, value, maximum: entry.subindex == 0 and value > maximum,
             pdo_mappings,
         ),
         strength=whole("objects", 2, 1, 8),
@@ -500,13 +504,13 @@ _PROCESS_DATA: Final[tuple[Quirk, ...]] = (
 def _consumer_rounded(hooks: QuirkHooks, seconds: float) -> None:
     step = round(seconds * 1000)
 
-    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+    def check(entry: Entry, value: Value, before: Guard) -> Value:
         number = int(value)
         if entry.subindex:
             number = number & ~0xFFFF | min(0xFFFF, -(-(number & 0xFFFF) // step) * step)
         return before(entry, number)
 
-    hooks.guard([0x1016], judge)
+    hooks.guard([0x1016], check)
 
 
 def _after_boot(frames: Callable[[VirtualNode], list[tuple[int, CanFrame]]]) -> NodeAct:
@@ -556,7 +560,9 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
         strength=in_seconds(5.0),
     ),
     Quirk("boot_unsaid", "does not send a boot-up message", _NMT, "unsourced", node=_boot_unsaid),
-    Quirk("already_operational", "is OPERATIONAL without a command", _NMT, "unsourced", node=turns(start_by_itself)),
+    Quirk(
+        "already_operational", "is OPERATIONAL without a command", _NMT, "unsourced", node=apply_switch(start_by_itself)
+    ),
     Quirk(
         "start_without_errors",
         "obeys NMT start only while 0x1001 is 0",
@@ -577,7 +583,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
         "does not support heartbeats: it has neither 0x1016 nor 0x1017",
         "CiA 301, 7.2.8.2 (error control)",
         "ros_canopen#106, #367",
-        node=lacks(0x1016, 0x1017),
+        node=hide_objects(0x1016, 0x1017),
         group="heartbeat",
     ),
     Quirk(
@@ -620,7 +626,7 @@ _NETWORK: Final[tuple[Quirk, ...]] = (
         "has no 0x1019",
         "CiA 301, object 0x1019",
         "ros_canopen#349: canopen_master/CHANGELOG",
-        node=lacks(0x1019),
+        node=hide_objects(0x1019),
     ),
     Quirk(
         "clock_drift",

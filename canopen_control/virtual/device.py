@@ -69,7 +69,7 @@ class ParameterFile:
     """
 
     def __init__(self, path: Path, report: Callable[[str], None]) -> None:
-        self.path, self._say = path, report
+        self.path, self._report = path, report
         self._nodes = self._read()
         self._keys: dict[VirtualNode, str] = {}
 
@@ -105,7 +105,7 @@ class ParameterFile:
                 entry = node.od[address]
                 node.store.power_on[address] = decode(bytes.fromhex(text), entry.data_type)
             except (KeyError, TypeError, ValueError):
-                self._say(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
+                self._report(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
     def keep(self, node: VirtualNode) -> bool:
         """Write the parameters of a node to the file; return whether the write succeeded."""
@@ -122,7 +122,7 @@ class ParameterFile:
                 self._nodes = self._read() | {key: record}
                 self._write()
         except (CanopenError, OSError) as error:
-            self._say(f"{self.path} cannot be written: {error}")
+            self._report(f"{self.path} cannot be written: {error}")
             return False
         return True
 
@@ -362,13 +362,13 @@ def _world(path: Path) -> World:
 def _node(
     od: ObjectDictionary,
     node_id: int,
-    ways: tuple[Sequence[str], Sequence[str], Personality | None],
+    behaviour: tuple[Sequence[str], Sequence[str], Personality | None],
     serial: int,
     world: World,
     file: ParameterFile | None,
 ) -> VirtualNode:
     active = node_id if file is None else file.node_id(node_id)
-    faults, quirks, like = ways
+    faults, quirks, like = behaviour
     plant = partial(world.plant, node_id)
     node = make_device(od, active, faults, serial=serial, plant=plant, quirks=quirks, like=like)
     if file is not None:

@@ -225,7 +225,7 @@ class CyclicPosition(StreamMode):
         self._demand = demand
         self.meter.follow(self.mover.demand, now)
         self.mover.run(demand, now)
-        self.limits.judge_following_error(target - position - within, now)
+        self.limits.check_following_error(target - position - within, now)
 
     def _in_rhythm(self, now: int) -> bool:
         clock = self.clock
@@ -238,8 +238,8 @@ class CyclicPosition(StreamMode):
         if not longest or not velocity:
             return 0.0
         low, high = self.limits.bounds()
-        way = high - place if velocity > 0.0 else low - place
-        return max(0.0, min(longest, way / velocity))
+        distance = high - place if velocity > 0.0 else low - place
+        return max(0.0, min(longest, distance / velocity))
 
     def measured_velocity(self) -> float:
         """Return the plant's velocity in counts/s; after a move, the mean over the interpolation time."""
@@ -326,8 +326,8 @@ class Torque(StreamMode):
 # supported; only the position of a record is used, which is the first subindex by default.
 
 
-MAXIMUM, SIZE, ORGANISATION, POSITION, _RECORD_SIZE, CLEAR = range(1, 7)  # subindices of 0x60C4
-_MOST: Final = 1024  # records, even if a file declares another type
+MAXIMUM, SIZE, ORGANISATION, POSITION, _, CLEAR = range(1, 7)  # subindices of 0x60C4
+_MAX_RECORDS: Final = 1024  # records, even if a file declares another type
 _FIFO, _LINEAR = 0, 0
 
 
@@ -357,8 +357,8 @@ class SetPointBuffer:
     @property
     def size(self) -> int:
         """Capacity in records: 0x60C4:02, or 0x60C4:01 if 0x60C4:02 is 0; at most 0x60C4:01."""
-        most = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MOST)
-        return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or most, most)
+        maximum = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MAX_RECORDS)
+        return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or maximum, maximum)
 
     def put(self, place: float) -> None:
         """Append a record, or drop the record if the buffer is full."""

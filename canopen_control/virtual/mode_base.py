@@ -87,6 +87,7 @@ class SetpointStatistics:
 
     __slots__ = (
         "_accelerations",
+        "_distance",
         "_grid",
         "_moved_ns",
         "_phases",
@@ -97,7 +98,6 @@ class SetpointStatistics:
         "_set_point",
         "_step",
         "_velocities",
-        "_way",
         "doubled",
         "missed",
         "overwritten",
@@ -147,7 +147,7 @@ class SetpointStatistics:
     def pause(self) -> None:
         """End the measured motion; the next demand starts a new measurement."""
         self._grid = self._points = self._resting = 0
-        self._position = self._way = 0.0
+        self._position = self._distance = 0.0
 
     def follow(self, demand: DemandCurve, now: int) -> None:
         """Sample the active demand every 0.5 ms, from the last sample up to `now`."""
@@ -161,46 +161,46 @@ class SetpointStatistics:
             points = ((now if end is None else min(end, now)) - grid) // GRID_NS
             if points > 1:  # the distance to the next point is the same for all further points
                 self._sample(demand.at(grid + GRID_NS)[0])
-                self._go_on_evenly(demand.at(grid + points * GRID_NS)[0], points - 1)
+                self._record_evenly(demand.at(grid + points * GRID_NS)[0], points - 1)
                 grid += points * GRID_NS
             grid += GRID_NS
         self._grid = grid
 
     def _sample(self, position: float) -> None:
         """Record the demanded position at the next sampling time."""
-        way, self._position = position - self._position, position
+        distance, self._position = position - self._position, position
         self._points += 1
-        if self._points == 1:  # the first point has no way
+        if self._points == 1:  # the first point has no distance
             return
-        change, self._way = way - self._way, way
-        if way == 0.0:
+        change, self._distance = distance - self._distance, distance
+        if distance == 0.0:
             self._resting += 1
         elif self._resting <= _REST_POINTS:
-            self._goes_on(way)
+            self._record_step(distance)
         else:
             self._resting = 0
-            self._velocities.add(way)
-        if self._points > 2 and (way or change):
+            self._velocities.add(distance)
+        if self._points > 2 and (distance or change):
             self._accelerations.add(change)
 
-    def _go_on_evenly(self, position: float, points: int) -> None:
+    def _record_evenly(self, position: float, points: int) -> None:
         """Record `points` further samples at constant velocity, the last sample at `position`."""
         self._position = position
         self._points += points
-        if self._way == 0.0:
+        if self._distance == 0.0:
             self._resting += points
         else:
-            self._velocities.add(self._way, points)
+            self._velocities.add(self._distance, points)
             self._accelerations.add(0.0, points)
 
-    def _goes_on(self, way: float) -> None:
+    def _record_step(self, distance: float) -> None:
         """Record a step of the motion; a short standstill before the step is attributed to a late set-point."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
             if self._resting > 1:  # the first point of the standstill had an acceleration, and was counted
                 self._accelerations.add(0.0, self._resting - 1)
         self._resting = 0
-        self._velocities.add(way)
+        self._velocities.add(distance)
 
     # -- results
 
@@ -411,7 +411,7 @@ class FollowingMode(Mode):
 
     def reset(self) -> None:
         self._inputs: object = None
-        self._looked: tuple[int, float] | None = None  # at which version of the values, and with which zero
+        self._applied: tuple[int, float] | None = None  # at which version of the values, and with which zero
 
     def start(self, now: int) -> None:
         self._inputs = None
@@ -420,9 +420,9 @@ class FollowingMode(Mode):
 
     def inputs_may_change(self) -> bool:
         """Whether inputs may have changed since the last call; always True if limit switches are wired."""
-        looked = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
-        before, self._looked = self._looked, looked
-        return looked is None or looked != before or self._inputs is None
+        present = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
+        before, self._applied = self._applied, present
+        return present is None or present != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
         """Store `inputs` (the target and its limits); return whether they differ from the previous inputs."""

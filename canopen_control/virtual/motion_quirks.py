@@ -13,7 +13,15 @@ from canopen_control.virtual.device_model import MissingSetPoint
 from canopen_control.virtual.fault_effects import lacks_optional, refusing
 from canopen_control.virtual.mode_base import BIT_12, NEW_SET_POINT
 from canopen_control.virtual.profile_modes import IMMEDIATELY
-from canopen_control.virtual.quirk_base import Quirk, Strength, axis_refuses, hears, in_seconds, lacks, whole
+from canopen_control.virtual.quirk_base import (
+    Quirk,
+    Strength,
+    axis_refuses,
+    filter_frames,
+    hide_objects,
+    in_seconds,
+    whole,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -185,10 +193,10 @@ def _own_velocity_unit(hooks: QuirkHooks, drive: VirtualDrive, counts: float) ->
 def _period_rounded(hooks: QuirkHooks, drive: VirtualDrive, ms: float) -> None:
     step = int(ms)
 
-    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+    def check(entry: Entry, value: Value, before: Guard) -> Value:
         return before(entry, max(1, int(value) // step * step) if entry.subindex == 1 else value)
 
-    hooks.guard([o.INTERPOLATION_TIME_PERIOD + drive.objects.offset], judge)
+    hooks.guard([o.INTERPOLATION_TIME_PERIOD + drive.objects.offset], check)
 
 
 _SET_POINTS: Final[tuple[Quirk, ...]] = (
@@ -300,7 +308,7 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "limits 0x6083 to the strength, without an error",
         "CiA 402-2, object 0x6083",
         "unsourced",
-        node=lambda hooks, most: hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(most)}),
+        node=lambda hooks, maximum: hooks.healthy(hooks.node.store.ceilings, {o.PROFILE_ACCELERATION: int(maximum)}),
         strength=whole("units", 1000, 1, 0xFFFFFFFF),
     ),
     Quirk(
@@ -316,16 +324,22 @@ _SET_POINTS: Final[tuple[Quirk, ...]] = (
         "has no objects 0x603F, 0x6007 and 0x60C2",
         "CiA 402-2, objects 0x603F, 0x6007 and 0x60C2",
         "unsourced",
-        node=hears(lacks_optional),
+        node=filter_frames(lacks_optional),
     ),
     Quirk(
         "error_code_absent",
         "has no 0x603F; only the EMCY contains the error code",
         "CiA 402-2, object 0x603F",
         "CANOpenRobotController: KincoDrive.cpp",
-        node=lacks(o.ERROR_CODE),
+        node=hide_objects(o.ERROR_CODE),
     ),
-    Quirk("velocity_absent", "has no 0x606C", "CiA 402-2, object 0x606C", "unsourced", node=lacks(o.VELOCITY_ACTUAL)),
+    Quirk(
+        "velocity_absent",
+        "has no 0x606C",
+        "CiA 402-2, object 0x606C",
+        "unsourced",
+        node=hide_objects(o.VELOCITY_ACTUAL),
+    ),
 )
 
 

@@ -166,7 +166,7 @@ def in_words(event: object) -> str | None:
 
 _MEMORY: Final = 256  # SYNCs: 2.6 s at 100 Hz
 _LOCKED: Final = 3  # SYNCs until a period is known
-_MOST_MISSED: Final = 8  # one after the other
+_MAX_MISSED: Final = 8  # one after the other
 _SAME: Final = 0.02  # by which two periods may differ
 _FORGETS: Final = 1.0 / 256
 _MARGIN: Final = 1.25  # the next one may be later than any before
@@ -207,7 +207,7 @@ class SyncPll:
             steps = round(gap / period)
             error = gap - steps * period
             self._missed = self._missed + steps - 1 if steps > 1 else 0  # in a row: of another period by now
-            if steps < 1 or self._missed > _MOST_MISSED or abs(error) >= 0.45 * period:
+            if steps < 1 or self._missed > _MAX_MISSED or abs(error) >= 0.45 * period:
                 self._begin(now)
             else:
                 self._follow(steps, error, now)
@@ -225,7 +225,7 @@ class SyncPll:
 
 
 HEARTBEAT_ERROR = 0x8130  # EMCY: a communication is lost
-_MOST_WAITING = 1000  # events, and frames of injected faults
+_MAX_WAITING = 1000  # events, and frames of injected faults
 
 
 class NodeClock:
@@ -252,9 +252,9 @@ class NodeOutbox:
 
     def __init__(self, emcy: EmcyProducer, clock: NodeClock) -> None:
         self._emcy, self._clock = emcy, clock
-        self._events: Outbox[object] = Outbox(_MOST_WAITING)
+        self._events: Outbox[object] = Outbox(_MAX_WAITING)
         self.happened = self._events.waiting
-        self.outgoing: Outbox[CanFrame] = Outbox(_MOST_WAITING)  # frames that no service made
+        self.outgoing: Outbox[CanFrame] = Outbox(_MAX_WAITING)  # frames that no service made
         self.changed = False
 
     def values_changed(self) -> None:

@@ -203,18 +203,18 @@ class PdoRecords:
         return MappingTarget(entry.data_type.bits or 0, entry.rpdo_mappable, entry.tpdo_mappable)
 
     def _communication_guard(self, rules: PdoRules) -> Guard:
-        def judge(entry: Entry, value: Value) -> Value:
+        def check(entry: Entry, value: Value) -> Value:
             present = self.parameters(entry.index)
             refuse(rules.check_communication(entry.subindex, int(value), present))
             return value
 
-        return judge
+        return check
 
     def _mapping_guard(self, rules: PdoRules, communication: int) -> Guard:
         cob_id = self._store.od.get(communication, 1)
         fixed = cob_id is not None and not cob_id.writable  # the mapping is writable while the PDO is valid (Elmo)
 
-        def judge(entry: Entry, value: Value) -> Value:
+        def check(entry: Entry, value: Value) -> Value:
             present, count = self.parameters(communication), self._store.number(entry.index)
             if fixed or self.remaps_valid:
                 present = replace(present, enabled=False)
@@ -225,7 +225,7 @@ class PdoRecords:
                 refuse(rules.check_mapping_count(int(value), entries, present))
             return value
 
-        return judge
+        return check
 
     def _users(self) -> dict[int, int]:
         """Return the record that uses each 11-bit identifier; SYNC and EMCY have priority over PDOs."""
@@ -361,7 +361,7 @@ class PdoExchange:
         rebuilt: Callable[[], None],
     ) -> None:
         self._store, self._outbox, self._clock, self._model = store, outbox, clock, model
-        self._axes, self._tell_rebuilt = axes, rebuilt
+        self._axes, self._on_rebuilt = axes, rebuilt
         self.refused = 0
         self._refusing: set[int] = set()  # RPDOs
         self.input = RpdoInput()
@@ -404,11 +404,11 @@ class PdoExchange:
             self._make_rpdo(number)
         else:
             self._make_tpdo(number, self._clock.now)
-        self._make_those_that_waited()
+        self._make_waiting()
         self._survey()
-        self._tell_rebuilt()
+        self._on_rebuilt()
 
-    def _make_those_that_waited(self) -> None:
+    def _make_waiting(self) -> None:
         """Create the PDOs whose identifier was in use by another PDO before."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
@@ -436,7 +436,7 @@ class PdoExchange:
         rpdo.cyclic = ACYCLIC_SYNCHRONOUS < parameters.transmission_type <= LAST_CYCLIC
         rpdo.concerns, rpdo.version = concerns_of(rpdo.entries, self._axes), -1
         indices = [entry.index for entry in rpdo.entries if entry is not None]
-        rpdo.by_values = all(self._store.judges_by_values(index) for index in indices)
+        rpdo.by_values = all(self._store.guarded_by_values(index) for index in indices)
         self._check(rpdo, set())
 
     def _make_tpdo(self, number: int, now: int) -> None:
@@ -461,7 +461,7 @@ class PdoExchange:
             tpdo.sources = tuple(self._source(entry) for entry in entries if entry is not None)
         for rpdo in self.rpdos.values():
             rpdo.version = -1
-            rpdo.by_values = all(self._store.judges_by_values(entry.index) for entry in rpdo.entries if entry)
+            rpdo.by_values = all(self._store.guarded_by_values(entry.index) for entry in rpdo.entries if entry)
 
     def _survey(self) -> None:
         self._valid_rpdos = [rpdo for rpdo in self.rpdos.values() if rpdo.consumer.parameters.enabled]
@@ -600,13 +600,15 @@ class PdoExchange:
         for entry, value in applied:
             base, axis = o.axis_of(entry.index)
             if axis in self._axes and base >= 0x6000:
-                brings = _CONTROLWORD if base == o.CONTROLWORD else 0
-                brings |= _SET_POINT if base == self._axes[axis].set_point else 0
-                axes[axis] = axes.get(axis, 0) | brings
+                written = _CONTROLWORD if base == o.CONTROLWORD else 0
+                written |= _SET_POINT if base == self._axes[axis].set_point else 0
+                axes[axis] = axes.get(axis, 0) | written
             else:
                 self._store.notify(entry, value)
-        for axis, brings in axes.items():
-            self._axes[axis].refresh(now, controlword=bool(brings & _CONTROLWORD), set_point=bool(brings & _SET_POINT))
+        for axis, written in axes.items():
+            self._axes[axis].refresh(
+                now, controlword=bool(written & _CONTROLWORD), set_point=bool(written & _SET_POINT)
+            )
 
     def _report_refusal(self, rpdo: MappedRpdo, refused: bool) -> None:
         """Report the device model's error, if any, while values of RPDOs are refused."""

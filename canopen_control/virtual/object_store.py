@@ -72,7 +72,7 @@ class VirtualStore:
         self._sources: dict[Address, Source] = {}
         self._guards: dict[int, Guard] = {}
         self._gates: dict[int, Callable[[], None]] = {}
-        self._moody: set[int] = set()  # indices whose guards depend on more than the values
+        self._stateful: set[int] = set()  # indices whose guards depend on more than the values
         self._watchers: dict[int, list[Watcher]] = {}
 
     # -- the device's side
@@ -150,14 +150,14 @@ class VirtualStore:
         """
         added = dict.fromkeys(indices, guard)
         self._guards.update(added)
-        self._moody.difference_update(added)
+        self._stateful.difference_update(added)
         if not by_values:
-            self._moody.update(added)
+            self._stateful.update(added)
         self.version += 1
 
     def guard_of(self, index: int) -> tuple[Guard | None, bool]:
         """Return the guard of an index or None, and whether the guard depends only on the store's values."""
-        return self._guards.get(index), index not in self._moody
+        return self._guards.get(index), index not in self._stateful
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
         """Set the guard of an index; None removes the guard."""
@@ -165,7 +165,7 @@ class VirtualStore:
             self.guard([index], guard, by_values=by_values)
             return
         self._guards.pop(index, None)
-        self._moody.discard(index)
+        self._stateful.discard(index)
         self.version += 1
 
     def gate(self, index: int, check: Callable[[], None]) -> None:
@@ -203,9 +203,9 @@ class VirtualStore:
         """Return the source of an entry's value, None if the value is stored."""
         return self._sources.get((index, subindex))
 
-    def judges_by_values(self, index: int) -> bool:
+    def guarded_by_values(self, index: int) -> bool:
         """Whether a value accepted at `index` is accepted again while `version` is unchanged."""
-        return index not in self._moody and not self.ceilings.value
+        return index not in self._stateful and not self.ceilings.value
 
     # -- the bus's side
 

@@ -91,8 +91,9 @@ def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, fl
     seconds, demand, slope = piece
     decay = math.exp(-seconds / time_constant)
     offset = velocity - demand + slope * time_constant
-    way = (demand - slope * time_constant + 0.5 * slope * seconds) * seconds + time_constant * offset * (1.0 - decay)
-    return way, demand + slope * (seconds - time_constant) + offset * decay
+    settled = (demand - slope * time_constant + 0.5 * slope * seconds) * seconds
+    distance = settled + time_constant * offset * (1.0 - decay)
+    return distance, demand + slope * (seconds - time_constant) + offset * decay
 
 
 def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_ns: int, time_constant: float) -> None:
@@ -100,8 +101,8 @@ def _push(plant: IdealPlant | LagPlant, torque: DemandCurve, start_ns: int, end_
     gain = plant.rated_velocity / 1000.0
     for piece in torque.slices(start_ns, end_ns):
         scaled = piece._replace(velocity=piece.velocity * gain, acceleration=piece.acceleration * gain)
-        way, plant.velocity = _lag(plant.velocity, scaled, time_constant)
-        plant.position += way
+        distance, plant.velocity = _lag(plant.velocity, scaled, time_constant)
+        plant.position += distance
     plant.torque = torque.at(end_ns)[1]
 
 
@@ -153,8 +154,8 @@ class LagPlant:
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:
         for piece in demand.slices(start_ns, end_ns):
-            way, self.velocity = _lag(self.velocity, piece, self.time_constant)
-            self.position += way
+            distance, self.velocity = _lag(self.velocity, piece, self.time_constant)
+            self.position += distance
         self.torque = 0.0
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:

@@ -352,8 +352,8 @@ class DriveLimits:
         self.following_error = 0.0
         self._bound: float | None = None  # where the present demand ends because of a limit
         self._side = 0
-        self._most_of: tuple[object, ...] = ()  # inputs from which `_most` was computed
-        self._most = 0.0
+        self._max_velocity_inputs: tuple[object, ...] = ()  # inputs from which `_max_velocity` was computed
+        self._max_velocity = 0.0
 
     def reset(self) -> None:
         """Clear the active limits after the motor lost power."""
@@ -380,11 +380,11 @@ class DriveLimits:
         """Return `target` in counts/s, limited by 0x607F and the highest velocity of the device model."""
         objects = self._objects
         inputs = objects.store.version, objects.units.speed, objects.model
-        if inputs != self._most_of:
-            self._most_of = inputs
-            self._most = min(objects.speed(o.MAX_PROFILE_VELOCITY) or INFINITE, objects.model.max_velocity)
-        most = self._most
-        return target if -most <= target <= most else most if target > most else -most
+        if inputs != self._max_velocity_inputs:
+            self._max_velocity_inputs = inputs
+            self._max_velocity = min(objects.speed(o.MAX_PROFILE_VELOCITY) or INFINITE, objects.model.max_velocity)
+        highest = self._max_velocity
+        return target if -highest <= target <= highest else highest if target > highest else -highest
 
     def target_velocity(self) -> float:
         """Return 0x60FF plus 0x60B1 in counts/s, limited like `velocity`."""
@@ -403,9 +403,9 @@ class DriveLimits:
     def torque(self, target: float) -> float:
         """Return `target` in per mille, limited by 0x6072, 0x60E0 and 0x60E1; a limited target sets bit 11."""
         number = self._objects.number
-        most = float(number(o.MAX_TORQUE)) or INFINITE
-        high = min(most, float(number(o.POSITIVE_TORQUE_LIMIT)) or INFINITE)
-        low = min(most, float(number(o.NEGATIVE_TORQUE_LIMIT)) or INFINITE)
+        maximum = float(number(o.MAX_TORQUE)) or INFINITE
+        high = min(maximum, float(number(o.POSITIVE_TORQUE_LIMIT)) or INFINITE)
+        low = min(maximum, float(number(o.NEGATIVE_TORQUE_LIMIT)) or INFINITE)
         self.active = not -low <= target <= high
         return max(-low, min(high, target))
 
@@ -445,7 +445,7 @@ class DriveLimits:
 
     # -- following error
 
-    def judge_following_error(self, error: float, now: int) -> None:
+    def check_following_error(self, error: float, now: int) -> None:
         """Fault with 0x8611 if a following error in counts exceeds 0x6065 for longer than 0x6066."""
         self.following_error = error
         mover = self._mover

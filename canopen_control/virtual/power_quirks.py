@@ -10,7 +10,7 @@ from canopen_control.cia402 import objects as o
 from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import HALT_BIT, VOLTAGE_ENABLED, Command, State, transition_of
 from canopen_control.virtual.fault_effects import served_in_preop
-from canopen_control.virtual.quirk_base import Quirk, axis_refuses, in_seconds, lacks, turns, whole
+from canopen_control.virtual.quirk_base import Quirk, apply_switch, axis_refuses, hide_objects, in_seconds, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,9 +36,9 @@ _IPOS_MODES = "yarp-devices: TechnosoftIpos, embedded-pid/IControlModeRawImpl.cp
 # -- modes of operation
 
 
-def _point(seam: Callable[[VirtualDrive], InjectionPoint[Any]], value: Callable[[float], Any]) -> AxisAct:
+def _point(point: Callable[[VirtualDrive], InjectionPoint[Any]], value: Callable[[float], Any]) -> AxisAct:
     """Return a quirk action that changes the healthy value of an injection point."""
-    return lambda hooks, drive, strength: hooks.healthy(seam(drive), value(strength))
+    return lambda hooks, drive, strength: hooks.healthy(point(drive), value(strength))
 
 
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
@@ -113,7 +113,7 @@ _MODES_OF_OPERATION: Final[tuple[Quirk, ...]] = (
         "has no 0x6502",
         _LISTED,
         "ros_canopen#462",
-        node=lacks(o.SUPPORTED_DRIVE_MODES),
+        node=hide_objects(o.SUPPORTED_DRIVE_MODES),
         group="0x6502",
     ),
     Quirk(
@@ -332,13 +332,13 @@ def _first_enable_faults(hooks: QuirkHooks, drive: VirtualDrive, code: float) ->
 def _torque_then_position(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
     torque, modes = (OperationMode.TQ, OperationMode.CST), drive.modes
 
-    def judge(entry: Entry, value: Value, before: Guard) -> Value:
+    def check(entry: Entry, value: Value, before: Guard) -> Value:
         result = before(entry, value)
         if drive.state is State.OPERATION_ENABLED and modes.number in torque and result == OperationMode.CSP:
             drive.fault(0x8A00, hooks.node.clock.now)
         return result
 
-    hooks.guard([o.MODES_OF_OPERATION + drive.objects.offset], judge)
+    hooks.guard([o.MODES_OF_OPERATION + drive.objects.offset], check)
 
 
 def _sync_period_judged(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
@@ -517,7 +517,7 @@ _STATE_MACHINE: Final[tuple[Quirk, ...]] = (
         "can be enabled in PRE-OPERATIONAL too, and accepts set-points by SDO there",
         _POWER,
         "unsourced",
-        node=turns(served_in_preop),
+        node=apply_switch(served_in_preop),
     ),
     Quirk(
         "sync_period_judged",

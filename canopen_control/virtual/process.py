@@ -218,7 +218,7 @@ class DriveProcess:
     """Process that runs nodes on the opened ports of their buses; `report` receives the lines of the log."""
 
     def __init__(self, reactor: Reactor, buses: Sequence[BusNodes], report: Callable[[str], None]) -> None:
-        self._reactor, self._say = reactor, report
+        self._reactor, self._report = reactor, report
         self._buses: list[ServedBus] = []
         for bus in buses:
             log = partial(self._log, f"{bus.port.channel}: " if len(buses) > 1 else "")
@@ -249,10 +249,10 @@ class DriveProcess:
             self._reactor.add_reader(self._lifeline, self._on_orphaned)
         self._reactor.run_for(0)  # the boot-up messages are sent before the line is printed
         for bus in self._buses:
-            self._say(bus.ready_line)
+            self._report(bus.ready_line)
         report_ready()
         for line in self._early or ():
-            self._say(line)
+            self._report(line)
         self._early = None
         for bus in self._buses:
             bus.play_timeline()
@@ -295,7 +295,7 @@ class DriveProcess:
     def _log(self, prefix: str, text: str) -> None:
         line = f"{(self._reactor.now() - self._started) * 1e-9:9.3f} {prefix}{text}"
         if self._early is None:
-            self._say(line)
+            self._report(line)
         else:
             self._early.append(line)
 

@@ -285,10 +285,10 @@ class VelocityMode(FollowingMode):
         if not word & 0x20:  # locked: the output of the ramp is constant
             return
         rpm = self.objects.number(o.VL_TARGET_VELOCITY) * self.units.turn if word & 0x50 == 0x50 else 0.0
-        amount, most = abs(rpm), self.objects.number(o.VL_MIN_MAX_AMOUNT, 2)
-        if rpm and amount < (least := self.objects.number(o.VL_MIN_MAX_AMOUNT, 1)):
-            amount = float(least)
-        target = math.copysign(min(amount, most) if most else amount, rpm) * self.objects.counts_per_rpm
+        amount, maximum = abs(rpm), self.objects.number(o.VL_MIN_MAX_AMOUNT, 2)
+        if rpm and amount < (minimum := self.objects.number(o.VL_MIN_MAX_AMOUNT, 1)):
+            amount = float(minimum)
+        target = math.copysign(min(amount, maximum) if maximum else amount, rpm) * self.objects.counts_per_rpm
         inputs = (target, self._slope(o.VL_ACCELERATION), self.deceleration())
         if self.changed(inputs):
             self.limits.ramp_velocity(*inputs, now)
@@ -327,7 +327,7 @@ class ProfilePosition(Mode):
     def reset(self) -> None:
         self._target: float | None = None  # active or reached set-point, in plant counts
         self._next: float | None = None
-        self._busy = False  # on its way
+        self._busy = False  # in process
         self._profile = (0.0, 0.0, 0.0)  # speed and ramps of the active set-point
         self._reached = True
         self._acknowledged = False

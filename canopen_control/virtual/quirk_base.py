@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_drive import VirtualDrive
     from canopen_control.virtual.virtual_node import VirtualNode
 
-    Judge = Callable[[Entry, Value, Guard], Value]
+    Check = Callable[[Entry, Value, Guard], Value]
     Plain = Callable[[Transition, int], None]
     Sent = list[tuple[int, CanFrame]]
     AxisAct = Callable[["QuirkHooks", VirtualDrive, float], None]
@@ -136,13 +136,13 @@ class QuirkHooks:
 
     # -- objects
 
-    def guard(self, indices: Iterable[int], judge: Judge) -> None:
-        """Check writes to `indices` by `judge`, which gets the previous check as the last argument."""
+    def guard(self, indices: Iterable[int], check: Check) -> None:
+        """Check writes to `indices` by `check`, which gets the previous check as the last argument."""
         store = self.node.store
         for index in {entry.index for entry in store.od}.intersection(indices):
             present, by_values = store.guard_of(index)
             self.later(partial(store.set_guard, index, present, by_values=by_values))
-            store.set_guard(index, _checked(judge, present))
+            store.set_guard(index, _checked(check, present))
 
     def show(self, index: int, subindex: int, view: Callable[[Any], Value]) -> None:
         """Apply `view` to the value when an entry is read."""
@@ -201,9 +201,9 @@ class QuirkHooks:
         drive.set_model(replace(drive.objects.model, **changed))
 
 
-def _checked(judge: Judge, present: Guard | None) -> Guard:
+def _checked(check: Check, present: Guard | None) -> Guard:
     before = _unchanged if present is None else present
-    return lambda entry, value: judge(entry, value, before)
+    return lambda entry, value: check(entry, value, before)
 
 
 def _unchanged(_entry: Entry, value: Value) -> Value:
@@ -233,22 +233,22 @@ def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int,
     """Return a quirk action that refuses values of an object of the axis with `code` if `when` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
-        def judge(entry: Entry, value: Value, before: Guard) -> Value:
+        def check(entry: Entry, value: Value, before: Guard) -> Value:
             if when(drive, int(value), strength):
                 raise SdoServerAbort(code)
             return before(entry, value)
 
-        hooks.guard([index + drive.objects.offset], judge)
+        hooks.guard([index + drive.objects.offset], check)
 
     return act
 
 
-def lacks(*indices: int) -> NodeAct:
+def hide_objects(*indices: int) -> NodeAct:
     """Return a quirk action that hides objects of the node."""
     return lambda hooks, _strength: hooks.absent(*indices)
 
 
-def turns(switch: Switch) -> NodeAct:
+def apply_switch(switch: Switch) -> NodeAct:
     """Return a quirk action that calls `switch` with True when enabled, and with False when undone."""
 
     def act(hooks: QuirkHooks, _strength: float) -> None:
@@ -259,6 +259,6 @@ def turns(switch: Switch) -> NodeAct:
     return act
 
 
-def hears(incoming: Incoming) -> NodeAct:
+def filter_frames(incoming: Incoming) -> NodeAct:
     """Return a quirk action that applies `incoming` to the frames that reach the node."""
     return lambda hooks, _strength: hooks.incoming.append(incoming)

@@ -68,12 +68,12 @@ class DiffBase:
 
     def report(self, wheel: int, points: Sequence[Point]) -> None:
         """Add points (time in ns, distance in m) of a wheel in order of time; older points are ignored."""
-        for time_ns, way in points:
+        for time_ns, distance in points:
             last = self._next[wheel][-1] if self._next[wheel] else self._last[wheel]
             if last is None:
-                self._last[wheel] = (time_ns, way)
+                self._last[wheel] = (time_ns, distance)
             elif time_ns > last[0]:
-                self._next[wheel].append((time_ns, way))
+                self._next[wheel].append((time_ns, distance))
         self._integrate()
 
     def pose(self) -> BasePose:
@@ -102,19 +102,19 @@ class DiffBase:
     def _step(self, wheel: int, time_ns: int) -> float:
         """Advance a wheel to `time_ns`; return the distance travelled, interpolated between the wheel's points."""
         ahead, last = self._next[wheel], self._last[wheel] or self._next[wheel][0]
-        when, way = ahead[0]
+        when, distance = ahead[0]
         if when == time_ns:
             ahead.popleft()
         else:
-            way = last[1] + (way - last[1]) * max(time_ns - last[0], 0) / (when - last[0])
-        self._last[wheel] = (max(time_ns, last[0]), way)
-        return way - last[1]
+            distance = last[1] + (distance - last[1]) * max(time_ns - last[0], 0) / (when - last[0])
+        self._last[wheel] = (max(time_ns, last[0]), distance)
+        return distance - last[1]
 
     def _advance(self, left: float, right: float) -> None:
         """Advance the pose along an arc by the distances of the left and right wheel."""
-        way, turn = 0.5 * (left + right), (right - left) / self.separation
+        distance, turn = 0.5 * (left + right), (right - left) / self.separation
         half = 0.5 * turn
-        chord = way * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
+        chord = distance * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
         self.x += chord * math.cos(self.heading + half)
         self.y += chord * math.sin(self.heading + half)
         self.heading += turn
@@ -137,7 +137,7 @@ class DiffBase:
         self.x, self.y, self.heading = float(content["x"]), float(content["y"]), float(content["heading"])
         self.time_ns = int(content["time_ns"])
         self._last = [None if item is None else (int(item[0]), float(item[1])) for item in content["last"]]
-        left, right = (deque((int(when), float(way)) for when, way in item) for item in content["next"])
+        left, right = (deque((int(when), float(distance)) for when, distance in item) for item in content["next"])
         self._next = (left, right)
 
 
@@ -231,13 +231,13 @@ def open_shared(path: Path) -> int:
 _SHARE: Final = "use a name without / in share: for a file in your private folder"
 
 
-def slipped(way: float, slip: float, seed: int, wheel: int, step: int) -> float:
-    """Return the distance `way` of a wheel step with pseudo-random slip; `slip` is the relative standard deviation."""
+def slipped(distance: float, slip: float, seed: int, wheel: int, step: int) -> float:
+    """Return the distance of a wheel step with pseudo-random slip of the relative standard deviation `slip`."""
     number = (seed * 0x9E3779B97F4A7C15 + wheel * 0xD1B54A32D192ED03 + step * 0xBF58476D1CE4E5B9) & _MASK
     number = ((number ^ number >> 30) * 0xBF58476D1CE4E5B9) & _MASK  # splitmix64
     number = ((number ^ number >> 27) * 0x94D049BB133111EB) & _MASK
     uniform = (number ^ number >> 31) / (_MASK >> 1) - 1.0
-    return way * (1.0 + slip * math.sqrt(3.0) * uniform)
+    return distance * (1.0 + slip * math.sqrt(3.0) * uniform)
 
 
 # A wheel on a floor: a plant that reports its distance to the base.
@@ -268,7 +268,7 @@ class WheelPlant:
     ) -> None:
         self.inner, self._floor, self._side, self._metres = inner, floor, side, metres
         self._slip, self._seed = slip, seed
-        self._way = 0.0  # distance on the floor, in metres
+        self._distance = 0.0  # distance on the floor, in metres
         self._steps = 0  # number of steps with a motion
         self._reported = inner.position  # counts at the last point
         self._points: list[tuple[int, float]] = []
@@ -341,8 +341,8 @@ class WheelPlant:
         self._reported = self.inner.position
         if step:
             self._steps += 1
-            self._way += slipped(step, self._slip, self._seed, self._side, self._steps) if self._slip else step
-        self._points.append((now, self._way))
+            self._distance += slipped(step, self._slip, self._seed, self._side, self._steps) if self._slip else step
+        self._points.append((now, self._distance))
 
     def publish(self) -> None:
         """Report the waiting points to the base."""

@@ -54,12 +54,12 @@ class DemandCurve:
         self._pieces = pieces
         seconds = sum(piece.seconds for piece in pieces)
         self.end_ns = start_ns + math.ceil(seconds / _NS)
-        way = sum(piece.distance(piece.seconds) for piece in pieces)
-        self.final_position = position + way if final_position is None else final_position
+        distance = sum(piece.distance(piece.seconds) for piece in pieces)
+        self.final_position = position + distance if final_position is None else final_position
 
-    def shifted(self, way: float) -> DemandCurve:
-        """Return the same curve, shifted by the distance `way`."""
-        position, final = self.position + way, self.final_position + way
+    def shifted(self, distance: float) -> DemandCurve:
+        """Return the same curve, shifted by `distance`."""
+        position, final = self.position + distance, self.final_position + distance
         return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
     def at(self, now: int) -> tuple[float, float]:
@@ -120,12 +120,12 @@ class DemandCurve:
         return clock + math.ceil((position - here) / self.final_velocity / _NS)
 
 
-def _first_crossing(piece: Piece, way: float) -> float | None:
-    """Return the time in s at which a piece first covers the distance `way`, None if never."""
+def _first_crossing(piece: Piece, distance: float) -> float | None:
+    """Return the time in s at which a piece first covers `distance`, None if never."""
     if piece.acceleration == 0.0:
-        roots = [way / piece.velocity] if piece.velocity else []
+        roots = [distance / piece.velocity] if piece.velocity else []
     else:
-        square = piece.velocity * piece.velocity + 2.0 * piece.acceleration * way
+        square = piece.velocity * piece.velocity + 2.0 * piece.acceleration * distance
         if square < 0.0:
             return None
         root = math.sqrt(square)
@@ -202,31 +202,38 @@ def move_to(
 
 
 def _approach(
-    pieces: list[Piece], direction: float, way: float, velocity: float, limits: tuple[float, float, float], end: float
+    pieces: list[Piece],
+    direction: float,
+    distance: float,
+    velocity: float,
+    limits: tuple[float, float, float],
+    end: float,
 ) -> float:
-    """Append pieces that cover `way` from speed `velocity` to speed `end`; return the speed reached at the end."""
+    """Append pieces that cover `distance` from speed `velocity` to speed `end`; return the speed reached at the end."""
     speed, acceleration, deceleration = limits
     if velocity > speed:  # a lower speed was set during the motion
         _add_ramp(pieces, direction * velocity, direction * speed, deceleration)
-        way -= 0.5 * (velocity * velocity - speed * speed) / deceleration
-        velocity, way = speed, max(way, 0.0)
-    fastest = math.sqrt(velocity * velocity + 2.0 * acceleration * way) if way else velocity
+        distance -= 0.5 * (velocity * velocity - speed * speed) / deceleration
+        velocity, distance = speed, max(distance, 0.0)
+    fastest = math.sqrt(velocity * velocity + 2.0 * acceleration * distance) if distance else velocity
     end = min(end, fastest)
-    peak = min(speed, _peak(way, velocity, acceleration, deceleration, end))
+    peak = min(speed, _peak(distance, velocity, acceleration, deceleration, end))
     _add_ramp(pieces, direction * velocity, direction * peak, acceleration)
-    way -= 0.5 * (peak * peak - velocity * velocity) / acceleration + 0.5 * (peak * peak - end * end) / deceleration
-    if peak > 0.0 and way > 0.0:
-        pieces.append(Piece(way / peak, direction * peak, 0.0))
+    distance -= (
+        0.5 * (peak * peak - velocity * velocity) / acceleration + 0.5 * (peak * peak - end * end) / deceleration
+    )
+    if peak > 0.0 and distance > 0.0:
+        pieces.append(Piece(distance / peak, direction * peak, 0.0))
     _add_ramp(pieces, direction * peak, direction * end, deceleration)
     return end
 
 
-def _peak(way: float, velocity: float, acceleration: float, deceleration: float, end: float) -> float:
-    """Return the highest speed of a motion over `way` without a cruise, from speed `velocity` to speed `end`."""
+def _peak(distance: float, velocity: float, acceleration: float, deceleration: float, end: float) -> float:
+    """Return the highest speed of a motion over `distance` without a cruise, from speed `velocity` to speed `end`."""
     if acceleration == INFINITE:
-        return math.sqrt(2.0 * deceleration * way + end * end)
+        return math.sqrt(2.0 * deceleration * distance + end * end)
     gain = 2.0 * acceleration if deceleration == INFINITE else 2.0 / (1.0 / acceleration + 1.0 / deceleration)
-    energy = way + 0.5 * velocity * velocity / acceleration + 0.5 * end * end / deceleration
+    energy = distance + 0.5 * velocity * velocity / acceleration + 0.5 * end * end / deceleration
     return max(velocity, end, math.sqrt(gain * energy))
 
 

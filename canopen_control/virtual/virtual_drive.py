@@ -195,12 +195,12 @@ class OverloadGuard:
 
     def __init__(self) -> None:
         self.heat = 0.0
-        self._looked: int | None = None
+        self._checked_ns: int | None = None
 
     def exceeded(self, torque: float, now: int) -> bool:
         """Whether the motor is too hot at `now` (ns), after `torque` (per mille) since the last call."""
-        seconds = 0.0 if self._looked is None else (now - self._looked) * 1e-9
-        self._looked = now
+        seconds = 0.0 if self._checked_ns is None else (now - self._checked_ns) * 1e-9
+        self._checked_ns = now
         ratio = 0.0 if seconds > _GAP_S else torque / 1000.0
         self.heat = max(0.0, self.heat + (ratio * ratio - 1.0) * seconds)
         return self.heat > _HEAT_S
@@ -571,10 +571,10 @@ class VirtualDrive:
             self.limits.limit_switch_hit(side)
             self.stop(now, Reaction.QUICK_STOP_RAMP)
 
-    def judge_following_error(self, error: float, now: int) -> None:
-        self.limits.judge_following_error(error, now)
+    def check_following_error(self, error: float, now: int) -> None:
+        self.limits.check_following_error(error, now)
 
-    def judge_load(self, torque: float, now: int) -> None:
+    def check_load(self, torque: float, now: int) -> None:
         """Check the thermal load of the motor; an overload is the fault 0x2310."""
         if self._overload.exceeded(torque, now) and self.power.running:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)

@@ -47,10 +47,10 @@ class Owner:
     def arrived(self, now):
         pass
 
-    def judge_following_error(self, error, now):
+    def check_following_error(self, error, now):
         self.errors.append((now, error))
 
-    def judge_load(self, torque, now):
+    def check_load(self, torque, now):
         self.loads.append((now, torque))
 
     def wants_samples(self):

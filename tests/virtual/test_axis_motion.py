@@ -22,7 +22,7 @@ class Owner:
     def limit_switch_hit(self, side, now):
         self.told.append(("limit switch", side, now))
 
-    def judge_following_error(self, error, now):
+    def check_following_error(self, error, now):
         self.told.append(("behind", round(error), now))
 
     def sampled(self):
@@ -153,7 +153,7 @@ class Coupled(LagPlant):
 
 
 class Judge(Owner):
-    def judge_load(self, torque, now):
+    def check_load(self, torque, now):
         self.told.append(("load", torque, now))
 
 

@@ -45,9 +45,9 @@ def test_a_guard_judges_by_values_where_it_says_so_and_nothing_is_capped():
     values = store()
     values.guard([0x2000], lambda _entry, value: value)
     values.guard([0x2001], lambda _entry, value: value, by_values=True)
-    found = [values.judges_by_values(index) for index in (0x2000, 0x2001, 0x2002)]
+    found = [values.guarded_by_values(index) for index in (0x2000, 0x2001, 0x2002)]
     values.ceilings.inject({0x2001: 1})
-    assert (found, values.judges_by_values(0x2001)) == ([False, True, True], False)
+    assert (found, values.guarded_by_values(0x2001)) == ([False, True, True], False)
 
 
 def test_it_starts_with_the_defaults_of_the_file():

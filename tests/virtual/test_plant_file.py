@@ -86,7 +86,7 @@ def test_each_wheel_may_have_a_radius_of_its_own(tmp_path):
         wheel.follow(hold(0, 0.0), 0, S)  # the first point is where it begins
         wheel.follow(move_to(S, 0.0, 0.0, 1000.0, 1000.0, 1e9, 1e9), S, 3 * S)
     made.describe()
-    ways = [wheel._way for wheel in wheels]
+    ways = [wheel._distance for wheel in wheels]
     assert ways == pytest.approx([0.11 * math.tau, -0.1 * math.tau])
     assert made.describe().base.heading == pytest.approx((ways[1] - ways[0]) / 0.4)
 

@@ -67,10 +67,10 @@ def test_a_window_of_nothing_or_everything_is_no_following_error():
     bench = Bench(servo()).enable(3)
     for window in (0, 0xFFFFFFFF):
         bench.write(0x6065, window)
-        bench.drive.judge_following_error(1e6, bench.now)
+        bench.drive.check_following_error(1e6, bench.now)
         assert not bench.drive.limits.exceeded
     bench.write(0x6065, 10)
-    bench.drive.judge_following_error(11.0, bench.now)
+    bench.drive.check_following_error(11.0, bench.now)
     assert bench.drive.limits.exceeded
 
 

@@ -89,10 +89,10 @@ class Leg:
     def limit_switch_hit(self, side: int, now: int) -> None:
         """Do nothing: there is none."""
 
-    def judge_following_error(self, error: float, now: int) -> None:
+    def check_following_error(self, error: float, now: int) -> None:
         """Do nothing."""
 
-    def judge_load(self, torque: float, now: int) -> None:
+    def check_load(self, torque: float, now: int) -> None:
         """Do nothing."""
 
     def sampled(self) -> None:
