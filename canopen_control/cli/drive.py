@@ -35,10 +35,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.arguments import whole
+from canopen_control.cli.support.arguments import eds_path, whole
 from canopen_control.cli.support.output import json_line
 from canopen_control.client.drive_client import DriveClient
-from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import GetDriveState
 
@@ -245,10 +244,10 @@ def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dic
     for text in texts:
         numbers, equals, file = text.partition("=")
         if not equals or _NUMBERS.fullmatch(numbers) is None:
-            common.append(_eds(text))
+            common.append(eds_path(text))
             continue
         for node_id in parse_node_ids(numbers):
-            if node_id not in node_ids or eds_files.setdefault(node_id, _eds(file)) != _eds(file):
+            if node_id not in node_ids or eds_files.setdefault(node_id, eds_path(file)) != eds_path(file):
                 why = "another file is given for it" if node_id in eds_files else "it is not in --node-id"
                 raise ConfigError(f"--eds {text}: node {node_id}: {why}")
     missing = [node_id for node_id in node_ids if node_id not in eds_files]
@@ -260,12 +259,6 @@ def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dic
             f"--eds: {problem}; give --eds FILE once for all nodes, and --eds N=FILE for nodes with another file"
         )
     return (common or list(eds_files.values()))[0], eds_files
-
-
-def _eds(text: str) -> Path:
-    path = Path(text)
-    bundled = data_path("eds", text)
-    return bundled if not path.exists() and path.name == text and bundled.exists() else path
 
 
 def _print(line: str) -> None:

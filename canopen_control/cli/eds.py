@@ -11,9 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from canopen_control.cli.support.arguments import node_id
+from canopen_control.cli.support.arguments import eds_path, node_id
 from canopen_control.cli.support.output import Progress, json_text
-from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError, EdsError
 from canopen_control.host.files import write_whole
 from canopen_control.od.dcf import dcf_text, eds_text
@@ -253,7 +252,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    missing = [name for name in _files_of(args) if not _path(name).is_file()]
+    missing = [name for name in _files_of(args) if not eds_path(name).is_file()]
     if missing:
         names = [f"{name} (a folder)" if Path(name).is_dir() else name for name in missing]
         print(f"canopen-control: no such file: {', '.join(names)}", file=sys.stderr)
@@ -269,17 +268,8 @@ def _files_of(args: argparse.Namespace) -> list[str]:
     return list(getattr(args, "files", ())) or [getattr(args, name) for name in ("file", "a", "b") if name in args]
 
 
-def _path(name: str) -> Path:
-    """Return the path of a file, or of the bundled EDS file of that name if no such file exists."""
-    path = Path(name)
-    if path.exists() or path.name != name:
-        return path
-    bundled = data_path("eds", name)
-    return bundled if bundled.is_file() else path
-
-
 def _read(name: str, args: argparse.Namespace) -> EdsFile:
-    return read_eds(_path(name), args.node_id)
+    return read_eds(eds_path(name), args.node_id)
 
 
 # --- check ---

@@ -9,14 +9,16 @@ Exit codes: 0 success; 1 the node aborted or did not answer; 2 wrong usage.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canopen_control.cli.support.arguments import timeout_seconds
-from canopen_control.cli.support.output import Progress, json_text, print_result, watched
+from canopen_control.cli.support.output import REDRAW_S, Progress, json_text, print_result
 from canopen_control.cli.support.target import add_target_arguments, open_target
+from canopen_control.client.periodic_call import periodic_call
 from canopen_control.commissioning.node_session import is_abort
 from canopen_control.commissioning.object_rows import TYPE_NAMES, parse_type, parse_value, show
 from canopen_control.errors import CanopenError, ConfigError
@@ -28,8 +30,7 @@ from canopen_control.trace.values import NodeWords, decoded
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable
-    from contextlib import AbstractContextManager
+    from collections.abc import Callable, Iterator
 
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.od.address import ObjectAddress
@@ -211,9 +212,14 @@ def _print_transfer(
     print_result(args, {**place, "file": args.file, "bytes": length}, f"{node}: {address.label}: {text}")
 
 
-def _transfer_progress(title: str, node: NodeSession) -> AbstractContextManager[None]:
+@contextlib.contextmanager
+def _transfer_progress(title: str, node: NodeSession) -> Iterator[None]:
     """Context that prints the progress of a transfer."""
-    return watched(Progress(title, "bytes"), node.transfers.progress)
+    with (
+        Progress(title, "bytes") as progress,
+        periodic_call(lambda: progress.at(*node.transfers.progress()), REDRAW_S / 2, name="progress"),
+    ):
+        yield
 
 
 _ACTIONS: dict[str, Callable[[argparse.Namespace, NodeSession, ObjectAddress], None]] = {

@@ -75,7 +75,7 @@ _EFFORT_UNIT: Final = 1000.0  # per mille: default unit of an effort, a fraction
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_session_arguments(parser)
-    _add_what(parser)
+    _add_tests(parser)
     add_job_options(parser, TUNE)
     period = number("period in ms: 1 to 50", lambda value: 1 <= value <= 50)
     parser.add_argument(
@@ -99,7 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the result as JSON, all else on standard error")
 
 
-def _add_what(parser: argparse.ArgumentParser) -> None:
+def _add_tests(parser: argparse.ArgumentParser) -> None:
     """Declare the tests and --revert, which are mutually exclusive."""
     group = parser.add_mutually_exclusive_group(required=True)
     group.add_argument("--step", metavar="X[rad/s|rpm|pps]", help="apply a velocity step")
@@ -110,7 +110,7 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         choices=("chirp", "prbs"),
         help="measure gain and phase of the velocity loop (default: chirp)",
     )
-    torque = number("torque in per mille of the rated one, above 0 to 300", lambda value: 0 < value <= _TORQUE)
+    torque = number("torque in per mille of the rated torque, above 0 to 300", lambda value: 0 < value <= _TORQUE)
     group.add_argument(
         "--identify", metavar="PERMILLE", type=torque, help="apply a torque; identify inertia, friction and gains"
     )
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     options = job_options(args, TUNE)
     request = _request(args, options)
-    say = partial(print, file=sys.stderr if args.json else sys.stdout, flush=True)
+    show = partial(print, file=sys.stderr if args.json else sys.stdout, flush=True)
     output = None if args.output is None else _output(args.output)
     if args.apply:
         _find_gains(args)
@@ -136,9 +136,9 @@ def run(args: argparse.Namespace) -> int:
             mode = "PV" if request.kind is JogKind.VELOCITY else "TQ"
             drive, scale = running_drive(args, args.name if owner is None else owner[0], mode, stack)
             plan = TunePlan.of(request, options, scale)
-            _confirm(plan.lines(scale), args, say)
+            _confirm(plan.lines(scale), args, show)
         else:
-            drive, scale, plan = stack.enter_context(_own(args, request, options, say))
+            drive, scale, plan = stack.enter_context(_own(args, request, options, show))
         run = excite(drive, plan, scale, _EFFORT_UNIT if drive.alone else None)
         with on_signals(SIGNALS, run.leave):
             record = run.run()
@@ -146,15 +146,15 @@ def run(args: argparse.Namespace) -> int:
         print(
             f"canopen-control: {record.lost} of {record.lost + len(record.samples)} cycles were lost", file=sys.stderr
         )
-    say("\n".join(report(record, request, scale, output)))
+    show("\n".join(report(record, request, scale, output)))
     if args.json:
         print(json_text(asdict(findings(record, request, scale))))
     if args.apply:
         gains = proposed(identified(record), request)
         with open_session(args) as session:
-            say("\n".join(_hinted(applied(session, gains, scale.counts / math.tau, _place(args)), args)))
+            show("\n".join(_hinted(applied(session, gains, scale.counts / math.tau, _place(args)), args)))
         target = f"--can {args.can} --eds {args.eds}" if args.can else f"--name {args.name}" if args.name else ""
-        say(f"taken back by: canopen-control tune {args.node} {target} --revert".replace("  ", " "))
+        show(f"undo with: canopen-control tune {args.node} {target} --revert".replace("  ", " "))
     return 0
 
 
@@ -163,11 +163,11 @@ def _check_gains(args: argparse.Namespace) -> None:
     if args.apply and args.identify is None:
         raise ConfigError("--apply sets the gains that --identify proposes; the other tests propose none")
     if args.store and not (args.apply or args.revert):
-        raise ConfigError("--store: nothing is set without --apply or --revert")
+        raise ConfigError("--store requires --apply or --revert")
     if args.gain and not args.apply:
-        raise ConfigError("--gain says which objects --apply sets; omit it, or give --apply")
+        raise ConfigError("--gain names the objects that --apply sets; omit it, or add --apply")
     if args.json and args.revert:
-        raise ConfigError("--json prints what a test has found; --revert is none")
+        raise ConfigError("--json prints the result of a test; omit it with --revert")
     for gain in args.gain:
         parse_gain(gain)
 
@@ -188,8 +188,8 @@ def _find_gains(args: argparse.Namespace) -> None:
     with open_session(args) as session:
         if session.robot and args.counts is None:
             raise ConfigError(
-                f"{session}: --apply through a running robot needs --counts N, the user units of 0x6064 of one turn of "
-                "its joint, since gains are in these"
+                f"{session}: --apply through a running robot needs --counts N, the user units of 0x6064 per turn of "
+                "its joint, because the gains are in these units"
             )
         settable_gains(session, args.axis, args.gain, 1.0)
 
@@ -206,7 +206,7 @@ def _output(name: str) -> Path:
     path = Path(name).expanduser()
     if path.suffix not in (CSV, PICTURE) or not path.parent.is_dir():
         kinds = f"NAME{CSV} for a table or NAME{PICTURE} for a picture"
-        raise ConfigError(f"-o {name}: give {kinds}, in a folder that is there")
+        raise ConfigError(f"-o {name}: give {kinds}, in an existing folder")
     if path.suffix == PICTURE:
         refuse_without_pictures()
     return path
@@ -214,7 +214,7 @@ def _output(name: str) -> Path:
 
 @contextlib.contextmanager
 def _own(
-    args: argparse.Namespace, request: TuneRequest, options: TuneOptions, say: Callable[[str], None]
+    args: argparse.Namespace, request: TuneRequest, options: TuneOptions, show: Callable[[str], None]
 ) -> Iterator[tuple[JogDrive, JogScale, TunePlan]]:
     """Context that identifies a drive on a bare bus, asks to confirm limits, and runs a robot of this drive alone."""
     if args.eds is None:
@@ -228,22 +228,22 @@ def _own(
     plan = TunePlan.of(request, options, scale)
     node = robot.nodes[0]
     lines = [f"node {node.device.node_id}: {axis.interface} in {axis.mode.name}, a sample every {args.period:g} ms"]
-    _confirm([*lines, *plan.lines(scale), f"dead-man: {dead_man_words(node.supervision)}"], args, say)
+    _confirm([*lines, *plan.lines(scale), f"dead-man: {dead_man_words(node.supervision)}"], args, show)
     robot = with_counts(robot, args.counts)
     with own_robot(robot, axis_of(robot, args), args.can, plan.limits.speed, WarningPrinter()) as drive:
         yield drive, scale, plan
 
 
-def _confirm(lines: list[str], args: argparse.Namespace, say: Callable[[str], None]) -> None:
+def _confirm(lines: list[str], args: argparse.Namespace, show: Callable[[str], None]) -> None:
     """Print the planned motion and its limits, and ask the user; ConfigError unless the user agrees."""
-    say("\n".join(lines))
+    show("\n".join(lines))
     if args.yes:
         return
     if not sys.stdin.isatty():
         raise ConfigError("nothing moves unless the limits are confirmed: give --yes, or confirm at a terminal")
-    question = "the shaft is free, and it may move so? [y/N] "
+    question = "is the shaft free, and may it move like this? [y/N] "
     if args.json:
-        say(question)
+        show(question)
     try:
         answer = input("" if args.json else question)
     except (EOFError, KeyboardInterrupt):

@@ -1,6 +1,6 @@
 """Send a velocity to a base controller at 10 Hz until Ctrl-C, then zero.
 
-Exit codes: 0 sent; 1 the robot refused it, or stopped; 2 wrong usage, no robot runs, or no such controller.
+Exit codes: 0 sent; 1 refused by the robot, or the robot stopped; 2 wrong usage, no robot runs, or no such controller.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     dead_man = not args.once  # the command ends when the connection is lost
-    moving, zeros = (
+    command, zeros = (
         TwistController(
             controller=args.controller,
-            linear=ahead,
-            lateral=aside,
-            angular=around,
+            linear=linear,
+            lateral=lateral,
+            angular=angular,
             source="twist",
             dead_man=dead_man,
         )
-        for ahead, aside, around in ((args.linear, args.lateral, args.angular), (0.0, 0.0, 0.0))
+        for linear, lateral, angular in ((args.linear, args.lateral, args.angular), (0.0, 0.0, 0.0))
     )
-    return send(args, moving, zeros)
+    return send(args, command, zeros)

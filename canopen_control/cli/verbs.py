@@ -32,7 +32,7 @@ GROUPS: Final = {
         "twist": "send a velocity to a base controller, repeatedly",
         "teleop": "drive a base with the keyboard",
         "trajectory": "play or record a trajectory of an arm, or cancel it",
-        "gripper": "move a gripper to a position and wait until it is there",
+        "gripper": "move a gripper to a position and wait for the end of the motion",
         "controller": "list, load, activate, deactivate and switch controllers",
         "axis": "enable, disable, halt, home or fault-reset drives",
     },

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if args.address:
         return _print_addresses(args.name)
     require_view()
-    os.nice(NICENESS)  # before anything is imported: a thread has the niceness that its creator had when it began
+    os.nice(NICENESS)  # before the imports, because threads inherit the niceness of their creator
     from canopen_control.view.view_app import main
 
     main(args.name, args.host, args.port, teleop=args.teleop)

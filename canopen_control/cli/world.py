@@ -45,12 +45,12 @@ if TYPE_CHECKING:
     Acts = dict[str, Callable[[str | None], Request[Simulation]]]
 
 
-# The verb `world` for a robot that a simulation plugin moves: pause, play, step, reset, disturbances.
+# Actions of `world` on a robot that a simulation plugin moves: pause, play, step, reset and disturbances.
 #
 # Such a robot has no drives and no bus; its own process simulates the world, so its own socket gets the requests.
 
 
-_TIMEOUT_S = 600.0  # of the largest request
+_TIMEOUT_S = 600.0  # enough for `MAX_STEPS`
 
 
 def _pause(value: str | None) -> Request[Simulation]:
@@ -91,9 +91,9 @@ def act_on_simulation(args: argparse.Namespace) -> int:
 
 def act_in_simulation(args: argparse.Namespace, act: WorldAct) -> bool:
     """Disturb the simulated world of the running robot; return False if it has no simulation plugin."""
-    with contextlib.ExitStack() as opened:
+    with contextlib.ExitStack() as stack:
         try:
-            robot = opened.enter_context(RobotClient.connect(args.name))
+            robot = stack.enter_context(RobotClient.connect(args.name))
             robot.ask(GetSimulation())
         except CanopenError:
             return False
@@ -116,8 +116,8 @@ def _report(simulation: Simulation, args: argparse.Namespace) -> int:
     if args.json:
         print(json_line(simulation))
         return 0
-    how = "paused; go on with: canopen-control world play" if simulation.paused else "running"
-    print(f"{simulation.seconds:.6g} s simulated, in cycles of {1000.0 * simulation.period:g} ms, {how}")
+    state = "paused; resume with: canopen-control world play" if simulation.paused else "running"
+    print(f"{simulation.seconds:.6g} s simulated, in cycles of {1000.0 * simulation.period:g} ms, {state}")
     return 0
 
 
@@ -161,9 +161,9 @@ def run(args: argparse.Namespace) -> int:
     if args.what is None and args.can is None and print_simulation(args):
         return 0
     if args.what is not None and args.value is None:
-        raise ConfigError(f"world {args.what}: say {_NEEDS[args.what]}")
+        raise ConfigError(f"world {args.what}: give {_NEEDS[args.what]}")
     if args.state is not None and args.what != "block":
-        raise ConfigError(f"world {args.what} {args.value} {args.state}: on and off are for block")
+        raise ConfigError(f"world {args.what} {args.value} {args.state}: only block takes on or off")
     act = None if args.what is None else _ACTS[args.what](args)
     if act is not None and args.can is None and act_in_simulation(args, act):
         return 0
@@ -182,7 +182,7 @@ def _payload(args: argparse.Namespace) -> WorldAct:
 
 def _push(args: argparse.Namespace) -> WorldAct:
     if args.seconds <= 0.0:
-        raise ConfigError(f"--for {args.seconds:g}: a push takes a time")
+        raise ConfigError(f"--for {args.seconds:g}: the duration of a push must be above 0")
     return PushRobot(force=_three(args.value), on=args.on, seconds=args.seconds)
 
 
@@ -201,10 +201,10 @@ _ACTS: dict[str, Callable[[argparse.Namespace], WorldAct]] = {
     "friction": _friction,
 }
 _NEEDS = {
-    "payload": "how many kg",
-    "push": "with which force, in N along the axes of the world, as in 0,30,0",
-    "block": "which joint",
-    "friction": "how much, as in 0.2",
+    "payload": "the mass in kg, as in 12",
+    "push": "the force in N along the axes of the world, as in 0,30,0",
+    "block": "the name of the joint",
+    "friction": "the coefficient, as in 0.2",
 }
 
 
@@ -235,7 +235,7 @@ def _drive(can: str | None) -> tuple[str, int]:
         for node_id in range(1, 128):
             if drive_name(channel, node_id) in sockets:
                 return channel, node_id
-    hint = "; --can CHANNEL says on which bus" if can is None else f" on {can}"
+    hint = " (name their bus with --can CHANNEL)" if can is None else f" on {can}"
     raise RemoteError("BusClosed", f"no virtual drives run{hint}; start them with: canopen-control run ROBOT --physics")
 
 
@@ -247,7 +247,7 @@ def _world_text(world: WorldState) -> str:
 
 def _pose(base: BasePose | None) -> str:
     if base is None:
-        return "the robot is bolted to the ground, or its drives have no physics: run it with --physics"
+        return "the robot is fixed to the ground, or its drives have no physics: run it with --physics"
     heading = math.degrees(base.heading)
     tilt = f"roll {math.degrees(base.roll):.1f} deg, pitch {math.degrees(base.pitch):.1f} deg"
     return f"x {base.x:.4f} m, y {base.y:.4f} m, z {base.z:.4f} m, heading {heading:.2f} deg, {tilt}"

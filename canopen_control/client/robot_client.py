@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 from typing import TYPE_CHECKING, Final
 
+from canopen_control.client.periodic_call import periodic_call
 from canopen_control.errors import RemoteError
 from canopen_control.host.lineclient import LineClient
 from canopen_control.host.running_robots import select_robot
@@ -56,7 +56,6 @@ class EventStream:
         return self
 
     def __next__(self) -> RobotEvent:
-        """Wait for the next event and return it."""
         if self._over:
             raise StopIteration
         try:
@@ -92,9 +91,9 @@ def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
     """Return a sentence about the controllers that publish more often than `rate` in Hz; None if there are none."""
     fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
-    names = ", ".join(f"{broadcaster.name} ({broadcaster.publish_rate:g} Hz)" for broadcaster in fast)
+    names = ", ".join(f"{controller.name} ({controller.publish_rate:g} Hz)" for controller in fast)
     return (
-        f"{names}: published more often than the state comes, {rate:g} Hz; what is between is left out"
+        f"{names}: published more often than the samples at {rate:g} Hz, which omit the values in between"
         if fast
         else None
     )
@@ -102,10 +101,10 @@ def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | Non
 
 HEARTBEAT_S: Final = 2.0
 """Heartbeat in s that a client promises for a trajectory; after a longer silence the robot stops the joints."""
-_BEATS: Final = 4  # within that time
+_BEATS: Final = 4  # heartbeats in this time
 
 _PIECE: Final = 24_000  # bytes of an object in one request
-_VALUES: Final = 2000  # of a trajectory in one request
+_VALUES: Final = 2000  # values of a trajectory in one request
 
 
 class RobotClient(Client[RobotHello, RobotPush]):
@@ -140,23 +139,16 @@ class RobotClient(Client[RobotHello, RobotPush]):
     @contextlib.contextmanager
     def heartbeats(self) -> Iterator[None]:
         """Context in which a thread sends heartbeats, for a trajectory sent with `HEARTBEAT_S`."""
-        over = threading.Event()
 
         def beat() -> None:
             with contextlib.suppress(RemoteError):  # the robot has ended, which other calls report
-                while not over.wait(HEARTBEAT_S / _BEATS):
-                    self.notify(TrajectoryHeartbeat())
+                self.notify(TrajectoryHeartbeat())
 
-        thread = threading.Thread(target=beat, name="heartbeats", daemon=True)
-        thread.start()
-        try:
+        with periodic_call(beat, HEARTBEAT_S / _BEATS, name="heartbeats", join_s=HEARTBEAT_S):
             yield
-        finally:
-            over.set()
-            thread.join(HEARTBEAT_S)
 
     def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
-        """Send all but the last points of a long trajectory; return the last points, for the request that starts it."""
+        """Send all but the last points of a long trajectory; return the last points, for the final request."""
         width = max((len(point.positions) for point in points), default=0)
         at_once = max(1, _VALUES // (4 * max(1, width)))
         while len(points) > at_once:

@@ -61,7 +61,7 @@ SPEEDS: Final[dict[str, tuple[float, float]]] = {
 }
 _UP_AND_DOWN: Final = frozenset("tb")
 _QUIT: Final = ("ctrl-c", "ctrl-d")
-_LEAST, _MOST = 1e-3, 1e3  # of a speed, so that no number of key presses makes it useless
+_MIN_SPEED, _MAX_SPEED = 1e-3, 1e3  # limits of a speed that keys change
 
 _CSI: Final = re.compile(rb"\x1b\[[0-?]*[ -/]*[@-~]|\x1bO[@-~]")
 _NAMES: Final[dict[bytes, str]] = {
@@ -78,7 +78,7 @@ _NAMES: Final[dict[bytes, str]] = {
 }
 _CONTROLS: Final = {0x03: "ctrl-c", 0x04: "ctrl-d", 0x20: "space"}
 _ESCAPE: Final = 0x1B
-_ESCAPE_NS: Final = 50_000_000  # a lone ESC is a key of its own if nothing follows
+_ESCAPE_NS: Final = 50_000_000  # an ESC that is not followed by other bytes in this time is a key
 _LONGEST_SEQUENCE: Final = 32
 
 
@@ -144,7 +144,7 @@ class Velocities:
 
 class _Hold(Enum):
     RELEASED = 0
-    PRESSED = 1  # once: it may be held, and repeat later
+    PRESSED = 1  # once, and possibly held
     REPEATING = 2
 
 
@@ -183,7 +183,7 @@ class Teleop:
         return Velocities(linear * self.speed, angular * self.turn, lateral * self.speed)
 
     def key(self, name: str, now: int) -> None:
-        """Process a key name from `KeyDecoder`."""
+        """Start, change or stop the motion by a key name from `KeyDecoder`."""
         self.tick(now)
         self.note = ""
         if name in self._motions:
@@ -216,11 +216,11 @@ class Teleop:
 
     def _change_speed(self, linear: float, angular: float) -> None:
         """Change both speeds by factors; a motion continues at the new speed until its previous deadline."""
-        self.speed = min(max(self.speed * linear, _LEAST), _MOST)
-        self.turn = min(max(self.turn * angular, _LEAST), _MOST)
+        self.speed = min(max(self.speed * linear, _MIN_SPEED), _MAX_SPEED)
+        self.turn = min(max(self.turn * angular, _MIN_SPEED), _MAX_SPEED)
 
 
 def _note_of(name: str) -> str:
     if name in _UP_AND_DOWN or name in SIDEWAYS:
-        return f"{name}: sideways, up and down are not motions of this base; without shift it drives"
+        return f"{name}: this base cannot move sideways, up or down; use the keys without shift"
     return "the terminal has lost the focus: stopped" if name == "focus-out" else ""

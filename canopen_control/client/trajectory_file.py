@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 
-_MOST: Final = 1e9  # no joint or clock goes that far: a larger number, or nan, is a typing error
+_LIMIT: Final = 1e9  # larger numbers and nan are typing errors
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class _Duration:
 class _Point:
     """Point in the form of trajectory_msgs/JointTrajectoryPoint; `time_from_start` may also be a number of seconds."""
 
-    positions: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
-    velocities: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
-    accelerations: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
-    effort: tuple[float, ...] = setting((), low=-_MOST, high=_MOST)
-    time_from_start: float | _Duration = setting(0.0, low=-_MOST, high=_MOST)
+    positions: tuple[float, ...] = setting((), low=-_LIMIT, high=_LIMIT)
+    velocities: tuple[float, ...] = setting((), low=-_LIMIT, high=_LIMIT)
+    accelerations: tuple[float, ...] = setting((), low=-_LIMIT, high=_LIMIT)
+    effort: tuple[float, ...] = setting((), low=-_LIMIT, high=_LIMIT)
+    time_from_start: float | _Duration = setting(0.0, low=-_LIMIT, high=_LIMIT)
 
     @property
     def time(self) -> float:
@@ -65,7 +65,7 @@ def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
     text = read_text(path, ConfigError)
     count = text.count("time_from_start")
     if count > MAX_POINTS:  # before it is parsed, which takes a while
-        raise ConfigError(f"{path}: {count} points are more than the {MAX_POINTS} of a trajectory; send fewer")
+        raise ConfigError(f"{path}: {count} points exceed the maximum of {MAX_POINTS} for a trajectory; reduce them")
     return parse_trajectory(text, path)
 
 
@@ -98,7 +98,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}; give another name") from error
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}; choose another name") from error
 
 
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
@@ -113,7 +113,7 @@ def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]
             positions = [float(word) for word in words]
         except ValueError:
             positions = []
-        if len(positions) != joints or not all(abs(position) <= _MOST for position in positions):
+        if len(positions) != joints or not all(abs(position) <= _LIMIT for position in positions):
             place = f"waypoint {index}, {part.strip()!r}, is not one position for each of the {joints} joints"
             raise ConfigError(f"{place}; write it as in: --waypoints '{' '.join(['0.1'] * joints)}'")
         zeros = [0.0] * joints

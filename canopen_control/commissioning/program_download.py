@@ -11,13 +11,13 @@ from __future__ import annotations
 import contextlib
 import datetime
 import enum
-import threading
 import zlib
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from canopen_control.cia301.nmt import NmtCommand
+from canopen_control.client.periodic_call import periodic_call
 from canopen_control.commissioning.identity import FIELDS
 from canopen_control.commissioning.jobs import ProgramDate
 from canopen_control.commissioning.node_session import is_abort
@@ -400,23 +400,16 @@ def _program_text(number: int | None, date: str | None) -> str:
 @contextlib.contextmanager
 def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size: int) -> Iterator[None]:
     """Context with a thread that reports the step and the bytes of the transfer to the run."""
-    over = threading.Event()
 
-    def watch() -> None:
-        while not over.wait(_LOOK_S):
-            if run.doing != progress.step.value:
-                run.part(progress.step.value, "bytes")
-            if progress.step is DownloadStep.SENDING:
-                done, total = session.transfers.progress()
-                run.show(done, total or size)
+    def report() -> None:
+        if run.doing != progress.step.value:
+            run.part(progress.step.value, "bytes")
+        if progress.step is DownloadStep.SENDING:
+            done, total = session.transfers.progress()
+            run.show(done, total or size)
 
-    thread = threading.Thread(target=watch, name="firmware progress", daemon=True)
-    thread.start()
-    try:
+    with periodic_call(report, _LOOK_S, name="firmware progress"):
         yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:

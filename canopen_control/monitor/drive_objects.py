@@ -29,16 +29,16 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.robot import NodePlace
 
 
-# Actions on the drive selected in the monitor: commands of the command line, whose arguments the user edits.
+# Actions on the drive selected in the monitor are commands of the command line, whose arguments the user edits.
 #
 # A command runs in a separate process, as if the user had typed it: it sends requests to the running robot, obeys STOP,
-# is named in the events, and blocks nothing here. If the monitor ends, for whatever reason, the command gets a SIGINT,
-# at which a command that moves an axis stops it.
+# is the source named in events, and does not block the monitor. If the monitor ends, also by a crash, the command gets
+# a SIGINT, at which it stops an axis that it moves.
 
 
-_KEPT: Final = 1000
+_KEPT_LINES: Final = 1000
 _PR_SET_PDEATHSIG: Final = 1
-_GRACE_S: Final = 3.0  # for a verb to end after SIGINT: a ramp, and the drive disabled
+_GRACE_S: Final = 3.0  # for the end of a command after SIGINT: it ramps down and disables the drive
 
 
 Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"
@@ -46,9 +46,9 @@ Words: TypeAlias = "Callable[[str, Sequence[str]], list[str]]"
 
 
 def _jog(node: str, parts: Sequence[str]) -> list[str]:
-    how = "--velocity" if parts[0].endswith(("rpm", "rad/s", "pps")) else "--position"
-    lasts = [f"--for={parts[1].removesuffix('s')}"] if len(parts) > 1 and not parts[1].startswith("-") else []
-    return ["jog", node, f"{how}={parts[0]}", *lasts, *parts[1 + len(lasts) :]]
+    option = "--velocity" if parts[0].endswith(("rpm", "rad/s", "pps")) else "--position"
+    duration = [f"--for={parts[1].removesuffix('s')}"] if len(parts) > 1 and not parts[1].startswith("-") else []
+    return ["jog", node, f"{option}={parts[0]}", *duration, *parts[1 + len(duration) :]]
 
 
 def _tune(node: str, parts: Sequence[str]) -> list[str]:
@@ -90,20 +90,19 @@ def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
     if not node:
         raise ConfigError(f"{name}: no drive is selected")
     if not parts:
-        raise ConfigError(f"{name}: fill in {JOBS[name].asks}")
+        raise ConfigError(f"{name}: enter {JOBS[name].asks}")
     return [*_WORDS[name](node, parts), f"--name={robot}"]
 
 
 class WorkRun:
-    """Process of a command; `title` is the command line, `code` the exit code, None while the process runs.
+    """Process of a command; `title` is the command line, `code` the exit code (None while it runs).
 
     CanopenError if the process cannot be started.
     """
 
     def __init__(self, words: Sequence[str]) -> None:
         self.title = " ".join(["canopen-control", *words])
-        self._lines: deque[str] = deque(maxlen=_KEPT)
-        tie = _tied_to_this_thread()
+        self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "canopen_control", *words],
@@ -113,8 +112,8 @@ class WorkRun:
                 text=True,
                 errors="replace",
                 env=clean_environment(ros=False),
-                start_new_session=True,  # Ctrl-C is the monitor's
-                preexec_fn=tie,
+                start_new_session=True,  # Ctrl-C must reach the monitor only
+                preexec_fn=_interrupt_with_thread(),
             )
         except OSError as error:
             raise CanopenError(f"{words[0]} cannot be started: {error.strerror}") from error
@@ -122,15 +121,14 @@ class WorkRun:
 
     @property
     def code(self) -> int | None:
-        """Exit code; None while the process runs."""
         return self._process.poll()
 
     def fresh(self) -> list[str]:
         """Return the output lines since the last call."""
-        rows = []
+        lines = []
         while self._lines:
-            rows.append(self._lines.popleft())
-        return rows
+            lines.append(self._lines.popleft())
+        return lines
 
     def end(self) -> None:
         """Interrupt the command as Ctrl-C does; does nothing once it has ended."""
@@ -152,7 +150,7 @@ class WorkRun:
                 self._lines.extend(line.rstrip() for line in output)
 
 
-def _tied_to_this_thread() -> Callable[[], object] | None:
+def _interrupt_with_thread() -> Callable[[], object] | None:
     """Return a preexec function that makes Linux send SIGINT to the child when this thread ends; else None."""
     if not sys.platform.startswith("linux"):
         return None
@@ -173,7 +171,7 @@ class DriveObjects:
         self._nodes: dict[tuple[str, str], NodeObjects] = {}
         self._node: NodeObjects | None = None
         self._edits: dict[NodeObjects, EditHistory] = {}
-        self._editing = threading.Lock()  # keys come faster than a drive answers
+        self._editing = threading.Lock()  # several edits may be requested before a drive answers
         self._od: ObjectDictionary | None = None
         self._why = "no drive is selected"
         self._words = ""
@@ -200,7 +198,7 @@ class DriveObjects:
         except CanopenError as error:
             od, why = None, str(error)
         if node is self._node:
-            self._why = why or ("" if od is not None else "bus.yml names no EDS for it")
+            self._why = why or ("" if od is not None else "the node has no EDS in bus.yml")
             self._od = od
 
     def search(self, words: str) -> None:
@@ -220,7 +218,7 @@ class DriveObjects:
         entry, *further = select_objects(od, [address.strip()])
         if further:
             raise ConfigError(
-                f"set {text}: {address} is {1 + len(further)} objects; name one, as {_address(entry.address)}"
+                f"set {text}: {address} matches {1 + len(further)} objects; give one, as {_address(entry.address)}"
             )
         with self._editing, node.session() as session:
             return self._history(node).write(session, entry, value).words

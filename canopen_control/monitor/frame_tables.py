@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 KEPT: Final = 2000  # decoded frames that a changed filter can still show
-_IDENTIFIERS: Final = 4096  # rows; a bus with more has a fault of its own
+_IDENTIFIERS: Final = 4096  # more identifiers on one bus are a fault of the bus
 _SMOOTHING: Final = 0.2
 _SECOND_NS: Final = 1_000_000_000
 _CHANGES: Final = "changes"
@@ -101,7 +101,7 @@ class TraceLog:
         self._fresh: deque[DecodedFrame] = deque(maxlen=KEPT)
 
     def add(self, decoded: DecodedFrame) -> None:
-        """Store a frame, to be returned by `fresh` if the filter wants it."""
+        """Store a frame, to be returned by `fresh` if it passes the filter."""
         self._all.append(decoded)
         if self.filter.wants(decoded):
             self._fresh.append(decoded)
@@ -128,11 +128,10 @@ class LoadMeter:
         self._since: int | None = None
 
     def add(self, frame: CanFrame) -> None:
-        """Count the bits of a frame."""
         self._bits += FRAME_BITS + 8 * len(frame.data)
 
     def tick(self, now: int) -> None:
-        """Advance the time; update the load once a second."""
+        """Update the load once a second."""
         if self._since is None:
             self._since, self._bits = now, 0
         elif now - self._since >= _SECOND_NS:
@@ -142,11 +141,11 @@ class LoadMeter:
 
 # Listener on one bus, which decodes frames as they arrive and sends nothing.
 #
-# A bus that is lost (its robot has ended, the interface is down) is opened again, with a try once a second.
+# A lost bus (its robot has ended, the interface is down) is opened again; one attempt per second.
 
 
 LABEL: Final = "monitor"
-_AGAIN_NS: Final = 1_000_000_000
+_RETRY_NS: Final = 1_000_000_000
 
 
 class PortWatcher(Protocol):
@@ -158,17 +157,19 @@ class PortWatcher(Protocol):
 
 
 class BusTap:
-    """Listener that decodes the frames of a bus and passes them to `take`.
+    """Listener that decodes the frames of a bus and passes them to `on_frame`.
 
     `problem` is the reason why no frames arrive, or "". `owner` is the robot that runs on the bus, or "".
     """
 
-    def __init__(self, network: NetworkDescription, take: Callable[[DecodedFrame], None], *, owner: str = "") -> None:
+    def __init__(
+        self, network: NetworkDescription, on_frame: Callable[[DecodedFrame], None], *, owner: str = ""
+    ) -> None:
         self.network, self.owner = network, owner
         self.meter = LoadMeter(network.bitrate)
         self.problem = "not opened yet"
         self._watcher: PortWatcher | None = None
-        self._take = take
+        self._on_frame = on_frame
         self._decoder = Decoder(network)
         self._port: Port | None = None
         self._arrivals: Arrivals | None = None
@@ -186,11 +187,11 @@ class BusTap:
             watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
-        """Advance the time to `now` in monotonic ns, and try once a second to open a bus that is not open."""
+        """Update the load, and try once a second to open a bus that is not open; `now` is in monotonic ns."""
         self.meter.tick(now)
         if self._port is not None or now < self._retry_ns:
             return
-        self._retry_ns = now + _AGAIN_NS
+        self._retry_ns = now + _RETRY_NS
         try:
             self._port = open_listener(self.network.channel, LABEL, owner=self.owner)
             self._arrivals = Arrivals(self._port)
@@ -217,7 +218,7 @@ class BusTap:
             return
         for stamp, frame in zip(stamps, frames_of(records), strict=True):
             self.meter.add(frame)
-            self._take(self._decoder.decode(frame, stamp + arrivals.unix_offset_ns))
+            self._on_frame(self._decoder.decode(frame, stamp + arrivals.unix_offset_ns))
 
     def close(self) -> None:
         """Close the bus; a second call does nothing."""

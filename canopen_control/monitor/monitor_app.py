@@ -109,14 +109,13 @@ FRAME_COLUMNS: Final = ("id", "count", "period ms", "node", "what", "data", "tex
 class LiveTable(DataTable[Text]):
     """Table with rows by name; `show` updates the rows, `written` counts the updated cells."""
 
-    def __init__(self, columns: Sequence[str], **how: Any) -> None:  # noqa: ANN401 - textual's own keywords
-        super().__init__(cursor_type="row", zebra_stripes=False, **how)
+    def __init__(self, columns: Sequence[str], **options: Any) -> None:  # noqa: ANN401 - textual's own keywords
+        super().__init__(cursor_type="row", zebra_stripes=False, **options)
         self._titles = columns
         self._shown: dict[str, tuple[Cell, ...]] = {}
         self.written = 0
 
     def on_mount(self) -> None:
-        """Create the columns."""
         for title in self._titles:
             self.add_column(title, key=title)
 
@@ -142,7 +141,7 @@ class LiveTable(DataTable[Text]):
         return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
 
     @property
-    def in_sight(self) -> list[str]:
+    def visible_rows(self) -> list[str]:
         """Names of the rows that are visible in the window."""
         first = max(0, int(self.scroll_y))
         keys = [row.key.value or "" for row in self.ordered_rows[first : first + max(0, self.size.height)]]
@@ -181,7 +180,7 @@ def frame_rows(table: FrameTable) -> dict[str, tuple[Cell, ...]]:
 
 SET: Final = "set"
 _KEPT_LINES: Final = 1000
-_LISTENS: Final = "this monitor only listens: to read objects is to send"
+_LISTENS: Final = "listening only: reading objects would require sending"
 
 
 class WorkChoice(OptionList):
@@ -205,32 +204,29 @@ class DrivePane(Vertical):
         self._ended = False
 
     def compose(self) -> ComposeResult:
-        """Create the widgets."""
         yield self.title
         yield self.objects
         yield self.choice
         yield self.output
 
-    def show(self, looking: DriveObjects | None) -> None:
-        """Show the objects of the selected drive and read the visible ones; None if the monitor only listens."""
-        title = _LISTENS if looking is None else looking.title
+    def show(self, drive: DriveObjects | None) -> None:
+        """Show the objects of the selected drive, and read the visible rows; None if the monitor only listens."""
+        title = _LISTENS if drive is None else drive.title
         if str(self.title.content) != title:
             self.title.update(Text(title))
-        if looking is not None:
-            self.objects.show(looking.rows())
-            looking.watch(self.objects.in_sight)
+        if drive is not None:
+            self.objects.show(drive.rows())
+            drive.watch(self.objects.visible_rows)
 
     def choose(self) -> None:
-        """Open the menu of actions."""
         self.choice.highlighted = 0
         self.choice.add_class("shown")
         self.choice.focus()
 
-    # -- the running command
+    # -- running command
 
     @property
     def busy(self) -> bool:
-        """Whether a command is running."""
         return self._run is not None and self._run.code is None
 
     def follow(self, run: WorkRun) -> None:
@@ -254,7 +250,7 @@ class DrivePane(Vertical):
         run = self._run
         if run is None or self._ended:
             return
-        code = run.code  # before its last lines are taken
+        code = run.code  # read before the lines, so that the last lines are not missed
         for line in run.fresh():
             self._report(line, Tone.PLAIN)
         if code is not None:
@@ -279,8 +275,8 @@ _DRIVE_TAB: Final = "tab-drive"
 _OBJECT_WORDS: Final = "search objects: 0x6081, 0x60*, velocity; several with commas; empty: everything"
 _SET_WORDS: Final = "an object and its value, as in 0x6081=1000"
 _KEYS: Final = """space STOP, r release; q quit
-e d f enable, disable, fault-reset the chosen drive; E D F all drives
-1 to 5 the tabs, Tab the next table, left and right its other columns
+e d f enable, disable, fault-reset the selected drive; E D F all drives
+1 to 5 tabs, Tab next table, left and right other columns
 / filter, Escape leaves it; p pauses the frames
 w work with the drive, u undo, x end the work"""
 _FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
@@ -331,13 +327,12 @@ class MonitorApp(App[None]):
         self._watched: list[BusTap] = []
         self._drawn = 0.0
         self._lines: LineWriter | None = None
-        self._looking: DriveObjects | None = None
-        self._chosen = ""  # of what may be done with the drive, while its line is filled in
+        self._objects: DriveObjects | None = None
+        self._chosen = ""  # action whose input line is open
 
-    # -- the screen
+    # -- screen
 
     def compose(self) -> ComposeResult:
-        """Create the widgets."""
         yield self._head
         yield self._alarm
         yield self._drives
@@ -350,7 +345,6 @@ class MonitorApp(App[None]):
         yield Footer(compact=True)
 
     def on_mount(self) -> None:
-        """Start the source and the drawing."""
         self._drives.focus()
         loop, context = asyncio.get_running_loop(), contextvars.copy_context()
 
@@ -363,7 +357,6 @@ class MonitorApp(App[None]):
         self.set_interval(PERIOD_S, self._refresh_if_late)
 
     def on_unmount(self) -> None:
-        """End the running command and the source."""
         self._drive.close()
         self.source.close()
 
@@ -400,11 +393,11 @@ class MonitorApp(App[None]):
         head = Text.assemble((content.title, "bold"), "  ", (str(state), TONE_STYLES[state.tone]))
         problems = [tap.problem for tap in self.source.taps if tap.problem]
         lost = sum(tap.lost for tap in self.source.taps)
-        facts = [*content.facts, *problems, *([f"{lost} frames came too fast for the monitor"] if lost else [])]
+        facts = [*content.facts, *problems, *([f"{lost} frames were lost by the monitor"] if lost else [])]
         head.append(f"  {'  ·  '.join(facts)}")
         if str(self._head.content) != str(head):
             lines = len(head.wrap(self.console, max(self.size.width - _MARGIN, 1)))
-            self._head.update(head, layout=lines != self._head_lines)  # a new line: all is laid out
+            self._head.update(head, layout=lines != self._head_lines)  # another height needs a new layout
             self._head_lines = lines
         self._alarm.set_class(bool(content.alarm), "shown")
         if str(self._alarm.content) != content.alarm:
@@ -436,12 +429,12 @@ class MonitorApp(App[None]):
     def _show_objects(self) -> None:
         """Show the objects of the selected drive while the drive tab is open; else stop reading."""
         if self.query_one("#tabs", TabbedContent).active != _DRIVE_TAB:
-            if self._looking is not None:
-                self._looking.leave()
-                self._looking = None
+            if self._objects is not None:
+                self._objects.leave()
+                self._objects = None
             return
-        self._looking = self.source.choose(self._selected)
-        self._drive.show(self._looking)
+        self._objects = self.source.choose(self._selected)
+        self._drive.show(self._objects)
 
     def _show_trace(self) -> None:
         fresh = self.source.trace.fresh()
@@ -480,7 +473,6 @@ class MonitorApp(App[None]):
             self.notify("listening only: this monitor sends nothing, so it cannot stop anything", severity="warning")
 
     def action_release(self) -> None:
-        """Request the release of a latched STOP."""
         self._ask("release", Release(source=SOURCE))
 
     def action_axis(self, action: str, node: str = "") -> None:
@@ -490,13 +482,11 @@ class MonitorApp(App[None]):
             self._ask(f"{action} {target}", AxisRequest(action=action, node=target, source=SOURCE))
 
     def action_tab(self, name: str) -> None:
-        """Show a tab."""
         self.query_one("#tabs", TabbedContent).active = f"tab-{name}"
 
     def action_pause(self) -> None:
-        """Pause or resume the display of frames."""
         self.paused = not self.paused
-        self.notify("frames stand still; p goes on" if self.paused else "frames go on", timeout=2)
+        self.notify("frames are paused; p resumes" if self.paused else "frames are shown", timeout=2)
 
     @property
     def _selected(self) -> str:
@@ -524,10 +514,9 @@ class MonitorApp(App[None]):
         self._chosen = ""
         for widget in (self.query_one(FilterLine), self._drive.choice):
             widget.remove_class("shown")
-        (self._drives if self._looking is None else self._drive.objects).focus()
+        (self._drives if self._objects is None else self._drive.objects).focus()
 
     def action_work(self) -> None:
-        """Open the menu of actions for the selected drive."""
         self.action_tab("drive")
         self._drive.choose()
 
@@ -537,8 +526,8 @@ class MonitorApp(App[None]):
 
     def action_undo(self) -> None:
         """Undo the newest write to an object of the shown drive."""
-        if (looking := self._looking) is not None:
-            self._on_thread("undo", looking.undo)
+        if (objects := self._objects) is not None:
+            self._on_thread("undo", objects.undo)
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
         """Open the input line for the chosen action."""
@@ -553,11 +542,11 @@ class MonitorApp(App[None]):
     def _begin(self, chosen: str, text: str) -> None:
         """Start the chosen action with the input; CanopenError if the action cannot start."""
         if chosen == SET:
-            if (looking := self._looking) is not None:
-                self._on_thread("set", lambda: looking.write(text))
+            if (objects := self._objects) is not None:
+                self._on_thread("set", lambda: objects.write(text))
             return
         if self._drive.busy:
-            raise ConfigError("a verb runs already; x ends it")
+            raise ConfigError("a command is already running; x ends it")
         self._drive.follow(self.source.begin(chosen, text, self._selected))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
@@ -565,8 +554,8 @@ class MonitorApp(App[None]):
         try:
             if self._chosen:
                 self._begin(self._chosen, event.value)
-            elif self._looking is not None:
-                self._looking.search(event.value)
+            elif self._objects is not None:
+                self._objects.search(event.value)
             else:
                 self.source.trace.choose(parse_filter(event.value, self.source.network))
                 self._logs["trace"].clear()

@@ -52,14 +52,13 @@ if TYPE_CHECKING:
 
 # Tables of a bare bus, from the frames that nodes send anyway: heartbeats, TPDOs, emergencies, SDO answers.
 #
-# Sans-IO, times in ns; nothing is sent. The expected interval of a node's frames is its longest silence so far. After
-# twice that interval a node is stale, after five times dead; after its first frame a node has one second.
+# Sans-IO, times in ns; nothing is sent. The expected interval of a node's frames is its longest silence so far, but at
+# least `_SHORTEST_INTERVAL_NS`. After `_STALE` intervals without a frame a node is stale, after `_DEAD` intervals dead.
 
 
 _SECOND: Final = 1_000_000_000
-_UNKNOWN_PACE_NS: Final = (
-    500_000_000  # assumed interval before it is measured: stale after twice, lost after five times that
-)
+_SHORTEST_INTERVAL_NS: Final = 500_000_000  # smallest assumed interval between the frames of a node
+_STALE, _DEAD = 2, 5  # intervals without a frame
 _OWN: Final = ("hb", "emcy", "pdo", "sdo")  # services that a node sends itself
 _LEVELS: Final = {Mark.ERROR: Tone.BAD, Mark.WARNING: Tone.WARN}
 _LOGGED: Final = ("nmt", "hb", "emcy", "error", "lss")
@@ -118,13 +117,15 @@ class BusTable:
         if self._from_node(decoded):
             node = self._update_node(decoded.node_id, decoded.time)
         else:
-            node = self._nodes.get(decoded.node_id) or _Node(decoded.time)  # a node that was never heard is not stored
+            node = self._nodes.get(decoded.node_id) or _Node(
+                decoded.time
+            )  # a node that has sent no frame is not stored
         self._take(node, decoded)
 
     def content(self, now: int, title: str, facts: tuple[str, ...]) -> MonitorContent:
         """Return the tables at the Unix time `now` in ns."""
         rows = sorted(self._nodes.items())
-        state = Cell("listening", Tone.GOOD) if rows else Cell("receiving, no node is seen", Tone.WARN)
+        state = Cell("listening", Tone.GOOD) if rows else Cell("receiving, no node seen", Tone.WARN)
         drives = {str(node_id): self._row(node_id, node, now) for node_id, node in rows}
         joints = {
             f"{node_id}/{number}": self._joint(node_id, number, axis)
@@ -155,8 +156,8 @@ class BusTable:
         if node is None:
             node = self._nodes[node_id] = _Node(time)
         silence = time - node.last_ns
-        if node.longest_ns and silence > 5 * node.longest_ns:
-            node.longest_ns = 0  # it was gone: its interval is learned again
+        if node.longest_ns and silence > _DEAD * node.longest_ns:
+            node.longest_ns = 0  # the node was off the bus: learn its interval again
         else:
             node.longest_ns = max(node.longest_ns, silence)
         node.last_ns = time
@@ -198,17 +199,17 @@ class BusTable:
     def _row(self, node_id: int, node: _Node, now: int) -> tuple[Cell, ...]:
         name = self.network.name_of(node_id)
         axis = node.axes.get(0) or _Axis()
-        pace = max(node.longest_ns, _UNKNOWN_PACE_NS) / _SECOND
+        interval = max(node.longest_ns, _SHORTEST_INTERVAL_NS) / _SECOND
         state = None if axis.statusword is None else decode_statusword(axis.statusword)
         return (
             plain(f"{name} ({node_id})" if name else f"node {node_id}"),
             _nmt_cell(node.nmt),
             state_cell(None if state is None else state.name),
             Cell(node.error, Tone.BAD if node.error else Tone.PLAIN),
-            age_cell((now - node.last_ns) / _SECOND, stale=2 * pace, dead=5 * pace),
+            age_cell((now - node.last_ns) / _SECOND, stale=_STALE * interval, dead=_DEAD * interval),
             plain("-" if axis.mode is None else mode_name(axis.mode)),
             sdo_cell(node.reads, node.writes, node.failed),
-            plain(_flags(axis)),
+            plain(_statusword_flags(axis.statusword, axis.mode)),
         )
 
     def _joint(self, node_id: int, number: int, axis: _Axis) -> tuple[Cell, ...]:
@@ -224,10 +225,11 @@ def _nmt_cell(state: NmtState | None) -> Cell:
     return Cell(state_name(state.name), Tone.GOOD if state is NmtState.OPERATIONAL else Tone.IDLE)
 
 
-def _flags(axis: _Axis) -> str:
-    if axis.statusword is None:
+def _statusword_flags(statusword: int | None, mode: int | None) -> str:
+    """Return the statusword with its flags as text, without the state; "-" if it is unknown."""
+    if statusword is None:
         return "-"
-    number, _, rest = statusword_text(axis.statusword, axis.mode).partition(" ")
+    number, _, rest = statusword_text(statusword, mode).partition(" ")
     _, _, flags = rest.partition(", ")
     return f"{number} {flags}".rstrip()
 
@@ -254,8 +256,8 @@ def _take_value(node: _Node, value: SignalValue) -> None:
 A = TypeVar("A")
 RATE: Final = 5.0  # Hz
 AGAIN_S: Final = 1.0
-_TIMEOUT_S: Final = 2.0  # of what the robot answers at once
-_SILENCE_S: Final = 1.0  # without a sample: it hangs, or its machine does
+_TIMEOUT_S: Final = 2.0  # for requests that the robot answers at once
+_SILENCE_S: Final = 1.0  # without a sample the robot or its computer hangs
 _KEPT_EVENTS: Final = 1000
 _REPEATED: Final = 200  # newest events that are compared, so that none is reported twice
 
@@ -275,7 +277,7 @@ class RobotLink:
         self._events: deque[RobotEvent] = deque(maxlen=_KEPT_EVENTS)
         self._recent: deque[RobotEvent] = deque(maxlen=_REPEATED)
         self._last_message = 0.0
-        self._connection: RobotClient | None = None  # open, also while the first requests are on their way
+        self._connection: RobotClient | None = None  # set also before the first requests are answered
         self._robot: RobotClient | None = None
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
@@ -310,7 +312,7 @@ class RobotLink:
         """Send a request and wait up to `timeout` seconds; RemoteError if it fails. For threads that may block."""
         robot = self._robot
         if robot is None:
-            raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} does not reach the robot: {self.why}")
+            raise RemoteError("BusClosed", f"{ROBOT.of(type(request)).name} cannot reach the robot: {self.why}")
         return robot.ask(request, timeout)
 
     def _run(self, on_sample: Callable[[], None]) -> None:
@@ -379,7 +381,7 @@ def content_of(robot: str, state: StateSample) -> MonitorContent:
 
 def without_robot(robot: str, why: str) -> MonitorContent:
     """Return the content of the screen without a robot, with the reason."""
-    return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP does not reach it; trying again")
+    return MonitorContent(robot, Cell("not connected", Tone.BAD), f"{why}. STOP cannot reach the robot; reconnecting")
 
 
 def log_line(event: RobotEvent) -> LogLine:
@@ -424,24 +426,14 @@ def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) ->
         age_cell(node.age, stale=STALE_S, dead=dead),
         plain(axis.mode or "-"),
         sdo_cell(node.sdo.reads, node.sdo.writes, node.sdo.failed),
-        plain(_statusword(axis)),
+        plain(_statusword_flags(axis.statusword, OperationMode.__members__.get(axis.mode or ""))),
     )
 
 
 def _nmt(node: NodeReading) -> Cell:
     if node.nmt_state is None:
-        return Cell("lost" if node.age is not None else "not there", Tone.BAD)
+        return Cell("lost" if node.age is not None else "missing", Tone.BAD)
     return Cell(state_name(node.nmt_state), Tone.GOOD if node.ready else Tone.WARN)
-
-
-def _statusword(axis: AxisReading) -> str:
-    """Return the statusword with its flags as text, without the state."""
-    if axis.statusword is None:
-        return "-"
-    mode = OperationMode.__members__.get(axis.mode or "")
-    number, _, rest = statusword_text(axis.statusword, mode).partition(" ")
-    _, _, flags = rest.partition(", ")
-    return f"{number} {flags}".rstrip()
 
 
 def _joint(joint: JointReading) -> tuple[Cell, ...]:
@@ -450,7 +442,7 @@ def _joint(joint: JointReading) -> tuple[Cell, ...]:
 
 
 SOURCE: Final = "monitor"
-TIMEOUT_S: Final = 20.0  # of a stop or an enable: the drives take their ramps
+TIMEOUT_S: Final = 20.0  # for a stop or an enable, which include ramps
 
 
 class ScreenSource(Protocol):
@@ -473,7 +465,7 @@ class ScreenSource(Protocol):
         """End the source."""
 
     def tick(self) -> None:
-        """Open buses that are due; called a few times a second."""
+        """Open buses that are not open; called a few times a second."""
 
     def listen(self, on: bool) -> None:
         """Start or stop receiving the frames of a robot's buses."""
@@ -515,24 +507,20 @@ class LiveRobot:
 
     @property
     def network(self) -> NetworkDescription:
-        """Nodes of all buses, for the filter."""
         nodes = {node_id: node for network in self._networks for node_id, node in network.nodes.items()}
         master = self._networks[0].master_node_id if self._networks else None
         return NetworkDescription(nodes=nodes, master_node_id=master)
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Start to connect to the robot."""
         self._link.start(on_sample)
 
     def close(self) -> None:
-        """Close the connections to the robot and to its buses."""
         self._objects.leave()
         self._link.close()
         for tap in self.taps:
             tap.close()
 
     def listen(self, on: bool) -> None:
-        """Open the robot's buses, or close them."""
         if on is not self._listening:
             self._listening = on
             self._tap()
@@ -547,19 +535,16 @@ class LiveRobot:
             tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> DriveObjects:
-        """Select the node for the object table."""
         self._objects.choose(self._link.name or "", self._link.places.get(node))
         return self._objects
 
     def content(self) -> MonitorContent:
-        """Return the content for the newest sample, or for a missing connection."""
         state = self._link.state
         if state is None or not self._link.connected:
             return without_robot(self._link.name or "robot", self._link.why or "no answer")
         return content_of(str(self._link.name), state)
 
     def log(self) -> list[LogLine]:
-        """Return the events since the last call as log lines."""
         events = self._link.events()
         self._emergencies += [log_line(event) for event in events if is_emergency(event)]
         return [log_line(event) for event in events]
@@ -570,11 +555,9 @@ class LiveRobot:
         return emergencies
 
     def command(self, request: Request[Any]) -> None:
-        """Send a request to the robot and wait; RemoteError if it fails."""
         self._link.ask(request, TIMEOUT_S)
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a command through the running robot."""
         return WorkRun(work_words(title, text, node, self._link.name or ""))
 
     def _tap(self) -> None:
@@ -608,19 +591,16 @@ class BusSource:
         """Do nothing, because this source always listens."""
 
     def close(self) -> None:
-        """Close the bus."""
         self._tap.close()
 
     def tick(self) -> None:
-        """Open the bus if it is not open, also after a loss."""
         self._tap.tick(time.monotonic_ns())
 
-    def choose(self, node: str) -> None:  # noqa: ARG002 - as every source has it
+    def choose(self, node: str) -> None:  # noqa: ARG002 - as in every source
         """Return None, because reading objects would require sending."""
         return
 
     def content(self) -> MonitorContent:
-        """Return the tables of the nodes seen on the bus."""
         load = self._tap.meter.load
         facts = [
             f"{self.network.bitrate // 1000} kbit/s",
@@ -629,11 +609,9 @@ class BusSource:
         return self._table.content(time.time_ns(), f"{self.network.channel} (listening only)", tuple(facts))
 
     def log(self) -> list[LogLine]:
-        """Return the log lines since the last call."""
         return self._table.log()
 
     def emergencies(self) -> list[LogLine]:
-        """Return the emergencies since the last call."""
         return self._table.emergencies()
 
     def command(self, request: Request[Any]) -> None:
@@ -642,7 +620,7 @@ class BusSource:
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
 
-    def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as every source has it
+    def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as in every source
         """Raise ConfigError, because this source never sends."""
         raise ConfigError(f"{title}: this monitor only listens on {self.network.channel}")
 

@@ -34,7 +34,7 @@ def test_what_a_lower_rate_leaves_out_is_told(tmp_path):
     with running("slowly"):
         recorded = record_bag("slowly", str(tmp_path / "run"), 0.5, 10.0)
     assert 1 <= recorded.samples <= 10.0 * recorded.seconds + 2
-    assert "joint_state_broadcaster (50 Hz): published more often than the state comes, 10 Hz" in recorded.sentence()
+    assert "joint_state_broadcaster (50 Hz): published more often than the samples at 10 Hz" in recorded.sentence()
 
 
 def test_ctrl_c_finishes_the_bag(tmp_path):

@@ -170,7 +170,7 @@ def test_a_robot_on_mock_hardware_has_no_bus(mock_robot, capsys):
     ("arguments", "code", "said"),
     [
         (["--can", "memory:empty", *FAST], 1, "no node answers on memory:empty"),
-        (["--can", "memory:empty", "--config", "nope"], 2, "nor one of the bundled ones ("),
+        (["--can", "memory:empty", "--config", "nope"], 2, "nor a bundled robot ("),
         (["--can", "memory:empty", "--eds-dir", "/nope"], 2, "--eds-dir /nope: no such folder"),
         (["--can", "nonsense"], 2, "no such CAN interface"),
         (["--can", "memory:empty", "--timeout", "-1"], 2, "not a time in seconds above 0"),

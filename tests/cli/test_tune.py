@@ -222,8 +222,8 @@ def test_proposed_gains_are_set_and_taken_back(bench, no_terminal, capsys):
     ("words", "why"),
     [
         (("--step", "30rpm", "--apply"), "--apply sets the gains that --identify proposes"),
-        (("--step", "30rpm", "--store"), "nothing is set without --apply or --revert"),
-        (("--step", "30rpm", "--gain", "velocity_p=0x3210:01*1"), "give --apply"),
+        (("--step", "30rpm", "--store"), "--store requires --apply or --revert"),
+        (("--step", "30rpm", "--gain", "velocity_p=0x3210:01*1"), "add --apply"),
         (("--identify", "100", "--apply", "--gain", "p=1"), "give the gain, its object"),
         (("--identify", "100", "--apply", "--gain", "velocity_p=0x3210:01*1"), "has no 0x3210:01 in its EDS"),
     ],

@@ -34,7 +34,7 @@ def test_it_is_paused_stepped_reset_and_goes_on(simulated, world, capsys):
     assert world("step", "25")["seconds"] == pytest.approx(paused["seconds"] + 25 * paused["period"])
     assert world("step")["seconds"] == pytest.approx(paused["seconds"] + 26 * paused["period"])
     assert main(["world", "reset"]) == 0
-    assert "paused; go on with: canopen-control world play" in capsys.readouterr().out
+    assert "paused; resume with: canopen-control world play" in capsys.readouterr().out
     assert not world("play")["paused"]
     assert main(["world", "step"]) == 1
     assert "pause it first" in capsys.readouterr().err

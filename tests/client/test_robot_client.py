@@ -115,7 +115,7 @@ def test_who_publishes_more_often_than_the_state_comes_is_named():
     base = ControllerReading(name="base", type="", state="active", publish_rate=50.0)
     assert outpaced([fast, base], 200.0) is None
     assert outpaced([fast, base], 100.0) == (
-        "states (200 Hz): published more often than the state comes, 100 Hz; what is between is left out"
+        "states (200 Hz): published more often than the samples at 100 Hz, which omit the values in between"
     )
     assert "states (200 Hz), base (50 Hz)" in str(outpaced([fast, base], 20.0))
 

@@ -113,5 +113,5 @@ def test_waypoints_that_are_none_are_told_with_an_example(text):
 
 
 def test_a_file_of_too_many_points_is_refused_before_it_is_read(tmp_path):
-    with pytest.raises(ConfigError, match="20001 points are more than the 20000 of a trajectory"):
+    with pytest.raises(ConfigError, match="20001 points exceed the maximum of 20000 for a trajectory"):
         read(tmp_path, "time_from_start: [" * 20_001)

@@ -84,7 +84,7 @@ def test_the_monitor_stops_the_robot_by_a_key_also_while_a_filter_is_typed(stage
     terminal.keys("E")
     terminal.until("● OPERATION ENABLED")
     robot.end()
-    terminal.until("STOP does not reach it")
+    terminal.until("STOP cannot reach the robot")
     stage.robby("watched")
     terminal.until("● OPERATION ENABLED")
     terminal.keys("q")
@@ -96,7 +96,7 @@ def test_a_bare_bus_is_shown_by_its_frames(stage, terminal):
     terminal.until("bus local:bare: no program has it open")
     with contextlib.closing(open_local("bare", "somebody")):
         terminal.run(f"{PROGRAM} monitor --can local:bare --eds 3=TMCM-1270.eds")
-        terminal.until("no node is seen")
+        terminal.until("no node seen")
         stage.drive("bare", 3)
     terminal.until("TMCM-1270 (3)")
     terminal.until("PRE OPERATIONAL")

@@ -44,7 +44,7 @@ def test_a_line_becomes_the_words_of_its_verb_which_knows_them(name):
 
 
 def test_an_empty_line_and_no_drive_are_told():
-    with pytest.raises(ConfigError, match=r"backup: fill in FILE\.dcf"):
+    with pytest.raises(ConfigError, match=r"backup: enter FILE\.dcf"):
         work_words("backup", " , ", "left", "robby")
     with pytest.raises(ConfigError, match="backup: no drive is selected"):
         work_words("backup", "a.dcf", "", "robby")
@@ -174,7 +174,7 @@ def test_what_keeps_it_from_being_read_is_told(objects, tmp_path):
     assert objects.title == "no drive is selected"
     assert objects.rows() == {}
     objects.choose("robby", NodePlace(name="bare", node_id=4))
-    assert eventually(lambda: "bus.yml names no EDS for it" in objects.title)
+    assert eventually(lambda: "the node has no EDS in bus.yml" in objects.title)
     objects.choose("robby", NodePlace(name="gone", node_id=5, eds=str(tmp_path / "gone.eds")))
     assert eventually(lambda: "cannot be read" in objects.title)
     looked_at(objects)._node.lost = "node 3 does not answer"
@@ -236,7 +236,7 @@ def test_a_second_undo_waits_for_the_first(edited, monkeypatch):
         ("0x6081", r"set 0x6081: write an object and its value, as in 0x6081=1000"),
         ("=5", "write an object and its value"),
         ("0x6081=", "write an object and its value"),
-        ("velocity=5", r"velocity is \d+ objects; name one, as 0x"),
+        ("velocity=5", r"velocity matches \d+ objects; give one, as 0x"),
         ("0x6041=5", "read-only; nothing was written"),
         ("0x60FF=5", "moves the axis"),
         ("0x6081=fast", "'fast' is not a valid UNSIGNED32: .*; nothing was written"),

@@ -149,7 +149,7 @@ def test_without_a_verb_there_is_nothing_to_end_or_to_show():
             app.pane.show_work()
             app.pane.show(None)
             assert not app.pane.busy
-            assert str(app.pane.title.content) == "this monitor only listens: to read objects is to send"
+            assert str(app.pane.title.content) == "listening only: reading objects would require sending"
 
     asyncio.run(check())
 
@@ -790,7 +790,7 @@ def test_one_verb_runs_at_a_time_and_a_refusal_is_told():
         await pilot.press("w", "down", "enter", *typed("20rpm"), "enter")
         await pilot.pause()
         assert source.run is first
-        assert "a verb runs already; x ends it" in [each.message for each in app._notifications]
+        assert "a command is already running; x ends it" in [each.message for each in app._notifications]
         first.code = 1
         app.refresh_picture()
         assert "ended with 1" in text_of(app, "work")

@@ -104,7 +104,7 @@ def test_events_are_lines_with_their_level(bench):
 def test_without_a_robot_it_says_that_stop_does_not_reach_it():
     shown = without_robot("robby", "no robot 'robby' is running")
     assert shown.state.tone is Tone.BAD
-    assert shown.alarm == "no robot 'robby' is running. STOP does not reach it; trying again"
+    assert shown.alarm == "no robot 'robby' is running. STOP cannot reach the robot; reconnecting"
 
 
 @pytest.fixture
@@ -173,7 +173,7 @@ def test_a_connection_that_broke_is_made_again_and_what_was_told_is_not_told_aga
 
 def test_commands_reach_the_robot_or_say_why_not(link):
     assert eventually(lambda: link.why.startswith("no robot is running"))
-    with pytest.raises(RemoteError, match="stop does not reach the robot: no robot is running"):
+    with pytest.raises(RemoteError, match="stop cannot reach the robot: no robot is running"):
         link.ask(Stop(), 1.0)
     with running(real_time=True):
         assert eventually(lambda: link.connected)
@@ -311,7 +311,7 @@ def robot_source(private_folders):
 
 def test_a_running_robot_is_shown_and_commanded(robot_source):
     assert robot_source.can_command
-    assert robot_source.content().alarm.endswith("STOP does not reach it; trying again")
+    assert robot_source.content().alarm.endswith("STOP cannot reach the robot; reconnecting")
     with running(real_time=True):
         assert eventually(lambda: robot_source.content().title == "mock" and robot_source.content().joints)
         robot_source.tick()

@@ -296,7 +296,7 @@ def test_who_publishes_more_often_than_ros_is_given_is_told_once(fresh):
         del states["publish_rate"]
     (told,) = fresh.robot.commands("tell")
     assert told["kind"] == "ros_rate"
-    assert told["text"].startswith("ROS: joint_state_broadcaster (500 Hz): published more often than the state comes")
+    assert told["text"].startswith("ROS: joint_state_broadcaster (500 Hz): published more often than the samples")
 
 
 @pytest.mark.ros

@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from canopen_control.commissioning.quantity import number_that, seconds_above_0, whole_between
+from canopen_control.data_files import data_path
 from canopen_control.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,6 +39,13 @@ def number(title: str, accept: Callable[[float], bool]) -> Callable[[str], float
 def whole_number(title: str, numbers: range) -> Callable[[str], int]:
     """Return an argparse type for integers in `numbers`, decimal or 0x; others are refused as "is not `title`"."""
     return argument(whole_between(numbers.start, numbers.stop - 1, title))
+
+
+def eds_path(text: str) -> Path:
+    """Return the path of an EDS file, or of the bundled file of this name if there is no such file."""
+    path = Path(text).expanduser()
+    bundled = data_path("eds", text)
+    return bundled if path.name == text and not path.exists() and bundled.is_file() else path
 
 
 node_id = whole_number("node id: 1 to 127", range(1, 128))

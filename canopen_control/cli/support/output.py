@@ -20,11 +20,8 @@ from canopen_control.errors import CanopenError
 TYPE_CHECKING = False  # the module typing takes longer to import than this one
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from typing import Final, TextIO
-
-    Sample = tuple[int, int | None]
-    from collections.abc import Sequence
 
 
 SOON_S: Final = 0.5  # on a terminal, shorter work shows no progress
@@ -183,27 +180,6 @@ def _coloured() -> re.Pattern[str]:
         rf"|(?P<doubtful>\bwarnings?(?=[:,]|$)|\bSTOPPED\b|\b(?:{doubtful})\b|^(?:stopped|stopping|waiting)\b)"
         rf"|(?P<good>\b(?:{good})\b|^running\b|\bnothing is wrong$)"
     )
-
-
-@contextlib.contextmanager
-def watched(progress: Progress, sample: Callable[[], Sample]) -> Iterator[None]:
-    """Context that polls `sample` on a thread, and shows the progress while the block runs."""
-    import threading
-
-    over = threading.Event()
-
-    def watch() -> None:
-        while not over.wait(REDRAW_S / 2):
-            progress.at(*sample())
-
-    thread = threading.Thread(target=watch, name="progress", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-        progress.end()
 
 
 class Table:

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Self
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cia301.nmt import RESETS, NmtUnconfirmed
+from canopen_control.cli.support.arguments import eds_path
 from canopen_control.client import RobotClient, find_robots
 from canopen_control.commissioning.node_session import NodeSession, RobotTransfers, Transfers
-from canopen_control.data_files import data_path
 from canopen_control.errors import CanopenError, ConfigError, DriveError, RemoteError
 from canopen_control.frame import MAX_NODE_ID
 from canopen_control.master.direct import DirectBus
@@ -81,10 +81,7 @@ def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> Rob
 
 def find_eds(text: str) -> Path:
     """Return the path of an EDS file, or of the bundled file of that name; ConfigError if neither exists."""
-    path = Path(text).expanduser()
-    bundled = data_path("eds", text)
-    if not path.exists() and path.name == text and bundled.is_file():
-        return bundled
+    path = eds_path(text)
     if not path.is_file():
         raise ConfigError(f"no EDS file {text}")
     return path

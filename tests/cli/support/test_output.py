@@ -1,7 +1,6 @@
 import io
 import json
 import math
-import threading
 
 import pytest
 
@@ -13,7 +12,6 @@ from canopen_control.cli.support.output import (
     Table,
     json_line,
     json_text,
-    watched,
 )
 from canopen_control.rpc.messages.state import JointReading
 
@@ -80,22 +78,13 @@ def test_an_unknown_total_or_nothing_known_at_all(clock):
     assert stream.getvalue() == "reading, 5 s\nreading: 4,200 bytes, 10 s\n"
 
 
-def test_the_work_is_watched_from_beside_and_wiped_also_after_an_error(clock):
-    stream, asked = Terminal(), threading.Event()
-
-    def sample():
-        asked.set()
-        return 7, 14
-
-    clock.now += 1
-    progress = Progress("writing", "bytes", stream=stream, clock=clock)
-    clock.now += SOON_S
+def test_a_line_of_progress_is_erased_also_after_an_error(clock):
+    stream = Terminal()
 
     def work():
-        with watched(progress, sample):
-            assert asked.wait(5)
-            while not stream.getvalue():
-                pass
+        with Progress("writing", "bytes", stream=stream, clock=clock) as progress:
+            clock.now += SOON_S
+            progress.at(7, 14)
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
