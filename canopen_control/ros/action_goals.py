@@ -27,7 +27,7 @@ from canopen_control.rpc.messages.trajectory import TrajectoryData, TrajectoryHe
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from canopen_control.ros.endpoint import Ros, RosMessage
+    from canopen_control.ros.endpoint import NodeContext, RosMessage
     from canopen_control.ros.rcl import Node
     from canopen_control.rpc.client import ReactorClient
     from canopen_control.rpc.messages.declare import Done, Request
@@ -315,7 +315,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     `kind` is the class of the controller's samples from which feedback is made.
     """
 
-    def __init__(self, ros: Ros, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading, action: type, name: str, kind: type[S]) -> None:
         self._ros, self._controller = ros, controller.name
         self._samples: NewSamples[S] = NewSamples(kind)
         self._topic = f"{controller.name}/{name}"

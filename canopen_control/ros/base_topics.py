@@ -28,7 +28,7 @@ from canopen_control.rpc.messages.samples import OdometrySample
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import NodeContext, Reply, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
 
@@ -54,7 +54,7 @@ class TwistSubscription:
 
     def __init__(
         self,
-        ros: Ros,
+        ros: NodeContext,
         topic: str,
         on_message: Callable[[Twist | TwistStamped], object],
         kind: str = AUTO,
@@ -108,7 +108,7 @@ _QUALITIES: Final[dict[str | None, Any]] = {"reference": REFERENCE}
 class TwistCommands(Endpoint):
     """Subscriptions of a base controller's twist topic, and of the same topic with the suffix `_unstamped`."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         topic, quality = f"{controller.name}/{controller.topic}", _QUALITIES.get(controller.topic, SYSTEM_DEFAULT)
         self._either = TwistSubscription(ros, topic, self._on_message, first="TwistStamped", quality=quality)
@@ -131,7 +131,7 @@ class TwistCommands(Endpoint):
 class OdometrySetting(Endpoint):
     """Service `~/set_odometry` of a base controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
         name = f"{controller.name}/set_odometry"
         self._service = ros.serve("control_msgs/srv/SetOdometry", name, self._answer)
@@ -152,7 +152,7 @@ class OdometrySetting(Endpoint):
 class OdometryReset(Endpoint):
     """Service `~/reset_odometry` of the tricycle controller, which sets the pose to 0."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._name = ros, controller.name, f"{controller.name}/reset_odometry"
         self._service = ros.serve("std_srvs/srv/Empty", self._name, self._answer)
 
@@ -168,7 +168,7 @@ class OdometryReset(Endpoint):
         self._ros.ask(SetOdometry(controller=self._controller, x=0.0, y=0.0, heading=0.0), fill)
 
 
-def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistStamped) -> None:
+def send_twist(ros: NodeContext, controller: ControllerReading, message: Twist | TwistStamped) -> None:
     """Send a finite twist to an active base controller; all other twists are dropped with a warning."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
@@ -206,7 +206,7 @@ def send_twist(ros: Ros, controller: ControllerReading, message: Twist | TwistSt
 class SharedTwist(Endpoint):
     """Subscription of the shared `cmd_vel` topic of one robot; `kind` is "Twist", "TwistStamped" or "auto"."""
 
-    def __init__(self, ros: Ros, topic: str, kind: str) -> None:
+    def __init__(self, ros: NodeContext, topic: str, kind: str) -> None:
         self._ros, self._topic = ros, topic
         self._subscription = TwistSubscription(ros, topic, self._on_message, kind)
 
@@ -236,7 +236,7 @@ class SharedTwist(Endpoint):
 class TfOdometry(Endpoint):
     """Publisher of the odometry transform on `~/tf_odometry`, while the controller's `enable_odom_tf` is true."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)
         self._kind: Any = interface("tf2_msgs/msg/TFMessage")
         self._publisher = ros.node.create_publisher(self._kind, f"{self._name}/tf_odometry", SYSTEM_DEFAULT)

@@ -17,7 +17,7 @@ from canopen_control.rpc.messages.robot import CommandByName, CommandController,
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import NodeContext, Reply, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading
 
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 class ForwardCommands(Endpoint):
     """Subscription of `~/commands` of one forward command controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         self._subscription = ros.subscribe(
             Float64MultiArray, f"{controller.name}/commands", self._on_message, SYSTEM_DEFAULT
@@ -65,7 +65,7 @@ class ForwardCommands(Endpoint):
 class GpioCommands(Endpoint):
     """Subscription of `~/commands` of one GPIO command controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/commands"
         self._lock = threading.Lock()
         self._coming: dict[str, float] = {}
@@ -149,7 +149,7 @@ class PidReferences(Endpoint):
 
     topic = "reference"
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/{self.topic}"
         self._subscription: object = None
         self.on_controller(controller)
@@ -223,7 +223,7 @@ class PidMeasuredStates(PidReferences):
 class FeedForwardSwitch(Endpoint):
     """Service `~/set_feedforward_control` of a PID controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
         name = f"{controller.name}/set_feedforward_control"
         self._service = ros.serve("std_srvs/srv/SetBool", name, self._answer)

@@ -66,12 +66,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.ros.action_goals import TrajectorySender
-    from canopen_control.ros.endpoint import Ros, RosMessage
+    from canopen_control.ros.endpoint import NodeContext, RosMessage
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.samples import TrajectoryPoint
     from canopen_control.rpc.messages.state import ControllerReading
 
-    Factory = Callable[[Ros, ControllerReading], Endpoint]
+    Factory = Callable[[NodeContext, ControllerReading], Endpoint]
 
 
 # ROS actions: FollowJointTrajectory, GripperCommand and ParallelGripperCommand.
@@ -91,7 +91,7 @@ _INVALID_GOAL: Final = -1
 class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, TrajectorySample]):
     """FollowJointTrajectory action server of one trajectory controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._action: Any = interface("control_msgs/action/FollowJointTrajectory")
         super().__init__(ros, controller, self._action, "follow_joint_trajectory", TrajectorySample)
 
@@ -157,7 +157,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
 
     name: ClassVar[str] = "control_msgs/action/GripperCommand"
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._action: Any = interface(self.name)
         self._joint = next(iter(controller.joints), "")
         super().__init__(ros, controller, self._action, "gripper_cmd", GripperSample)
@@ -279,7 +279,7 @@ BY_OFFER: Final[dict[str, Factory]] = {
 _KINDS: Final = {kind_of(kind): kind for kind in get_args(ControllerSample)}
 
 
-def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
+def endpoints_for(ros: NodeContext, controller: ControllerReading) -> list[Endpoint]:
     """Create the topics, services and actions of one controller."""
     kind = _KINDS.get(controller.tells or "", Sample)
     kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
@@ -291,7 +291,7 @@ def endpoints_for(ros: Ros, controller: ControllerReading) -> list[Endpoint]:
     return [endpoint for make in factories for endpoint in _create(make, ros, controller)]
 
 
-def _create(make: Factory, ros: Ros, controller: ControllerReading) -> Iterator[Endpoint]:
+def _create(make: Factory, ros: NodeContext, controller: ControllerReading) -> Iterator[Endpoint]:
     """Create and yield an endpoint; if this ROS installation lacks the interface, report this and yield nothing."""
     try:
         yield make(ros, controller)

@@ -10,9 +10,8 @@ import math
 import time
 from typing import TYPE_CHECKING, Any, Final
 
-from canopen_control.ros.endpoint import Answer, Endpoint
+from canopen_control.ros.endpoint import Answer, Endpoint, NodeContext
 from canopen_control.ros.interfaces import interface
-from canopen_control.ros.node_context import NodeContext
 from canopen_control.ros.participants import client_of, folder_of
 from canopen_control.ros.qos import EVENTS
 from canopen_control.ros.rcl import further_node
@@ -22,9 +21,9 @@ from canopen_control.rpc.messages.parameters import KINDS, GetParameters, Parame
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
-    from canopen_control.ros.node_context import SessionPort
+    from canopen_control.ros.endpoint import Reply, RosMessage
     from canopen_control.ros.rcl import Context, Node
+    from canopen_control.ros.session import RosSession
     from canopen_control.ros.spinner import Spinner
     from canopen_control.rpc.messages.declare import Done
     from canopen_control.rpc.messages.parameters import ParameterReading
@@ -126,7 +125,7 @@ _OF_NAMES: Final = (
 class ParameterServices(Endpoint):
     """Parameter services of the node `name`, which is a controller or "controller_manager"."""
 
-    def __init__(self, ros: Ros, name: str) -> None:
+    def __init__(self, ros: NodeContext, name: str) -> None:
         self._ros, self._name = ros, name
         self._result = interface("rcl_interfaces/msg/SetParametersResult")
         self._events: Any = None  # a publisher, from the first change on
@@ -246,8 +245,8 @@ class ParameterServices(Endpoint):
 class ControllerNodes:
     """ROS nodes of the loaded controllers; `first` is the bridge's own node."""
 
-    def __init__(self, shared: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
-        self._shared, self._first, self._context, self._spinner = shared, first, context, spinner
+    def __init__(self, session: RosSession, first: Node, context: Context, spinner: Spinner) -> None:
+        self._session, self._first, self._context, self._spinner = session, first, context, spinner
         self._nodes: dict[str, tuple[NodeContext, ParameterServices]] = {}
 
     def of(self, name: str, arguments: Sequence[str] = ()) -> NodeContext:
@@ -255,7 +254,7 @@ class ControllerNodes:
         if name not in self._nodes:
             node = further_node(name, self._context, str(self._first.get_namespace()), arguments)
             self._spinner.add(node)
-            ros = NodeContext(self._shared, node)
+            ros = NodeContext(self._session, node)
             self._nodes[name] = (ros, ParameterServices(ros, name))
         return self._nodes[name][0]
 

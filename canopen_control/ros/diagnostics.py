@@ -22,7 +22,7 @@ from canopen_control.ros.sample_publisher import time_message
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.endpoint import NodeContext
     from canopen_control.ros.nodes import RosNode
     from canopen_control.rpc.messages.state import RobotEvent, StateSample
 
@@ -34,7 +34,7 @@ _LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 
 class Diagnostics(Endpoint):
     """Publisher of `/diagnostics`."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._publisher = ros.node.create_publisher(DiagnosticArray, "/diagnostics", EVENTS)
         self._next, self._missed = 0.0, 0
@@ -60,7 +60,7 @@ class Diagnostics(Endpoint):
 class Events(Endpoint):
     """Publisher of `~/events`."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
         self._publisher = ros.node.create_publisher(self._log, "~/events", EVENTS)
 
@@ -114,7 +114,7 @@ class _Cause(NamedTuple):
 class Rosout(Endpoint):
     """Publisher of `/rosout`; `nodes` are the nodes of the bus, with their namespaces."""
 
-    def __init__(self, ros: Ros, nodes: Iterable[RosNode]) -> None:
+    def __init__(self, ros: NodeContext, nodes: Iterable[RosNode]) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")
         self._namespace = str(ros.node.get_namespace())
         self._of_nodes = {node.name: _logger(node.namespace, ros_name(node.name)) for node in nodes}

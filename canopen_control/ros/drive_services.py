@@ -24,7 +24,7 @@ from canopen_control.rpc.messages.robot import AxisDone, AxisRequest, CommandCon
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import Handler, NodeContext, Reply, RosMessage
     from canopen_control.ros.nodes import Channel, RosNode
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
@@ -89,7 +89,7 @@ class DriveTargets:
 class DriveServices(Endpoint):
     """Services of one node; a `joint` restricts them to the axis of this joint."""
 
-    def __init__(self, ros: Ros, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
+    def __init__(self, ros: NodeContext, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint
         self._state: StateSample | None = None
         trigger = "std_srvs/srv/Trigger"
@@ -177,7 +177,7 @@ class DriveServices(Endpoint):
 class MasterServices(Endpoint):
     """Services `/master/sdo_read` and `/master/sdo_write`, which access a node by its node ID."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._services = [ros.serve(kind, f"master/{name}", handler) for name, kind, handler in master_handlers(ros)]
 

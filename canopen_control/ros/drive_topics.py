@@ -29,7 +29,7 @@ from canopen_control.ros.sdo_services import Address, as_uint32, of_uint32, writ
 from canopen_control.rpc.messages.robot import GetLayout, GetNodes, PdoWrite
 
 if TYPE_CHECKING:
-    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.endpoint import NodeContext
     from canopen_control.ros.nodes import RosNode
     from canopen_control.rpc.messages.layout import Layout
     from canopen_control.rpc.messages.robot import MappedValue, NodeListing
@@ -45,7 +45,7 @@ _LEVELS: Final = {"info": DiagnosticStatus.OK, "warning": DiagnosticStatus.WARN,
 class DriveTopics(Endpoint):
     """Topics of one node, below the node's name or a controller's name."""
 
-    def __init__(self, ros: Ros, node: RosNode) -> None:
+    def __init__(self, ros: NodeContext, node: RosNode) -> None:
         self._ros, self._view = ros, node
         self._object = interface("canopen_interfaces/msg/COData")
         make = ros.node.create_publisher
@@ -159,7 +159,7 @@ class DriveTopics(Endpoint):
 class ProxyNode(Endpoint):
     """Topics and services of one node, below the name of its CanopenProxyController."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         self._parts: list[Endpoint] = []
         self._requested = self._closed = False

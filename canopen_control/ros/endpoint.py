@@ -1,4 +1,4 @@
-"""Base classes of the topics, services and actions of the bridge.
+"""Base class of the topics, services and actions of the bridge, and their access to ROS and to the robot.
 
 Messages are published on the bridge's own thread, when the robot has sent something; callbacks of ROS run on the
 spinner's thread, and only pass on what they receive.
@@ -6,17 +6,17 @@ spinner's thread, and only pass on what they receive.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
 
+from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.rpc.messages.samples import Sample
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.ros.rcl import Node
-    from canopen_control.rpc.client import ReactorClient
-    from canopen_control.rpc.messages.declare import Request
-    from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
+    from canopen_control.ros.session import RosSession
+    from canopen_control.rpc.messages.robot import MappedValue
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
 
     Reply = Callable[[Any], object]
@@ -24,67 +24,8 @@ if TYPE_CHECKING:
     Handler = Callable[[Any, Any, Reply], object]
 
 
-A = TypeVar("A")
 S = TypeVar("S", bound=Sample)
 COMMANDER: Final = "ros"  # sender of commands, in the robot's status
-
-
-class Ros(Protocol):
-    """Access of an endpoint to its ROS node and to the session of the robot.
-
-    `command` passes a command to the robot; `warn` logs a message at most once per second. Both may be called from any
-    thread.
-    """
-
-    node: Node
-    robot: str
-
-    @property
-    def controllers(self) -> dict[str, ControllerReading]:
-        """Loaded controllers by name."""
-
-    def command(self, request: CommandController | TwistController) -> None:
-        """Send a command, which replaces a waiting command to the same controller; from any thread."""
-
-    def unix(self, stamp: float | None) -> float | None:
-        """Convert a ROS time stamp to Unix time in s of the robot's clock; callable from any thread."""
-
-    def warn(self, key: str, text: str) -> None:
-        """Log a warning, at most once per second for each key; callable from any thread."""
-
-    def frame(self, name: str) -> str:
-        """Return the ROS name of a frame, with the robot's prefix."""
-
-    def hand_over(self, function: Callable[[], object]) -> None:
-        """Call a function on the reactor's thread; callable from any thread."""
-
-    def subscribe(self, message: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
-        """Create a subscription; an exception in the callback is logged as a warning."""
-
-    def unsubscribe(self, subscription: object) -> None: ...
-
-    def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Create a service of the interface `kind`; log a warning and return None if ROS lacks the interface.
-
-        `handler(request, response, reply)` is called on the reactor's thread and must not block.
-        """
-
-    def leave_out(self, interface: str) -> None:
-        """Report once for each interface that this ROS installation lacks it."""
-
-    def unserve(self, service: object) -> None: ...
-
-    def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
-
-    def connect(self) -> ReactorClient:
-        """Return a new connection to the robot; RemoteError if the robot has ended."""
-
-    def call(self, function: Callable[[], object]) -> None:
-        """Call a function on the thread of ROS callbacks; callable from any thread."""
-
-    def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
@@ -167,3 +108,69 @@ def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
 
     service.send_response = start
     return service
+
+
+class NodeContext:
+    """Access of endpoints to their ROS node and to the session of the robot.
+
+    Callbacks of subscriptions run on the spinner's thread, those of services on the reactor's thread. An exception in a
+    callback is logged as a warning, because the executor would otherwise drop messages.
+    """
+
+    def __init__(self, session: RosSession, node: Node) -> None:
+        self.node, self._session = node, session
+        self.robot = session.robot
+        self.command, self.hand_over, self.connect = session.command, session.hand_over, session.connect
+        self.watch_process_data, self.call, self.ask = session.watch_process_data, session.call, session.ask
+        self.unix, self.frame, self.leave_out = session.unix, session.frame, session.leave_out
+
+    @property
+    def controllers(self) -> dict[str, ControllerReading]:
+        return self._session.controllers
+
+    def warn(self, key: str, text: str) -> None:
+        """Log a warning of this node, at most once per second for each key; from any thread."""
+        self._session.warn_of(self.node, key, text)
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
+        """Create a subscription; an exception in the callback is logged as a warning."""
+
+        def guarded(message: object) -> None:
+            try:
+                callback(message)
+            except Exception as error:  # noqa: BLE001 - reported as a warning
+                self.warn(topic, f"{topic}: {type(error).__name__}: {error}")
+
+        subscription: object = self.node.create_subscription(kind, topic, guarded, qos)
+        return subscription
+
+    def unsubscribe(self, subscription: object) -> None:
+        """Destroy a subscription on the callback thread, between two callbacks."""
+        self.call(lambda: self.node.destroy_subscription(subscription))
+
+    def serve(self, kind: str, name: str, handler: Handler) -> object:
+        """Create a service of the interface `kind`; if ROS lacks the interface, report this and return None.
+
+        `handler(request, response, reply)` is called on the reactor's thread and must not block.
+        """
+
+        def guarded(request: object, response: object, reply: Reply) -> None:
+            try:
+                handler(request, response, reply)
+            except Exception as error:  # noqa: BLE001 - the client gets a response in any case
+                self.warn(name, f"{name}: {type(error).__name__}: {error}")
+                reply(response)
+
+        def on_request(request: object, response: object, reply: Reply) -> None:
+            self.hand_over(lambda: guarded(request, response, reply))
+
+        try:
+            return serve(self.node, interface(kind), name, on_request)
+        except MissingInterface as error:
+            self.leave_out(error.name)
+            return None
+
+    def unserve(self, service: object) -> None:
+        """Destroy a service on the callback thread, between two callbacks; None is ignored."""
+        if service is not None:
+            self.call(lambda: self.node.destroy_service(service))

@@ -21,7 +21,7 @@ from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySamp
 from canopen_control.urdf.robot_model import read_model
 
 if TYPE_CHECKING:
-    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.endpoint import NodeContext
     from canopen_control.rpc.messages.state import StateSample
     from canopen_control.urdf.joint_element import Joint, Transform
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 class Frames(Endpoint):
     """Publisher of the transforms of one robot; `urdf` is the URDF as text."""
 
-    def __init__(self, ros: Ros, urdf: str) -> None:
+    def __init__(self, ros: NodeContext, urdf: str) -> None:
         self._ros = ros
         self._tf_message = interface("tf2_msgs/msg/TFMessage")
         joints = read_model(urdf).joints.values()
@@ -76,7 +76,7 @@ class Frames(Endpoint):
         return transform_message(self._ros, transform, time)
 
 
-def transform_message(ros: Ros, transform: Transform, time: float) -> TransformStamped:
+def transform_message(ros: NodeContext, transform: Transform, time: float) -> TransformStamped:
     """Return a transform as a stamped ROS message, with the robot's prefix in the frame names."""
     message = TransformStamped()
     message.header.stamp = time_message(time)
@@ -88,6 +88,6 @@ def transform_message(ros: Ros, transform: Transform, time: float) -> TransformS
     return message
 
 
-def odometry_transform(ros: Ros, sample: OdometrySample) -> TransformStamped:
+def odometry_transform(ros: NodeContext, sample: OdometrySample) -> TransformStamped:
     """Return the pose of an odometry sample as a transform message."""
     return transform_message(ros, place_of(sample), sample.time)

@@ -29,7 +29,7 @@ from canopen_control.rpc.messages.robot import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import NodeContext, Reply, RosMessage
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.robot import ComponentState, HardwareReading, InterfaceReading
     from canopen_control.rpc.messages.state import ControllerReading, NodeReading, StateSample
@@ -50,7 +50,7 @@ STATES: Final = {_UNKNOWN: 0, "unconfigured": 1, "inactive": 2, "active": 3, "fi
 class ControllerManagerServices(Endpoint):
     """Services of one robot's controller manager, below `controller_manager` in the namespace."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._state_class = interface("lifecycle_msgs/msg/State")
         self._services = [
@@ -280,7 +280,9 @@ class LifecycleServices(Endpoint):
     `members` are the services whose state follows the transitions of these services.
     """
 
-    def __init__(self, ros: Ros, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()) -> None:
+    def __init__(
+        self, ros: NodeContext, path: str, node: str | None = None, members: Sequence[LifecycleServices] = ()
+    ) -> None:
         self._ros, self._path, self._node, self._members = ros, path, node, members
         self._nodes: dict[str, NodeReading] = {}
         self.state = "unconfigured"

@@ -19,7 +19,7 @@ from canopen_control.ros.sample_topics import fill
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from canopen_control.ros.endpoint import Ros
+    from canopen_control.ros.endpoint import NodeContext
     from canopen_control.ros.sample_topics import SampleTopic
     from canopen_control.rpc.messages.state import ControllerReading, StateSample
 
@@ -33,7 +33,7 @@ def time_message(unix_s: float) -> Time:
 class RosMessages:
     """Factory of rclpy messages for `sample_topics.fill`."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
@@ -50,7 +50,7 @@ class RosMessages:
 class SamplePublisher(Endpoint):
     """Publisher of one `row` of `SAMPLE_TOPICS`; a topic that is optional is created with its first message."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading, row: SampleTopic) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading, row: SampleTopic) -> None:
         self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)
         self._messages = RosMessages(ros)
         self._message: Any = None

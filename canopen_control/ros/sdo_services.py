@@ -19,7 +19,7 @@ from canopen_control.rpc.messages.robot import SdoRead, SdoWrite
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import Handler, NodeContext, Reply, RosMessage
     from canopen_control.rpc.messages.declare import Done
     from canopen_control.rpc.messages.robot import SdoData
 
@@ -130,7 +130,7 @@ _LARGEST: Final = (1 << 63) - 1
 class NodeSdo:
     """SDO services of one node; `name` is the name of the node in the API."""
 
-    def __init__(self, ros: Ros, name: str) -> None:
+    def __init__(self, ros: NodeContext, name: str) -> None:
         self._ros, self._name = ros, name
 
     def handlers(self) -> list[tuple[str, str, Handler]]:
@@ -188,7 +188,7 @@ class NodeSdo:
         _one_by_one(list(request.parameters), one, lambda: reply(response))
 
 
-def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
+def master_handlers(ros: NodeContext) -> list[tuple[str, str, Handler]]:
     """Return name, type and handler of the SDO services of ros2_canopen's master, by node ID and data type."""
 
     def read(request: RosMessage, response: RosMessage, reply: Reply) -> None:
@@ -208,7 +208,7 @@ def master_handlers(ros: Ros) -> list[tuple[str, str, Handler]]:
     ]
 
 
-def read_uint32(ros: Ros, node: str, address: Address, response: RosMessage, reply: Reply) -> None:
+def read_uint32(ros: NodeContext, node: str, address: Address, response: RosMessage, reply: Reply) -> None:
     """Read an object, set `success` and `data` of the response, and send the response; errors are logged."""
 
     def answer(result: SdoData | None, error: str | None) -> None:
@@ -225,7 +225,7 @@ def read_uint32(ros: Ros, node: str, address: Address, response: RosMessage, rep
 
 
 def write_object(
-    ros: Ros,
+    ros: NodeContext,
     node: str,
     address: Address,
     make: Callable[[int], bytes],
@@ -251,7 +251,7 @@ def write_object(
 
 
 def _write_as(
-    ros: Ros,
+    ros: NodeContext,
     node: str,
     address: Address,
     make: Callable[[int], bytes],
@@ -281,7 +281,7 @@ def _read_request(node: str, address: Address) -> SdoRead:
     return SdoRead(node=node, index=address.index, subindex=address.subindex)
 
 
-def _responder(ros: Ros, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
+def _responder(ros: NodeContext, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
     """Return a callback that sets `success` of the response and sends it; the reason of a failure is logged."""
 
     def answer(error: str | None) -> None:

@@ -25,11 +25,10 @@ from canopen_control.ros.controller_nodes import ControllerNodes
 from canopen_control.ros.diagnostics import Diagnostics, Events, Rosout
 from canopen_control.ros.drive_services import DriveServices, DriveTargets, MasterServices
 from canopen_control.ros.drive_topics import DriveTopics
-from canopen_control.ros.endpoint import Endpoint
+from canopen_control.ros.endpoint import Endpoint, NodeContext
 from canopen_control.ros.frames import Frames
 from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.ros.manager_services import STATES, ControllerManagerServices, LifecycleServices
-from canopen_control.ros.node_context import NodeContext
 from canopen_control.ros.nodes import RosNode, nodes_of
 from canopen_control.ros.qos import LATCHED, SYSTEM_DEFAULT
 from canopen_control.ros.rcl import ros_seconds
@@ -60,7 +59,6 @@ if TYPE_CHECKING:
     from canopen_control.client import RobotClient
     from canopen_control.host.reactor import Reactor
     from canopen_control.ros.bridge_options import BridgeOptions
-    from canopen_control.ros.endpoint import Ros
     from canopen_control.ros.rcl import Context, Node
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.robot import CommandController, HardwareReading, RobotPush, TwistController
@@ -83,7 +81,7 @@ _PERIOD_S: Final = 1.0  # period of requests for hardware states, which may chan
 class Activity(Endpoint):
     """Publisher of `controller_manager/activity`, relative to the namespace."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._message = interface("controller_manager_msgs/msg/ControllerManagerActivity")
         self._named = interface("controller_manager_msgs/msg/NamedLifecycleState")
@@ -191,7 +189,7 @@ class Mailbox(Generic[T]):
 class RobotDescription(Endpoint):
     """Publisher of `robot_description`, transient local; the URDF is published once, at the start."""
 
-    def __init__(self, ros: Ros, urdf: str) -> None:
+    def __init__(self, ros: NodeContext, urdf: str) -> None:
         self._ros = ros
         self._publisher = ros.node.create_publisher(String, "robot_description", LATCHED)
         self._publisher.publish(String(data=urdf))
@@ -287,7 +285,7 @@ class RosTime:
 class SimClock(Endpoint):
     """Publisher of `/clock`, created with the first state sample that has simulated time."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._publisher: Any = None  # rclpy has no types
 
@@ -313,7 +311,7 @@ _LACKING_NS: Final = 1_000_000_000
 class RosSession:
     """Endpoints of one robot; `on_end(why)` is called once, on the reactor's thread, when the robot has ended.
 
-    The endpoints access the session through the context of their node, see `node_context`.
+    The endpoints access the session through the context of their node, see `NodeContext`.
     """
 
     def __init__(
@@ -426,10 +424,12 @@ class RosSession:
     # ------------------------------------------------------------------------------------------- for endpoints
 
     def command(self, request: Command) -> None:
+        """Send a command, which replaces a waiting command to the same controller; from any thread."""
         if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
     def unix(self, stamp: float | None) -> float | None:
+        """Convert a ROS time stamp to Unix time in s of the robot's clock; from any thread."""
         return self._time.unix(stamp)
 
     def frame(self, name: str) -> str:
@@ -472,6 +472,7 @@ class RosSession:
         self.warn_of(self.node, key, text)
 
     def hand_over(self, function: Callable[[], object]) -> None:
+        """Call a function on the reactor's thread; from any thread."""
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
@@ -486,6 +487,7 @@ class RosSession:
             self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=on))
 
     def connect(self) -> ReactorClient:
+        """Return a new connection to the robot; RemoteError if the robot has ended."""
         path = socket_path("robot", self.robot)
         return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
 
@@ -497,6 +499,7 @@ class RosSession:
             self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
+        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
         self._asker.ask(request, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS

@@ -32,7 +32,7 @@ from canopen_control.rpc.messages.trajectory import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from canopen_control.ros.endpoint import Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import NodeContext, Reply, RosMessage
     from canopen_control.rpc.messages.state import ControllerReading
     from canopen_control.rpc.messages.trajectory import TrajectoryAt
 
@@ -146,7 +146,7 @@ def goal_refusal(goal: RosMessage) -> str | None:
 class TrajectoryTopic(Endpoint):
     """Subscription of `~/joint_trajectory`; messages that arrive during a transfer replace each other."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller.name, f"{controller.name}/joint_trajectory"
         self._sending: JointTrajectory | None = None
         self._waiting: JointTrajectory | None = None
@@ -199,7 +199,7 @@ class TrajectoryTopic(Endpoint):
 class TrajectoryQuery(Endpoint):
     """Service `~/query_state` of a joint trajectory controller."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
         name = f"{controller.name}/query_state"
         self._service = ros.serve("control_msgs/srv/QueryTrajectoryState", name, self._answer)
@@ -223,7 +223,7 @@ class TrajectoryQuery(Endpoint):
 class SpeedScalingTopic(Endpoint):
     """Subscription of `~/speed_scaling_input`, created only if the controller commands positions."""
 
-    def __init__(self, ros: Ros, controller: ControllerReading) -> None:
+    def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller.name
         self._topic = f"{controller.name}/speed_scaling_input"
         self._message: Any = interface("control_msgs/msg/SpeedScalingFactor")

@@ -27,7 +27,7 @@ from canopen_control.urdf.geometry import from_rpy
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from canopen_control.ros.endpoint import Handler, Reply, Ros, RosMessage
+    from canopen_control.ros.endpoint import Handler, NodeContext, Reply, RosMessage
     from canopen_control.rpc.messages.declare import Request
     from canopen_control.rpc.messages.simulation import LaserScanReading, Simulation
     from canopen_control.rpc.messages.state import StateSample, TruePose
@@ -49,7 +49,7 @@ _INTERFACES: Final = ("position", "velocity", "effort")
 class TopicHardware(Endpoint):
     """Topics for joint_state_topic_hardware_interface, with commands for and states of the robot's joints."""
 
-    def __init__(self, ros: Ros, commands: str, states: str) -> None:
+    def __init__(self, ros: NodeContext, commands: str, states: str) -> None:
         self._ros, self._topic = ros, commands
         self._subscription = ros.subscribe(JointState, commands, self._on_message, LATEST)
         self._publisher = ros.node.create_publisher(JointState, states, LATEST)
@@ -109,7 +109,7 @@ _CLOSE_S: Final = 1e-6
 class LaserScans(Endpoint):
     """Publishers of laser scans; each publisher is created with the first scan for its topic."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._publishers: dict[str, Any] = {}  # rclpy has no types
         self._asking = self._none = False
@@ -165,7 +165,7 @@ class LaserScans(Endpoint):
 class GroundTruth(Endpoint):
     """Publisher of `ground_truth`, created with the first true pose that is known in the odometry frame."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._publisher: Any = None  # rclpy has no types
         self._frame, self._last = "", 0.0
@@ -217,7 +217,7 @@ _SERVICES: Final[dict[str, tuple[str, Callable[[RosMessage], Request[Simulation]
 class SimulationServices(Endpoint):
     """Services that control a simulation, created with the first state sample that has simulated time."""
 
-    def __init__(self, ros: Ros) -> None:
+    def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._services: list[object] = []
 

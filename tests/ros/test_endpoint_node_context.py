@@ -6,9 +6,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from canopen_control.ros import node_context
+from canopen_control.ros import endpoint
+from canopen_control.ros.endpoint import NodeContext
 from canopen_control.ros.interfaces import MissingInterface
-from canopen_control.ros.node_context import NodeContext
 
 pytestmark = pytest.mark.ros
 
@@ -27,8 +27,8 @@ def scene(monkeypatch):
     )  # fmt: skip
     for name in ("command", "connect", "watch_process_data", "ask", "unix", "frame", "leave_out"):
         setattr(shared, name, lambda *_: None)
-    monkeypatch.setattr(node_context, "interface", lambda name: name)
-    monkeypatch.setattr(node_context, "make_service", lambda _node, _kind, name, taken: made.setdefault(name, taken))
+    monkeypatch.setattr(endpoint, "interface", lambda name: name)
+    monkeypatch.setattr(endpoint, "serve", lambda _node, _kind, name, taken: made.setdefault(name, taken))
     return SimpleNamespace(ros=NodeContext(shared, node), told=told, gone=gone, made=made, later=later, shared=shared)
 
 
@@ -66,7 +66,7 @@ def test_a_service_that_this_ros_has_no_interface_for_is_left_out_and_told(scene
     def interface(name):
         raise MissingInterface(name)
 
-    monkeypatch.setattr(node_context, "interface", interface)
+    monkeypatch.setattr(endpoint, "interface", interface)
     left_out = []
     scene.ros.leave_out = left_out.append
     service = scene.ros.serve("p/srv/New", "new", None)
