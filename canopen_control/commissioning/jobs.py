@@ -2,7 +2,7 @@
 
 A job is declared once, as an entry of `JOBS` with a dataclass of its options. Three user interfaces use this
 declaration: the command line for its arguments (`cli/support/job_verb.py`), the page for its inputs
-(`view/drive/job_form.py`), and the monitor, which runs the command, for its input line (`monitor/drive_objects.py`).
+(`view/drive/drive_tab.py`), and the monitor, which runs the command, for its input line (`monitor/drive_objects.py`).
 The job itself is a function of a session, a `JobRun` and the options, in a module of this subpackage; it returns a
 sentence with the result.
 """

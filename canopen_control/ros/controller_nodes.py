@@ -21,9 +21,8 @@ from canopen_control.rpc.messages.parameters import KINDS, GetParameters, Parame
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from canopen_control.ros.endpoint import Reply, RosMessage
+    from canopen_control.ros.endpoint import Reply, RosMessage, SessionPort
     from canopen_control.ros.rcl import Context, Node
-    from canopen_control.ros.session import RosSession
     from canopen_control.ros.spinner import Spinner
     from canopen_control.rpc.messages.declare import Done
     from canopen_control.rpc.messages.parameters import ParameterReading
@@ -245,7 +244,7 @@ class ParameterServices(Endpoint):
 class ControllerNodes:
     """ROS nodes of the loaded controllers; `first` is the bridge's own node."""
 
-    def __init__(self, session: RosSession, first: Node, context: Context, spinner: Spinner) -> None:
+    def __init__(self, session: SessionPort, first: Node, context: Context, spinner: Spinner) -> None:
         self._session, self._first, self._context, self._spinner = session, first, context, spinner
         self._nodes: dict[str, tuple[NodeContext, ParameterServices]] = {}
 

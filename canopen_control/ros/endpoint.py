@@ -6,7 +6,7 @@ spinner's thread, and only pass on what they receive.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from canopen_control.ros.interfaces import MissingInterface, interface
 from canopen_control.rpc.messages.samples import Sample
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.ros.rcl import Node
-    from canopen_control.ros.session import RosSession
-    from canopen_control.rpc.messages.robot import MappedValue
+    from canopen_control.rpc.client import ReactorClient
+    from canopen_control.rpc.messages.declare import Request
+    from canopen_control.rpc.messages.robot import CommandController, MappedValue, TwistController
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
 
     Reply = Callable[[Any], object]
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     Handler = Callable[[Any, Any, Reply], object]
 
 
+A = TypeVar("A")
 S = TypeVar("S", bound=Sample)
 COMMANDER: Final = "ros"  # sender of commands, in the robot's status
 
@@ -110,6 +112,43 @@ def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
     return service
 
 
+class SessionPort(Protocol):
+    """Session of a robot, as the contexts of all ROS nodes and their endpoints use it."""
+
+    robot: str
+    controllers: dict[str, ControllerReading]
+
+    def command(self, request: CommandController | TwistController) -> None:
+        """Send a command, which replaces a waiting command to the same controller; from any thread."""
+
+    def unix(self, stamp: float | None) -> float | None:
+        """Convert a ROS time stamp to Unix time in s of the robot's clock; from any thread."""
+
+    def frame(self, name: str) -> str:
+        """Return the ROS name of a frame, with the robot's prefix."""
+
+    def leave_out(self, interface: str) -> None:
+        """Report once that this ROS installation lacks an interface."""
+
+    def warn_of(self, node: Node, key: str, text: str) -> None:
+        """Log a warning as `node`, at most once per second for each key; from any thread."""
+
+    def hand_over(self, function: Callable[[], object]) -> None:
+        """Call a function on the reactor's thread; from any thread."""
+
+    def watch_process_data(self, watcher: object, on: bool) -> None:
+        """Start or stop calling `on_process_data` of `watcher` with TPDO contents."""
+
+    def connect(self) -> ReactorClient:
+        """Return a new connection to the robot; RemoteError if the robot has ended."""
+
+    def call(self, function: Callable[[], object]) -> None:
+        """Call a function on the thread of ROS callbacks; from any thread."""
+
+    def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
+        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
+
+
 class NodeContext:
     """Access of endpoints to their ROS node and to the session of the robot.
 
@@ -117,7 +156,7 @@ class NodeContext:
     callback is logged as a warning, because the executor would otherwise drop messages.
     """
 
-    def __init__(self, session: RosSession, node: Node) -> None:
+    def __init__(self, session: SessionPort, node: Node) -> None:
         self.node, self._session = node, session
         self.robot = session.robot
         self.command, self.hand_over, self.connect = session.command, session.hand_over, session.connect

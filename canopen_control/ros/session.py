@@ -311,7 +311,7 @@ _LACKING_NS: Final = 1_000_000_000
 class RosSession:
     """Endpoints of one robot; `on_end(why)` is called once, on the reactor's thread, when the robot has ended.
 
-    The endpoints access the session through the context of their node, see `NodeContext`.
+    The endpoints access the session through the context of their node, see `SessionPort`.
     """
 
     def __init__(
@@ -424,12 +424,10 @@ class RosSession:
     # ------------------------------------------------------------------------------------------- for endpoints
 
     def command(self, request: Command) -> None:
-        """Send a command, which replaces a waiting command to the same controller; from any thread."""
         if self._mailbox.put(request.controller, request):
             self._reactor.call_threadsafe(self._deliver)
 
     def unix(self, stamp: float | None) -> float | None:
-        """Convert a ROS time stamp to Unix time in s of the robot's clock; from any thread."""
         return self._time.unix(stamp)
 
     def frame(self, name: str) -> str:
@@ -472,7 +470,6 @@ class RosSession:
         self.warn_of(self.node, key, text)
 
     def hand_over(self, function: Callable[[], object]) -> None:
-        """Call a function on the reactor's thread; from any thread."""
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
@@ -487,7 +484,6 @@ class RosSession:
             self._client.notify(Subscribe(state_rate=self._rate, events=True, pdos=on))
 
     def connect(self) -> ReactorClient:
-        """Return a new connection to the robot; RemoteError if the robot has ended."""
         path = socket_path("robot", self.robot)
         return ReactorClient(ROBOT, path, self._reactor, label=f"robot {self.robot}")
 
@@ -499,7 +495,6 @@ class RosSession:
             self._spinner.call(function)
 
     def ask(self, request: Request[A], answer: Callable[[A | None, str | None], object]) -> None:
-        """Send a request to the robot; this call and `answer(result, error)` run on the reactor's thread."""
         self._asker.ask(request, answer)
 
     # ------------------------------------------------------------------------------------------- robot to ROS

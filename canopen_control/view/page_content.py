@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
@@ -10,23 +11,15 @@ from canopen_control.client.drive_client import DriveClient
 from canopen_control.errors import RemoteError
 from canopen_control.host.sockets import drive_name, list_sockets
 from canopen_control.rpc.messages.drive import ListFaults, ListQuirks, SetSignals, SwitchFault, SwitchQuirk
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
-    from canopen_control.view.robot_connection import NodeAddress
-
-from collections import deque
-from typing import TYPE_CHECKING
-
 from canopen_control.view.sampling import commanded_interfaces
 from canopen_control.view.words import banner, lost_banner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
     from canopen_control.rpc.messages.state import ControllerReading, RobotEvent, StateSample
+    from canopen_control.view.robot_connection import NodeAddress
     from canopen_control.view.words import Banner
 
 
@@ -76,6 +69,12 @@ class PageContent:
     @property
     def banner(self) -> Banner:
         return lost_banner(self.lost) if self.lost else banner(self.state)
+
+
+# Fault injection by the control sockets of virtual drives.
+#
+# A real drive has no such socket, so that no request can reach a real drive. A request blocks for a second at most, and
+# is sent from a thread.
 
 
 _TIMEOUT_S: Final = 1.0

@@ -18,9 +18,8 @@ from canopen_control.view.node_jobs import NodeJobs
 from canopen_control.view.page_content import DriveFaults, FaultClient, PageContent, RecentEvents
 from canopen_control.view.robot_connection import pose_of, true_pose_of
 from canopen_control.view.sampling import History, Sampler, commanded_interfaces, names
-from canopen_control.view.scene_tree import SceneTree, Trail, angles_of
+from canopen_control.view.scene_tree import SceneTree, Trail, WorldView, angles_of
 from canopen_control.view.words import axis_rows
-from canopen_control.view.world_view import WorldView
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -92,18 +91,6 @@ class WorldClient:
 
 def _connect(node: NodeAddress) -> DriveClient:
     return DriveClient.connect(node.channel, node.node_id, _TIMEOUT_S, label=f"the virtual drive {node.name}")
-
-
-# Bodies in the world of a simulated robot, for the 3D scene, are read from its virtual drives.
-#
-# The scene is drawn in the odometry frame, but the world has its own frame; the true pose connects both. A real drive
-# has no socket for such a request.
-
-
-# Fault injection reads and switches the faults of a robot's virtual drives by their control sockets.
-#
-# A real drive has no such socket, so that no request can reach a real drive. A request blocks for a second at most, and
-# is sent from a thread.
 
 
 class RobotView:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from nicegui import ui
 
@@ -14,7 +14,9 @@ from canopen_control.view.panels.panel import Html
 from canopen_control.view.words import sentence
 
 if TYPE_CHECKING:
-    from canopen_control.commissioning.jobs import JobRun
+    from collections.abc import Iterable
+
+    from canopen_control.commissioning.jobs import Job, JobOption, JobRun
     from canopen_control.rpc.messages.robot import NodePlace
     from canopen_control.rpc.messages.state import NodeReading
     from canopen_control.view.node_jobs import NodeJobs
@@ -91,6 +93,43 @@ def outcome(work: JobRun) -> str:
     more = f"<p class='cc-note'>and {len(work.table) - _SHOWN} more</p>" if len(work.table) > _SHOWN else ""
     heads = "<tr><th>object</th><th>name</th><th>file</th><th>node</th></tr>"
     return f"{lines}<div class='cc-wide'><table class='cc-table'>{heads}{rows}</table></div>{more}"
+
+
+# Form for the options that a job declares, which are also options of the command line.
+
+
+class JobForm:
+    """Inputs for the options of a job, a checkbox for a switch and a text field for all others.
+
+    The inputs for `names`, by default for all options, are created in the current container; `add` creates more.
+    """
+
+    def __init__(self, job: Job, names: Iterable[str] | None = None) -> None:
+        self._job = job
+        self.inputs: dict[str, ui.checkbox | ui.input] = {}
+        self.add(*(job.declared if names is None else names))
+
+    def add(self, *names: str) -> None:
+        """Create the inputs of further options in the current container."""
+        declared = self._job.declared
+        self.inputs |= {name: _input(declared[name]) for name in names}
+
+    def options(self, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
+        """Return the options from the inputs and from `others`; ConfigError if an input is invalid."""
+        declared = self._job.declared
+        values = {
+            name: bool(widget.value) if declared[name].is_switch else declared[name].value_of(str(widget.value or ""))
+            for name, widget in self.inputs.items()
+        }
+        return self._job.options(**values, **others)
+
+
+def _input(option: JobOption) -> ui.checkbox | ui.input:
+    if option.is_switch:
+        return ui.checkbox(option.text, value=option.default).props("dense")
+    label = f"{option.text} (several with commas)" if option.repeats else option.text
+    value = "" if option.repeats or option.default is None else f"{option.default}".removesuffix(".0")
+    return ui.input(label, value=value).props("dense").style("width: 100%")
 
 
 LOOK_ONLY = "<p class='cc-note'>This page is read-only. To write, start <code>canopen-control view --teleop</code></p>"

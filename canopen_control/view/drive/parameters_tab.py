@@ -15,8 +15,7 @@ from canopen_control.commissioning.program_download import load_program, refuse_
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.rpc.messages.health import BAD, GOOD, IDLE, WARN
 from canopen_control.rpc.messages.robot import MAX_OBJECT, NmtRequest
-from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
-from canopen_control.view.drive.job_form import JobForm
+from canopen_control.view.drive.drive_tab import LOOK_ONLY, JobForm, WorkBar
 from canopen_control.view.elements.nicegui_elements import FileUpload
 from canopen_control.view.panels.panel import Html, section, show_notice
 from canopen_control.view.robot_connection import SOURCE, in_thread

@@ -15,8 +15,7 @@ from canopen_control.commissioning.quantity import Quantity
 from canopen_control.commissioning.tune_run import TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.health import BAD
-from canopen_control.view.drive.drive_tab import LOOK_ONLY, WorkBar
-from canopen_control.view.drive.job_form import JobForm
+from canopen_control.view.drive.drive_tab import LOOK_ONLY, JobForm, WorkBar
 from canopen_control.view.elements.nicegui_elements import PresenceElement
 from canopen_control.view.panels.panel import Html, section
 from canopen_control.view.scope_chart import BODE_HEIGHT, bode_options, chart_options, height_of

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from starlette.requests import Request
 
     from canopen_control.view.sampling import Chart, Row
-    from canopen_control.view.scene_tree import SceneDocument
-    from canopen_control.view.world_view import WorldDocument
+    from canopen_control.view.scene_tree import SceneDocument, WorldDocument
 
 
 class SceneChange(TypedDict, total=False):

@@ -7,7 +7,7 @@ from support.pages import seen, visited
 
 from canopen_control.commissioning.jobs import FIRMWARE, RESTORE, ProgramOptions, Reached, RestoreOptions
 from canopen_control.errors import ConfigError
-from canopen_control.view.drive.job_form import JobForm
+from canopen_control.view.drive.drive_tab import JobForm
 
 
 def played(job, act):

@@ -4,7 +4,7 @@ import pytest
 from support.pages import state
 
 from canopen_control.rpc.messages.drive import WorldShape
-from canopen_control.view.world_view import WorldView
+from canopen_control.view.scene_tree import WorldView
 
 BOX = WorldShape(name="box 0", kind="box", size=(1.0, 2.0, 3.0), position=(0.5, 0.0, 1.5))
 DRAWN = {"shape": "box", "size": [1.0, 2.0, 3.0], "position": [0.5, 0.0, 1.5], "wxyz": [1.0, 0.0, 0.0, 0.0]}
