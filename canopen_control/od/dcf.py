@@ -226,7 +226,7 @@ def _respelled(lines: _Lines) -> _Lines:
 
 
 def _compact_companions(od: ObjectDictionary) -> set[str]:
-    """Return the names of the [xxxxName] and [xxxxValue] sections, whose content is written with the entries."""
+    """Return the names of the [xxxxName] and [xxxxValue] sections, which are not written separately."""
     compact = [index for index, info in od.objects.items() if _get(info.texts, "compactsubobj")]
     return {f"{index:04x}{suffix}" for index in compact for suffix in ("name", "value")}
 
@@ -337,7 +337,7 @@ def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def _is_one(info: ObjectInfo, entry: Entry) -> bool:
-    """Whether one section describes both the object and its value; a VAR can have a separate subindex 0."""
+    """Whether one section describes both the object and its value."""
     if info.code not in SCALAR_CODES or info.name != entry.name:
         return False
     return not (info.texts and entry.texts) or info.texts == entry.texts
@@ -365,7 +365,7 @@ def _code_text(info: ObjectInfo) -> str:
 
 
 def _entry(od: ObjectDictionary, entry: Entry, code: ObjectCode) -> _Lines:
-    """Return the lines of an entry; the text of the file is used for each key whose value is unchanged."""
+    """Return the lines of an entry, with the text of the file for each key whose value is unchanged."""
     section = _section("", entry.texts)
     reader = EntryReader(od.node_id, Report(""))
     name = section.get("parametername") or entry.name

@@ -495,7 +495,7 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
 
 
 def _is_concise(data: bytes) -> bool:
-    """Whether the bytes are a concise DCF, with consistent sizes, which no EDS text has."""
+    """Whether the bytes are a concise DCF, recognized by consistent sizes."""
     try:
         return bool(decode_concise(data))
     except ValueError:
@@ -548,7 +548,7 @@ class _Reader:
         self.entry_reader = EntryReader(self.od.node_id, self.report)
 
     def run(self) -> None:
-        """Read all object sections, and store the texts of the other sections."""
+        """Read all object sections, and store the texts of all other sections."""
         self.entry_reader.ranges.update(_range_types(self.sections))
         object_sections: list[tuple[int, int, Section]] = []  # subindex -1 denotes the object itself
         for name, section in self.sections.items():

@@ -90,7 +90,7 @@ class Section:
         return self.written
 
     def numbered(self) -> Iterator[Pair]:
-        """Yield the pairs whose key is a number, as in the object lists."""
+        """Yield the pairs with a numeric key, as in the object lists."""
         pairs = zip(self.values, self.written.items(), strict=True)
         return (
             Pair(written, value, self.line_of(key))
@@ -224,7 +224,7 @@ class _Splitter:
         return self.read_lines(section, lines, number + 1)
 
     def _read_plain(self, section: Section, lines: list[str]) -> bool:
-        """Read the lines of a section; return False, without any effect, if one of the lines is not plain."""
+        """Read the lines of a section; return False, without any effect, if a line is not plain."""
         keys, values, written, count = self._keys, dict[str, str](), dict[str, str](), 0
         for line in lines:
             raw, equals, value = line.partition("=")
@@ -243,7 +243,7 @@ class _Splitter:
         return True
 
     def read_lines(self, section: Section | None, lines: list[str], first: int) -> int:
-        """Read lines one by one, starting with number `first`; return the number of the line after the last."""
+        """Read lines one by one, starting with number `first`; return the number of the next line."""
         for number, raw in enumerate(lines, first):
             line = raw.strip()
             if not line or line[0] in _COMMENT:

@@ -227,7 +227,7 @@ def _text(text: str, data_type: DataType) -> Parsed:
 
 
 def _time(text: str, data_type: DataType) -> Parsed:
-    """Parse a 48-bit time, written as one number, or as two numbers for days and milliseconds."""
+    """Parse a 48-bit time: either one number, or days and milliseconds."""
     parts = text.partition(";")[0].split()
     if len(parts) != _TWO:
         return _whole(text, data_type, None)

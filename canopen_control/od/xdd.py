@@ -268,7 +268,7 @@ def _number(element: _Element, attribute: str, highest: int, report: Report) -> 
 
 
 def _texts(element: _Element, parameters: Mapping[str, _Element], report: Report) -> dict[str, str]:
-    """Return the EDS keys and texts of an object or subindex, including the texts of its parameter."""
+    """Return the EDS keys and texts of an object or subindex, merged with its <parameter>."""
     reference = element.attributes.get("uniqueIDRef")
     texts = {}
     if reference is not None and (parameter := parameters.get(reference)) is not None:

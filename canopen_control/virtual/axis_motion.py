@@ -106,7 +106,7 @@ class AxisObjects:
         self._values = store.values
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return the value of an integer object, `default` if it is missing or of another type."""
+        """Return the value of an integer object, `default` if missing or of another type."""
         value = self._values.get((index + self.offset, subindex), default)
         return value if isinstance(value, int) else default
 
@@ -196,7 +196,7 @@ class Switches:
         return None
 
     def bounds(self, position: float) -> tuple[float, float]:
-        """Return the lowest and highest allowed position; an active wired limit switch blocks its direction."""
+        """Return the lowest and highest allowed position; an active wired limit switch blocks one direction."""
         if not self.wired:
             return -float("inf"), float("inf")
         low = position if position <= self.negative else -float("inf")
@@ -210,7 +210,7 @@ class Switches:
         self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
 
     def open_positive(self) -> None:
-        """Undo `close_positive`, so that only homing uses the limit switches."""
+        """Undo `close_positive`; only homing uses the limit switches."""
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
@@ -308,7 +308,7 @@ class Reactions(Protocol):
 
 
 class AxisMotion:
-    """Motion of one axis and the timers of its events; positions are in plant counts."""
+    """Motion of one axis, and the timers of motion events; positions are in plant counts."""
 
     def __init__(self, plant: Plant, owner: Reactions) -> None:
         self.plant, self.owner = plant, owner
@@ -418,7 +418,7 @@ class AxisMotion:
 
     @property
     def _drifts(self) -> bool:
-        """Whether the plant follows only the velocity of the demand, not its position."""
+        """Whether the plant follows only the velocity of the demand, not the position."""
         return self.velocity_mode and (self.loop is not None or self._coupled is not None)
 
     def power(self, on: bool, now: int) -> None:
@@ -486,7 +486,7 @@ class AxisMotion:
             self.at("sample", now + SAMPLE_NS, self._sample)
 
     def watch_index(self, now: int) -> None:
-        """Set a timer for the next index pulse of the demand, if a touch probe waits for one."""
+        """Set a timer for the next index pulse of the demand, if a touch probe waits for an index pulse."""
         place = self.owner.next_index(self.demand, now) if self.torque is None else None
         if place is None:
             self.cancel("index")

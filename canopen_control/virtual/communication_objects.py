@@ -158,7 +158,7 @@ class ProgramArea:
         self.image, self.error = b"", FlashError.NO_PROGRAM
 
     def mend(self) -> None:
-        """Restore the manufacturer's program unless the flash has a complete one; it runs after the next reset."""
+        """Restore the manufacturer's program for the next reset, unless the flash has a complete program."""
         if not self.is_whole:
             self.image, self.error = FACTORY_PROGRAM, FlashError.NONE
 
@@ -358,7 +358,7 @@ class Services:
 
 
 def _is_active(cob_id: int) -> bool:
-    """Return whether a COB-ID (bit 31: invalid) enables its service; False for 0 and restricted identifiers."""
+    """Whether a COB-ID enables its service; False for bit 31 (invalid), 0 and restricted identifiers."""
     return not cob_id & INVALID_BIT and not is_restricted(cob_id & 0x7FF)
 
 
@@ -475,7 +475,7 @@ class CommunicationObjects:
         return value
 
     def _check_emcy(self, entry: Entry, value: Value) -> Value:
-        """Refuse a new identifier while EMCY is valid, and identifiers reserved for other services."""
+        """Refuse a new identifier while EMCY is valid, and restricted identifiers."""
         present, new = self._store.number(entry.index), int(value)
         # CiA 301, 7.5.2.17: bits 0 to 29 are fixed while the object is valid (bit 31 clear)
         moved = (present ^ new) & 0x7FF
@@ -485,7 +485,7 @@ class CommunicationObjects:
         return value
 
     def _check_time(self, _entry: Entry, value: Value) -> Value:
-        """Refuse an identifier reserved for other services (CiA 301, 7.3.5), or one that the node cannot receive."""
+        """Refuse restricted identifiers (CiA 301, 7.3.5), and identifiers that the node cannot receive."""
         if is_restricted(int(value) & 0x7FF) or int(value) & EXTENDED_BIT:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         return value

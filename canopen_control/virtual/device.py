@@ -182,7 +182,7 @@ _MOVING, _NEGATIVE = 1 << 14, 1 << 15
 
 
 def is_tmcm1270(od: ObjectDictionary) -> bool:
-    """Whether vendor-ID and product code in a dictionary are those of a TMCM-1270."""
+    """Whether a dictionary has the vendor-ID and product code of a TMCM-1270."""
     entries = (od.get(0x1018, 1), od.get(0x1018, 2))
     return tuple(None if entry is None else entry.value for entry in entries) == IDENTITY
 

@@ -64,7 +64,7 @@ _MS = 1_000_000
 
 
 class StreamMode(FollowingMode):
-    """Base of the modes whose set-points come in a stream of RPDOs: CSP, IP, CSV and CST."""
+    """Base class of the modes with a stream of set-points in RPDOs: CSP, IP, CSV and CST."""
 
     def reset(self) -> None:
         super().reset()
@@ -107,14 +107,14 @@ class StreamMode(FollowingMode):
         return round(self.objects.interpolation_s * 1e9) or _MS
 
     def take(self, now: int) -> None:
-        """Count a set-point from an RPDO, apply it, and start the supervision of the next set-point."""
+        """Count and apply a set-point from an RPDO, and start the supervision of the next set-point."""
         self._arrived += 1
         self.meter.take(self.compared(), now)
         self.update(now)
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point to compare with the previous one; None if an unchanged set-point is normal."""
+        """Return the set-point to compare with the previous set-point; None if repetition is normal."""
         return None
 
     def missed(self) -> None:

@@ -216,7 +216,7 @@ class FaultSwitches:
         return [*self._on, *self._quirks]
 
     def schedule(self, text: str) -> None:
-        """Schedule a fault: ``name`` at start-up, or ``name@seconds``; raise ConfigError for other texts."""
+        """Schedule a fault: ``name`` at start-up, or ``name@seconds``; raise ConfigError for an invalid text."""
         fault, delay_ns = parse_fault(text)
         self._require(fault)
         self._planned.append((delay_ns, fault.name))
@@ -238,7 +238,7 @@ class FaultSwitches:
             self._retire()
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault on or off; raise ConfigError for an unknown fault, or one that the node cannot have."""
+        """Switch a fault on or off; raise ConfigError for a fault that is unknown or impossible on the node."""
         fault = find_fault(name)
         if on == (name in self.active):
             return

@@ -53,7 +53,7 @@ class FaultFilter(Protocol):
         """Names of the active faults."""
 
     def set(self, name: str, on: bool, now: int) -> None:
-        """Switch a fault on or off; raise ConfigError for an unknown fault, or one that the node cannot have."""
+        """Switch a fault on or off; raise ConfigError for a fault that is unknown or impossible on the node."""
 
     def set_quirks(self, outgoing: tuple[Any, ...], incoming: tuple[Any, ...]) -> None:
         """Replace the functions by which quirks change the frames of the node."""

@@ -75,7 +75,7 @@ class InputFaults:
         return value
 
     def due(self, now: int) -> bool:
-        """Advance the noise by one step when due; return whether a step was made."""
+        """Advance the noise if a step is due; return whether a step was due."""
         if "noise" not in self._on or now < self._noise_at:
             return False
         self._step += 1
@@ -282,7 +282,7 @@ _DIGITAL_OUTPUTS: Final = frozenset((0x6200, 0x6300, 0x6320))
 
 
 def take_error_values(store: VirtualStore, outputs: Iterable[Address]) -> None:
-    """Set the outputs whose error mode is active to their error values, and leave the others unchanged."""
+    """Set the outputs whose error mode is active to their error values."""
     for address in dict.fromkeys(outputs):
         mode_index, value_index = ERROR_OBJECTS[address[0]]
         mode = store.number(mode_index, address[1], 0)
@@ -396,7 +396,7 @@ class SensorDevice(TerminalDevice):
         return (self._moved_at or 0) + self.step_ns if moving else None
 
     def _move(self, now: int) -> bool:
-        """Advance the values that change over time when due; return whether they were advanced."""
+        """Advance the values that change over time, if a step is due; return whether a step was due."""
         deadline = self._moves_at()
         if self._moved_at is not None and deadline is not None and now >= deadline:
             self.move((now - self._moved_at) / _NS)

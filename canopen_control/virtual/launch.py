@@ -36,7 +36,7 @@ _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 
 class NodeIdCheck:
-    """Check whether other nodes on `port` use `node_ids`; the requests are sent at creation.
+    """Check whether other nodes on `port` use `node_ids`; the constructor sends the requests.
 
     The node-ID 255 (unconfigured) is not checked: by CiA 305 any number of such nodes may wait on one bus for a
     node-ID.

@@ -127,7 +127,7 @@ class SetpointStatistics:
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
-        """Count a set-point, and whether the previous position is repeated; None only counts."""
+        """Count a set-point, and check whether the previous set-point is repeated; None only counts."""
         self.taken += 1
         if set_point is None:
             return
@@ -425,6 +425,6 @@ class FollowingMode(Mode):
         return present is None or present != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
-        """Store `inputs` (the target and its limits); return whether they differ from the previous inputs."""
+        """Store `inputs` (target and limits); return whether `inputs` differ from the previous inputs."""
         differs, self._inputs = inputs != self._inputs, inputs
         return differs

@@ -160,7 +160,7 @@ def mapping_of(communication: int) -> int:
 
 
 class PdoRecords:
-    """PDO communication and mapping records in `store`, and the checks of writes to them.
+    """PDO communication and mapping records in `store`, and the checks of write accesses.
 
     Without `rtr_supported` the COB-IDs of TPDOs must keep bit 30. With `remaps_valid` a PDO may be remapped while it is
     valid.
@@ -259,7 +259,7 @@ class PdoRecords:
         return replace(params, enabled=False) if is_free else params
 
     def _mapping(self, record: int) -> list[tuple[MappedObject, Entry | None]]:
-        """Return the mapped objects and their entries; empty if a mapped object does not exist."""
+        """Return the mapped objects with their entries; empty if a mapped object does not exist."""
         objects: list[tuple[MappedObject, Entry | None]] = []
         for sub in range(1, min(64, self._store.number(record)) + 1):
             index, subindex, bits = parse_mapping_entry(self._store.number(record, sub))
@@ -409,7 +409,7 @@ class PdoExchange:
         self._on_rebuilt()
 
     def _make_waiting(self) -> None:
-        """Create the PDOs whose identifier was in use by another PDO before."""
+        """Create the valid PDOs whose identifier was used by another PDO until now."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
@@ -562,7 +562,7 @@ class PdoExchange:
                 self._outbox.clear_error(EMCY_OF[kind])
 
     def _apply(self, rpdo: MappedRpdo, data: bytes, now: int) -> None:
-        """Write all values of an RPDO to their objects, then update the axes and notify the watchers."""
+        """Write all values of an RPDO to the objects, then update the axes and notify the watchers."""
         for axis in self._axes.values():
             axis.advance(now)
         store = self._store
@@ -595,7 +595,7 @@ class PdoExchange:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
     def _act_on(self, applied: list[tuple[Entry, Value]], now: int) -> None:
-        """Update each axis once for the written values of an RPDO, and notify the watchers of other objects."""
+        """Update each axis once for the written values of an RPDO, and notify the watchers of non-axis objects."""
         axes: dict[int, int] = {}
         for entry, value in applied:
             base, axis = o.axis_of(entry.index)

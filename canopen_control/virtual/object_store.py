@@ -86,7 +86,7 @@ class VirtualStore:
         return self.values[index, subindex] if source is None else source()
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return the stored integer of an entry without its source, `default` if missing or not an integer."""
+        """Return the stored integer of an entry (not from a source), `default` if missing or not an integer."""
         value = self.values.get((index, subindex), default)
         return value if isinstance(value, int) else default
 
@@ -173,7 +173,7 @@ class VirtualStore:
         self._gates[index] = check
 
     def on_write(self, indices: Iterable[int], watcher: Watcher) -> None:
-        """Call `watcher` after every accepted write to one of `indices`."""
+        """Call `watcher` after every accepted write to `indices`."""
         for index in indices:
             self._watchers.setdefault(index, []).append(watcher)
 

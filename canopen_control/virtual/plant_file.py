@@ -231,7 +231,7 @@ class OwnWorld:
 
 
 def _address(name: str) -> tuple[int, int]:
-    """Return node-ID and axis of ``3`` or ``3/1``; raise ValueError for other texts."""
+    """Return node-ID and axis of ``3`` or ``3/1``; raise ValueError if invalid."""
     node, _, axis = name.partition("/")
     address = int(node), int(axis or "0")
     if not (1 <= address[0] <= MAX_NODE_ID and 0 <= address[1] <= 7):

@@ -170,7 +170,7 @@ class ServedBus:
         self._rejoin()
 
     def _rejoin(self) -> None:
-        """Reopen the channel when it exists again; abandon the bus after `REJOIN_NS`."""
+        """Reopen the channel, repeatedly until `REJOIN_NS` have passed; then abandon the bus."""
         if self.error is None or self._host is None:
             return
         port = self._bus.reopen()
@@ -307,7 +307,7 @@ class DriveProcess:
             self._leave()
 
     def _on_orphaned(self) -> None:
-        """Wait until the drives stand still by their own reaction to the missing master, then end."""
+        """End the process when the drives stand still, after the parent process has ended."""
         if self._lifeline is not None:
             self._reactor.remove_reader(self._lifeline)
         self._log("", "the parent process has ended; waiting until the drives stand still")

@@ -213,7 +213,7 @@ class HomingMode(Mode):
 
 
 def _legs_to(position: float, edge: float, direction: int, *, is_limit: bool) -> list[_Leg]:
-    """Return the passes over a switch edge: the first pass fast, the others slow, the last in `direction`.
+    """Return the passes over a switch edge: the first fast, the rest slow, the last in `direction`.
 
     A motor that stands exactly on the edge moves away from it first. Beyond a limit switch all passes are slow.
     """

@@ -50,7 +50,7 @@ class QuirkSetting:
 
 
 def parse_quirk(text: str) -> QuirkSetting:
-    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; raise ConfigError for other texts."""
+    """Parse ``NAME``, ``NAME=VALUE``, ``NAME@AXIS`` or ``NAME=VALUE@AXIS``; raise ConfigError if invalid."""
     head, at, place = text.partition("@")
     name, equals, number = head.partition("=")
     quirk = QUIRKS.get(name)

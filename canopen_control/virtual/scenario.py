@@ -144,7 +144,7 @@ class ScenarioError(ConfigError):
 
 
 def seconds_of(value: float | str) -> float:
-    """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; raise ValueError for other texts."""
+    """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; raise ValueError if invalid."""
     match = _TIME.fullmatch(str(value).strip())
     if match is None or float(match[1]) > _LONGEST_S:
         raise ValueError(f"{value!r} is not a time: 1h, 5min, 5s, 500ms, or a number of seconds")

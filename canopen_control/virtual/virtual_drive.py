@@ -191,7 +191,7 @@ _GAP_S: Final = 0.1  # a longer time between two calls means that the motor had 
 
 
 class OverloadGuard:
-    """Thermal model (I2t) of one motor; `heat` is the heat above that of the rated torque, in s."""
+    """Thermal model (I2t) of one motor; `heat` is the excess over the heat at rated torque, in s."""
 
     def __init__(self) -> None:
         self.heat = 0.0
