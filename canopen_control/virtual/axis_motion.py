@@ -31,14 +31,7 @@ if TYPE_CHECKING:
 # resolution (0x608F) * gear ratio (0x6091) / feed constant, without the factors whose object is missing. 0x6096 and
 # 0x6097 scale velocities and accelerations in addition; with 0x60A9 the unit can be rpm. Bits 7 and 6 of 0x607E invert
 # positions and velocities. A zero counts as one: no object may cause a division by zero. Internal positions are the
-# plant's; those of the user are smaller by `zero`, which homing changes.
-
-
-# What bounds the motion of an axis: software limits, limit switches, velocities, torques, the following error.
-#
-# A limit is reported once, when the motion ends at the limit (bit 11, and an EMCY if the device has one), and forgotten
-# with the next demand that leads away. The software limits 0x607D apply if subindex 1 is below subindex 2; a value at
-# the end of its type is not a limit.
+# plant's; positions in user units are relative to `zero`, which homing changes.
 
 
 UNIT_OBJECTS = (
@@ -69,7 +62,7 @@ class DriveUnits:
     def __init__(self) -> None:
         self.position = self.velocity = self.length = self.speed = self.acceleration = self.turn = 1.0
         self.zero = 0.0
-        self.own_speed = 1.0  # of a velocity unit that no object names
+        self.own_speed = 1.0  # counts/s of a velocity unit that no object describes (a quirk)
 
     def update(self, objects: AxisObjects) -> None:
         polarity = objects.number(o.POLARITY)
@@ -151,10 +144,10 @@ class AxisObjects:
         return float(self.number(o.INTERPOLATION_TIME_PERIOD, 1, 1) * 10.0**exponent)
 
 
-# The simulated switches and the index pulse of an axis, at fixed plant positions.
+# Simulated switches and index pulse of an axis, at fixed plant positions.
 #
-# A switch is a position, never an event; whether it is active follows from the plant position. The limit switches are
-# used by homing only, unless `wired`: then they stop every motion.
+# A switch is active depending on the plant position. Limit switches are used only by homing, unless they are `wired`:
+# then they stop every motion.
 
 
 NEGATIVE, POSITIVE, HOME = 1, 2, 4  # 0x60FD
@@ -220,7 +213,7 @@ class Switches:
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
 
 
-# The loops of a virtual servo with gains set by objects: position P and feed-forward over velocity PI, on any plant.
+# Control loops of a virtual servo with gains from objects: position P and feed-forward over velocity PI.
 #
 # The torque is computed at each point of a fixed grid and kept until the next point, so that the result does not depend
 # on when it is read. In velocity modes the position loop is off, as in servo drives. Units are counts, counts/s and per
@@ -276,7 +269,7 @@ class VelocityLoop:
 
 _MS = 1_000_000
 SAMPLE_NS = 5 * _MS  # period in which event-driven TPDOs are checked during a motion
-FOLLOW_NS = _MS  # how often a plant that lags is compared with its demand
+FOLLOW_NS = _MS  # period of the following error checks of a lagging plant
 
 
 class Reactions(Protocol):
@@ -320,7 +313,7 @@ class AxisMotion:
         self.torque_limit = math.inf  # per mille; used by a coupled plant and by `loop`
         self.loop: VelocityLoop | None = None  # control loops with gains; None: the plant follows the demand by itself
         self.gains: ServoGains | None = None
-        self.velocity_mode = False  # loops with gains or in a world follow the velocity only, not the position
+        self.velocity_mode = False  # the loops (with gains or in a world) follow only the velocity, not the position
         self._fed = (0.0, 0.0)
         self.timers: dict[str, tuple[int, Callable[[int], None]]] = {}
         self._coupled = plant if isinstance(plant, CoupledPlant) else None

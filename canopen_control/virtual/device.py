@@ -164,7 +164,7 @@ def _address(name: str) -> Address:
 
 # The device model of the TMCM-1270 (PD42-x-1270), a stepper drive of Trinamic for CANopen.
 #
-# The model has the behaviour in the EDS and the public manuals of the drive family, and no other. Positions are
+# The model has only the behaviour in the EDS and in the public manuals of the drive family. Positions are
 # microsteps, velocities pps (microsteps per second), accelerations pps per second. Velocity, accelerations and the
 # quick-stop ramp have no usable default: until they are written, nothing moves. In profile velocity 0x6083 is also the
 # deceleration. Bits 5 and 9 of the controlword have no effect in profile position, where bit 12 shows a set-point in

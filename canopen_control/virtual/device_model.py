@@ -135,12 +135,12 @@ class DeviceModel:
     that a set-point is in process, and a new set-point replaces it. `homing_methods` None means all methods.
     """
 
-    name: str = ""  # empty: the file's product name
+    name: str = ""  # empty: the product name in the EDS
     boot_ns: int = 10_000_000  # from power-on or reset to the boot-up message
     unset_ramp: float = math.inf
     unset_velocity: float = 100_000.0  # of a profile velocity that is absent or 0
     velocity_ramp_both_ways: bool = False  # PV: 0x6083 also decelerates
-    ramps_positions: bool = False  # also in velocity modes, as in steppers: a lost distance is made up for
+    ramps_positions: bool = False  # also in velocity modes, as in steppers: a lost distance is caught up
     single_set_point: bool = False
     homing_methods: frozenset[int] | None = None
     homing_halts: bool = True
@@ -160,7 +160,7 @@ class DeviceModel:
     )
     follows_sync: bool = False  # measures the SYNC, so that clock drift does not matter in cyclic modes
     velocity_bits: Callable[[float], int] | None = None  # of the statusword, from the measured velocity
-    identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # where the file gives no default
+    identity: Mapping[tuple[int, int], int | str] = field(default_factory=dict)  # without a default in the EDS
     display: Mapping[tuple[int, int], Callable[[VirtualStore], int]] = field(default_factory=dict)
 
 
@@ -173,12 +173,12 @@ INTERPOLATION_UNDERFLOW: Final = 0xFF02  # EMCY of Elmo
 _EXTRAPOLATION_CYCLES: Final = (0x2F75, 0)
 
 MAXON: Final = DeviceModel(missing=MissingSetPoint(), recovers_sync=False)
-"""EPOS4 of maxon: stands at the end of the interpolation; its files set 0x60C2 to 0, so a set-point applies at once."""
+"""maxon EPOS4: stops at the end of the interpolation; 0x60C2 is 0 in its EDS, so a set-point applies at once."""
 
 ELMO: Final = DeviceModel(
     missing=MissingSetPoint(cycles=1, cycles_object=_EXTRAPOLATION_CYCLES, fault=INTERPOLATION_UNDERFLOW)
 )
-"""Gold drives of Elmo: continue for as many periods as 0x2F75 says, then fault and stop as 0x605E says."""
+"""Elmo Gold: continues for 0x2F75 interpolation periods, then faults and stops according to 0x605E."""
 
 VENDOR_MODELS: Final[Mapping[int, DeviceModel]] = MappingProxyType({0x9A: ELMO, 0xFB: MAXON})
 """Device models by vendor-ID (0x1018:01)."""

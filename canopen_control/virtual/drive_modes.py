@@ -49,15 +49,15 @@ if TYPE_CHECKING:
 # extrapolates. A drive that recovers the SYNC period reaches the position when the next SYNC is due, not one
 # interpolation time after this SYNC, and then continues for as long as earlier SYNCs have been late.
 #
-# At a SYNC that is some microseconds late the motor has reached its position and stands, but 0 is not the velocity of
-# the motion: from then on, the velocity is measured as by an encoder, from the distance in the last interpolation time.
+# If a SYNC is some microseconds late, the motor has reached its position and stands still, but 0 is not the velocity of
+# the motion: the velocity is then computed as by an encoder, from the distance in the last interpolation time.
 
 
-# A mode whose set-points come in a stream of RPDOs counts them, and reacts when a set-point is missing.
+# A mode with a stream of set-points in RPDOs counts the set-points, and reacts to a missing set-point.
 #
 # The stream begins with the second RPDO after the start of the mode. Values written by SDO are followed without
-# supervision, so that a drive that is tried by hand does not trip it. A set-point is due after the
-# interpolation time 0x60C2, because a drive does not know its master's period.
+# supervision, so that manual writes cause no fault. A set-point is due after the interpolation time 0x60C2, because a
+# drive does not know the period of its master.
 
 
 _MS = 1_000_000

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 # The request is an upload of 0x1000, which every node has; a node that answers, or sends a heartbeat, uses the node-ID.
 
 
-PROBE_NS = 40_000_000  # time that a present node has to answer
+PROBE_NS = 40_000_000  # response time of a node on the bus
 _DEVICE_TYPE = INITIATE.pack(UPLOAD, 0x1000, 0)
 
 

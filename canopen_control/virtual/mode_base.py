@@ -159,7 +159,7 @@ class SetpointStatistics:
             self._sample(demand.at(grid)[0])
             end = demand.steady_until(grid)
             points = ((now if end is None else min(end, now)) - grid) // GRID_NS
-            if points > 1:  # the distance to the next point is the same for all further points
+            if points > 1:  # at constant velocity all further points have the same distance
                 self._sample(demand.at(grid + GRID_NS)[0])
                 self._record_evenly(demand.at(grid + points * GRID_NS)[0], points - 1)
                 grid += points * GRID_NS
@@ -197,7 +197,7 @@ class SetpointStatistics:
         """Record a step of the motion; a short standstill before the step is attributed to a late set-point."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
-            if self._resting > 1:  # the first point of the standstill had an acceleration, and was counted
+            if self._resting > 1:  # the acceleration at the first point of the standstill is counted already
                 self._accelerations.add(0.0, self._resting - 1)
         self._resting = 0
         self._velocities.add(distance)
@@ -411,7 +411,7 @@ class FollowingMode(Mode):
 
     def reset(self) -> None:
         self._inputs: object = None
-        self._applied: tuple[int, float] | None = None  # at which version of the values, and with which zero
+        self._applied: tuple[int, float] | None = None  # version of the values, and zero, of the last update
 
     def start(self, now: int) -> None:
         self._inputs = None

@@ -157,7 +157,7 @@ def in_words(event: object) -> str | None:
     return None if words is None else words(event)
 
 
-# The period of SYNC as the phase lock (PLL) of a drive recovers it from SYNCs that come early or late.
+# Recovery of the SYNC period from early and late SYNCs, as by the phase lock (PLL) of a drive.
 #
 # A filter with growing memory, up to `_MEMORY` SYNCs, fits a least-squares line to the times of the SYNCs, like a drive
 # whose clock is locked to SYNC. A SYNC that is off by almost half a period, or comes after a long pause, restarts the
@@ -166,10 +166,10 @@ def in_words(event: object) -> str | None:
 
 _MEMORY: Final = 256  # SYNCs: 2.6 s at 100 Hz
 _LOCKED: Final = 3  # SYNCs until a period is known
-_MAX_MISSED: Final = 8  # one after the other
-_SAME: Final = 0.02  # by which two periods may differ
+_MAX_MISSED: Final = 8  # consecutive SYNCs
+_SAME: Final = 0.02  # tolerance of equal periods
 _FORGETS: Final = 1.0 / 256
-_MARGIN: Final = 1.25  # the next one may be later than any before
+_MARGIN: Final = 1.25  # the next SYNC may be later than all earlier SYNCs
 
 
 class SyncPll:
@@ -206,7 +206,7 @@ class SyncPll:
         else:
             steps = round(gap / period)
             error = gap - steps * period
-            self._missed = self._missed + steps - 1 if steps > 1 else 0  # in a row: of another period by now
+            self._missed = self._missed + steps - 1 if steps > 1 else 0  # consecutive: many mean another period
             if steps < 1 or self._missed > _MAX_MISSED or abs(error) >= 0.45 * period:
                 self._begin(now)
             else:
@@ -224,7 +224,7 @@ class SyncPll:
         self._latest = latest if latest > late else late
 
 
-HEARTBEAT_ERROR = 0x8130  # EMCY: a communication is lost
+HEARTBEAT_ERROR = 0x8130  # EMCY: lost communication
 _MAX_WAITING = 1000  # events, and frames of injected faults
 
 
@@ -254,7 +254,7 @@ class NodeOutbox:
         self._emcy, self._clock = emcy, clock
         self._events: Outbox[object] = Outbox(_MAX_WAITING)
         self.happened = self._events.waiting
-        self.outgoing: Outbox[CanFrame] = Outbox(_MAX_WAITING)  # frames that no service made
+        self.outgoing: Outbox[CanFrame] = Outbox(_MAX_WAITING)  # frames not created by a service
         self.changed = False
 
     def values_changed(self) -> None:

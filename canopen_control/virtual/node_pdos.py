@@ -99,7 +99,7 @@ class MappedRpdo:
         self.cyclic = False  # expected at every SYNC
         self.concerns: tuple[Concern, ...] = ()  # the axes, if all objects belong to axes
         self.by_values = False  # whether the values alone decide what is accepted
-        self.applied = b""  # data last accepted as a whole, and the version of the values since then
+        self.applied = b""  # last data accepted completely, and the version of the values since then
         self.version = -1
 
 
@@ -144,10 +144,10 @@ def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) 
     return tuple(Concern(axes[axis], o.CONTROLWORD in base, frozenset(base)) for axis, base in bases.items())
 
 
-# The PDO records of a node, 0x1400 to 0x1BFF: the rules for writing them, and their meaning.
+# PDO records of a node, 0x1400 to 0x1BFF: rules for writing, and interpretation.
 #
-# A forbidden write is aborted (CiA 301, 7.5.2.35 to 7.5.2.38); a record that names a missing object, or an
-# impossible mapping, maps nothing. A CAN identifier has one user in the node: SYNC and EMCY come first, then the RPDOs
+# A forbidden write is aborted (CiA 301, 7.5.2.35 to 7.5.2.38); a record with a missing object or an
+# impossible mapping maps nothing. A CAN identifier has one user in the node: SYNC and EMCY come first, then the RPDOs
 # and the TPDOs by their number; a record whose identifier is in use is disabled.
 
 RPDO, TPDO = 0x1400, 0x1800
@@ -289,13 +289,8 @@ class PdoRecords:
         objects = self._mapping(record)
         try:
             return PdoCodec([mapped for mapped, _ in objects]), tuple(entry for _, entry in objects)
-        except LocalProtocolError:  # a default mapping that cannot be
+        except LocalProtocolError:  # an impossible default mapping
             return PdoCodec(()), ()
-
-
-# The input of the RPDOs of a node, where a fault makes RPDOs arrive late or not at all.
-#
-# Without a fault every frame is passed on at once.
 
 
 class RpdoInput:

@@ -287,8 +287,8 @@ def _decoded(entry: Entry, data: bytes) -> Value:
         raise SdoServerAbort(AbortCode.INVALID_VALUE) from None
 
 
-# Device with several motors in one object set: its objects in the store of its axes. The store has the objects of
-# several axes as defined by CiA 402 (`cia402.motors`); SDO uses those of the device.
+# SDO view of a device with several motors in one object set. The store has the objects of several axes as defined by
+# CiA 402 (`cia402.motors`); SDO uses the objects of the device.
 
 
 class DeviceStore:
@@ -337,7 +337,7 @@ class DeviceStore:
     def _entry(self, index: int, subindex: int) -> Entry | None:
         """Return the device's entry if the object has another address in the store, else None."""
         entry = self._motors.device.get(index, subindex)
-        if entry is None and (index, subindex) in self._motors.places:  # an address of the view alone
+        if entry is None and (index, subindex) in self._motors.places:  # an address that exists only in the store
             present = index in self._motors.device.objects
             raise SdoServerAbort(AbortCode.NO_SUBINDEX if present else AbortCode.NO_OBJECT)
         elsewhere = bool(self._motors.parts(index, subindex)) or (index, subindex) in self._motors.places

@@ -339,6 +339,13 @@ class PowerMachine:
             self.enter_fault(code, now)
 
 
+# Limits of the motion of an axis: software limits, limit switches, velocities, torques, the following error.
+#
+# A limit is reported once, when the motion ends at the limit (bit 11, and an EMCY if the device has one), until the
+# next demand away from the limit. The software limits 0x607D apply if subindex 1 is below subindex 2; a value at the
+# end of its type is not a limit.
+
+
 _LOWEST, _HIGHEST = -0x7FFFFFFF, 0x7FFFFFFF  # at or beyond these values 0x607D is not a limit
 FOLLOWING_ERROR = 0x8611  # EMCY
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 # Virtual nodes on one bus, in a process of drives: their host, their control sockets, their log and their timeline.
 #
-# A channel that is gone is opened again if it is back within three seconds; otherwise it is given up, and its nodes
+# A missing channel is reopened if it returns within three seconds; otherwise the bus is abandoned, and its nodes
 # continue without a bus.
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Homing (CiA 402-2, 11): methods 1 to 14, 17 to 30, 33 to 35 and 37 on simulated switches and index pulses.
 #
-# An entry of `METHODS` says which switch edge the method seeks, in which direction the last, slow pass crosses it, and
+# An entry of `METHODS` defines the switch edge to find, the direction of the last, slow pass over this edge, and
 # whether the next index pulse beyond the edge is home instead. The motion is a list of legs, and each leg crosses one
 # position: fast until the edge is crossed, then slow, back and forth until the last pass has the right direction.
 # Bits 13, 12 and 10 of the statusword mean: 000 running, 001 interrupted, 010 attained and still moving, 011 done,

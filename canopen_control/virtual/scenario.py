@@ -54,8 +54,8 @@ if TYPE_CHECKING:
 
 # Disturbances of a world with physics in YAML: the keys payload, push, block and friction of a step.
 #
-# They are the same in a scenario of drives and in the file of a world; the messages are those of the drives' socket,
-# see `rpc.messages.drive`. Lengths are in m, masses in kg, forces in N.
+# These keys are the same in a scenario of drives and in a world file; the messages are those of the control socket of a
+# drive, see `rpc.messages.drive`. Lengths are in m, masses in kg, forces in N.
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # Wheels report points (time, distance in metres) of their motion on a grid of their own, in any order and from any
 # process; the pose is integrated exactly along the arc between neighbouring points, up to the last time known for both
 # wheels. So the result depends on the motion only, not on the order of the reports. A wheel without a report for ten
-# seconds counts as standing. Slip is noise on each wheel's steps, computed from the seed and the number of the step.
+# seconds is assumed to stand still. Slip is noise on the steps of a wheel, computed from seed and step number.
 
 
 LEFT, RIGHT = 0, 1
@@ -326,7 +326,7 @@ class WheelPlant:
     def _move(self, move: Callable[[int, int], None], start_ns: int, end_ns: int, *, quiet: bool) -> None:
         clock = start_ns
         first = (start_ns // GRID_NS + 1) * GRID_NS
-        if quiet:  # nothing moves: the last point of the grid is enough
+        if quiet:  # at standstill the last point of the grid is enough
             first = max(first, end_ns // GRID_NS * GRID_NS)
         for point in range(first, end_ns + 1, GRID_NS):
             move(clock, point)

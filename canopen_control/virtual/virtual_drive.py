@@ -206,7 +206,7 @@ class OverloadGuard:
         return self.heat > _HEAT_S
 
 
-# The two touch probes of an axis: positions caught at an edge (CiA 402-2, 9.3.4).
+# The two touch probes of an axis: positions captured at an edge (CiA 402-2, 9.3.4).
 #
 # 0x60B8 arms the probes, 0x60B9 shows their status, 0x60BA to 0x60BD are the captured positions. The probe inputs are
 # bits 16 and 17 of 0x60FD; a probe may use the index pulse of the encoder instead, which has rising edges only. A probe

@@ -174,7 +174,7 @@ def _both(first: Receiver, second: Receiver) -> Receiver:
     return receive
 
 
-# Layer setting services of a virtual node: with LSS_Supported in its file it has an LSS slave (CiA 305).
+# Layer setting services: a virtual node has an LSS slave (CiA 305) if its EDS sets LSS_Supported.
 #
 # A new node-ID is pending until a reset of communication activates it, and is lost at power-off unless it was stored. A
 # node without a node-ID (255) supports nothing but LSS. A virtual bus has no bit rate: a new bit rate is reported and
