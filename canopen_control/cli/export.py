@@ -14,6 +14,7 @@ from canopen_control.cli.support.bus_description import add_network_arguments, d
 from canopen_control.cli.support.output import print_result
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import telling
+from canopen_control.trace.network_description import is_gap, mapped_name
 
 if TYPE_CHECKING:
     import argparse
@@ -90,11 +91,11 @@ def _decoded(recording: Iterable[tuple[int, object]], network: NetworkDescriptio
 def _signals(network: NetworkDescription) -> list[str]:
     """Return the column names: each object mapped to a PDO once, in the order of nodes and PDOs."""
     names = (
-        f"{node.name or f'node {node_id}'}.{entry.name}"
+        f"{node.name or f'node {node_id}'}.{mapped_name(entry)}"
         for node_id, node in sorted(network.nodes.items())
         for pdo in node.pdos
         for entry in pdo.objects
-        if not entry.is_dummy
+        if not is_gap(entry)
     )
     return list(dict.fromkeys(names))
 

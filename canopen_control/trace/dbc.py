@@ -19,6 +19,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import command_of, decode_statusword
 from canopen_control.errors import ConfigError
 from canopen_control.frame import EXTENDED_FLAG
+from canopen_control.trace.network_description import address_text, is_gap, mapped_name, mapped_object, pdo_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -26,12 +27,8 @@ if TYPE_CHECKING:
     from cantools.database.can import Message, Node, Signal
     from cantools.database.namedsignalvalue import NamedSignalValue
 
-    from canopen_control.trace.network_description import (
-        DescribedPdoObject,
-        NetworkDescription,
-        NodeDescription,
-        PdoDescription,
-    )
+    from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
+    from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
 
 _LONGEST = 32
@@ -242,30 +239,30 @@ def _emcy(node: NodeDescription, sender: str) -> _Message:
     return message
 
 
-def _pdo(node: NodeDescription, pdo: PdoDescription, sender: str) -> _Message:
+def _pdo(node: NodeDescription, pdo: PdoLayout, sender: str) -> _Message:
     bits = sum(mapped.bits for mapped in pdo.objects)
     is_rpdo = pdo.direction == "rpdo"
     message = _Message(
         pdo.cob_id,
-        _identifier(f"{sender}_{pdo.name}"),
+        _identifier(f"{sender}_{pdo_name(pdo)}"),
         (bits + 7) // 8,
         _MASTER if is_rpdo else sender,
         sender if is_rpdo else _MASTER,
-        f"{pdo.name} of node {node.node_id}, transmission type {pdo.transmission_type}",
+        f"{pdo_name(pdo)} of node {node.node_id}, transmission type {pdo.transmission_type}",
     )
     start = 0
     for mapped in pdo.objects:
-        if not mapped.is_dummy:
+        if not is_gap(mapped):
             for signal in _signals(mapped, start, is_drive=node.is_drive):
                 message.add(signal)
         start += mapped.bits
     return message
 
 
-def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Iterator[_Signal]:
+def _signals(mapped: MappedEntry, start: int, *, is_drive: bool) -> Iterator[_Signal]:
     """Yield the signals of a mapped object: several for a word with named parts, else one."""
-    address = f"0x{mapped.index:04X}:{mapped.subindex:02X}"
-    name, comment = _identifier(mapped.name), f"{address} {mapped.name}"
+    title = mapped_name(mapped)
+    name, comment = _identifier(title), f"{address_text(mapped.index, mapped.subindex)} {title}"
     base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
     parts = WORD_PARTS.get(base, ()) if mapped.bits == 16 else ()
     for part in parts:
@@ -279,8 +276,9 @@ def _signals(mapped: DescribedPdoObject, start: int, *, is_drive: bool) -> Itera
             values=values,
         )
     if not parts:
-        real = mapped.data_type.is_real
-        signed = mapped.data_type.signed or real
+        data_type = mapped_object(mapped).data_type
+        real = data_type.is_real
+        signed = data_type.signed or real
         values = _VALUES.get((base, ""), {})
         meaning = mapped.factor, mapped.offset, mapped.unit
         yield _Signal(name, start, mapped.bits, signed, real, comment, values, *meaning)

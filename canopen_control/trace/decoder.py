@@ -42,11 +42,13 @@ from canopen_control.frame import (
 )
 from canopen_control.od.eds import TYPES
 from canopen_control.rpc.messages.fault import FaultEvent
+from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
 from canopen_control.trace.network_description import (
-    DescribedPdoObject,
     NodeDescription,
-    PdoDescription,
-    address_text,
+    is_gap,
+    mapped_name,
+    mapped_object,
+    pdo_name,
     type_of,
 )
 from canopen_control.trace.sdo_conversation import SdoConversation
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from canopen_control.od.model import DataType
+    from canopen_control.rpc.messages.layout import Direction
     from canopen_control.trace.network_description import NetworkDescription
 
 
@@ -65,7 +68,7 @@ if TYPE_CHECKING:
 LIMIT: Final = 4096
 _COUNT: Final = 512  # PDOs per direction
 # index of the first communication and mapping record
-_FIRST: Final = {"rpdo": (0x1400, 0x1600), "tpdo": (0x1800, 0x1A00)}
+_FIRST: Final[dict[Direction, tuple[int, int]]] = {"rpdo": (0x1400, 0x1600), "tpdo": (0x1800, 0x1A00)}
 _COB_ID, _TYPE, _EVENT_DRIVEN = 1, 2, 255
 _MOST_OBJECTS: Final = 64
 
@@ -80,19 +83,19 @@ class LearnedPdos:
     def __init__(self, node: NodeDescription, words: NodeWords) -> None:
         self._node, self._words = node, words
         self._held: dict[tuple[int, int], int] = {}
-        self._cob_ids: dict[tuple[str, int], int] = {}
+        self._cob_ids: dict[tuple[Direction, int], int] = {}
         for pdo in node.pdos:
             self._take(pdo)
 
-    def _take(self, pdo: PdoDescription) -> None:
+    def _take(self, pdo: PdoLayout) -> None:
         communication, mapping = _records(pdo.direction, pdo.number)
         self._cob_ids[pdo.direction, pdo.number] = pdo.cob_id
         self._held[communication, _TYPE] = pdo.transmission_type
         self._held[mapping, 0] = len(pdo.objects)
-        for slot, mapped in enumerate(pdo.objects, 1):
-            self._held[mapping, slot] = mapping_entry(mapped.mapped)
+        for slot, entry in enumerate(pdo.objects, 1):
+            self._held[mapping, slot] = mapping_entry(mapped_object(entry))
 
-    def learn(self, value: SignalValue) -> tuple[PdoDescription, int | None] | None:
+    def learn(self, value: SignalValue) -> tuple[PdoLayout, int | None] | None:
         """Record a value of the node; return a now known PDO with its former CAN identifier, else None."""
         which = _pdo_of(value.index)
         if which is None or not isinstance(value.value, int):
@@ -107,7 +110,7 @@ class LearnedPdos:
         before, self._cob_ids[which] = self._cob_ids.get(which), pdo.cob_id
         return pdo, before
 
-    def _known(self, direction: str, number: int) -> PdoDescription | None:
+    def _known(self, direction: Direction, number: int) -> PdoLayout | None:
         communication, mapping = _records(direction, number)
         entry = self._held.get((communication, _COB_ID))
         count = self._held.get((mapping, 0), 0)
@@ -120,12 +123,12 @@ class LearnedPdos:
         if forbidden or len(mapped) != count or sum(entry.bits for entry in mapped) > MAX_BITS:
             return None
         transmission = self._held.get((communication, _TYPE), _EVENT_DRIVEN)
-        return PdoDescription(can_id, direction, number, mapped, transmission)
+        return PdoLayout(can_id, direction, number, transmission, mapped)
 
-    def _object(self, entry: int) -> DescribedPdoObject:
+    def _object(self, entry: int) -> MappedEntry:
         index, subindex, bits = parse_mapping_entry(entry)
-        name = self._words.name(index, subindex) or address_text(index, subindex)
-        return DescribedPdoObject(index, subindex, bits, self._type(index, subindex, bits), name)
+        name = self._words.name(index, subindex)
+        return MappedEntry(index, subindex, bits, self._type(index, subindex, bits).name, name)
 
     def _type(self, index: int, subindex: int, bits: int) -> DataType:
         """Return the data type from the EDS, else from CiA 402 for a drive, else the unsigned type of that width."""
@@ -135,12 +138,12 @@ class LearnedPdos:
         return by_profile if by_profile is not None and not in_eds else type_of(self._node.od, index, subindex, bits)
 
 
-def _records(direction: str, number: int) -> tuple[int, int]:
+def _records(direction: Direction, number: int) -> tuple[int, int]:
     communication, mapping = _FIRST[direction]
     return communication + number - 1, mapping + number - 1
 
 
-def _pdo_of(index: int) -> tuple[str, int] | None:
+def _pdo_of(index: int) -> tuple[Direction, int] | None:
     for direction, firsts in _FIRST.items():
         for first in firsts:
             if first <= index < first + _COUNT:
@@ -347,8 +350,8 @@ class Decoder:
     ) -> None:
         self._routes[can_id] = _Route(service, node_id, subject, handler)
 
-    def _add_pdo(self, node_id: int, pdo: PdoDescription) -> None:
-        self._add(pdo.cob_id, "pdo", node_id, pdo.name, self._pdo(node_id, pdo))
+    def _add_pdo(self, node_id: int, pdo: PdoLayout) -> None:
+        self._add(pdo.cob_id, "pdo", node_id, pdo_name(pdo), self._pdo(node_id, pdo))
 
     def decode(self, frame: CanFrame, time: int = 0) -> DecodedFrame:
         """Describe a frame; `time` in ns is copied to the result. Never raises."""
@@ -465,41 +468,47 @@ class Decoder:
 
         return decode
 
-    def _relearn(self, node_id: int, pdo: PdoDescription, before: int | None) -> None:
+    def _relearn(self, node_id: int, pdo: PdoLayout, before: int | None) -> None:
         """Replace a PDO by its learned configuration, which has precedence over the description."""
         old = self._routes.get(before) if before is not None else None
-        if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo.name):
+        if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo_name(pdo)):
             del self._routes[before]
         self._add_pdo(node_id, pdo)
 
-    def _pdo(self, node_id: int, pdo: PdoDescription) -> Callable[[CanFrame], _Decoded]:
+    def _pdo(self, node_id: int, pdo: PdoLayout) -> Callable[[CanFrame], _Decoded]:
         try:
-            codec = PdoCodec([mapped.mapped for mapped in pdo.objects])
+            codec = PdoCodec([mapped_object(entry) for entry in pdo.objects])
         except LocalProtocolError as error:
             reason = f"its mapping cannot be read: {error}"
             return lambda frame: _Decoded(f"{frame.data.hex(' ')}; {reason}", mark=Mark.WARNING)
         words = self._node(node_id).words
+        names = [None if is_gap(entry) else mapped_name(entry) for entry in pdo.objects]
 
         def decode(frame: CanFrame) -> _Decoded:
             if len(frame.data) < codec.length:
                 short = f"too short: {len(frame.data)} bytes, {codec.length} are mapped"
                 return _Decoded(short, mark=Mark.WARNING)
-            return _mapped(words, pdo, codec, frame.data)
+            return _mapped(words, names, codec, frame.data)
 
         return decode
 
 
-def _mapped(words: NodeWords, pdo: PdoDescription, codec: PdoCodec, data: bytes) -> _Decoded:
-    """Decode the values of a PDO; the mode is decoded first, since bits of the statusword depend on it."""
-    pairs = [
-        (mapped, value) for mapped, value in zip(pdo.objects, codec.unpack(data), strict=True) if not mapped.is_dummy
+def _mapped(words: NodeWords, names: list[str | None], codec: PdoCodec, data: bytes) -> _Decoded:
+    """Decode the values of a PDO, where a name of None is a gap.
+
+    The mode is decoded first, since bits of the statusword depend on it.
+    """
+    rows = [
+        (mapped, name, value)
+        for mapped, name, value in zip(codec.objects, names, codec.unpack(data), strict=True)
+        if name is not None
     ]
-    for mapped, value in pairs:
+    for mapped, _, value in rows:
         if objects.axis_of(mapped.index)[0] == objects.MODES_OF_OPERATION_DISPLAY:
             words.text(mapped.index, mapped.subindex, value)
     values = tuple(
-        SignalValue(mapped.index, mapped.subindex, mapped.name, value, words.text(mapped.index, mapped.subindex, value))
-        for mapped, value in pairs
+        SignalValue(mapped.index, mapped.subindex, name, value, words.text(mapped.index, mapped.subindex, value))
+        for mapped, name, value in rows
     )
     text = "; ".join(f"{value.name} {value.text}" for value in values)
     if len(data) > codec.length:

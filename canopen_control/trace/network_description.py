@@ -21,13 +21,14 @@ from canopen_control.frame import can_id_of
 from canopen_control.od.eds import SUFFIXES, read_eds
 from canopen_control.od.model import DataType, ObjectCode
 from canopen_control.od.pdos import pdos_of
+from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from canopen_control.od.model import ObjectDictionary
     from canopen_control.od.pdos import Pdo
-    from canopen_control.rpc.messages.layout import BusLayout, MappedEntry, PdoLayout
+    from canopen_control.rpc.messages.layout import BusLayout
 
 
 DEFAULT_BITRATE = 1_000_000
@@ -45,56 +46,13 @@ _RAW_TYPES = {
 
 
 @dataclass(frozen=True, slots=True)
-class DescribedPdoObject:
-    """Object in a PDO; `bits` is its width in the PDO, `name` is its address if it has no name.
-
-    The raw value times `factor` plus `offset` is in `unit`, which is "" if unknown.
-    """
-
-    index: int
-    subindex: int
-    bits: int
-    data_type: DataType
-    name: str
-    factor: float = 1.0
-    offset: float = 0.0
-    unit: str = ""
-
-    @property
-    def mapped(self) -> MappedObject:
-        """Mapped object for a `PdoCodec`, without the name."""
-        return MappedObject(self.index, self.subindex, self.bits, self.data_type)
-
-    @property
-    def is_dummy(self) -> bool:
-        """Whether the object is a data type that fills a gap (dummy mapping of CiA 301)."""
-        return self.index <= 7 and not self.subindex
-
-
-@dataclass(frozen=True, slots=True)
-class PdoDescription:
-    """Valid PDO; `direction` is "rpdo" or "tpdo" of the device, `cob_id` has the flag of 29-bit identifiers."""
-
-    cob_id: int
-    direction: str
-    number: int
-    objects: tuple[DescribedPdoObject, ...]
-    transmission_type: int = 255
-
-    @property
-    def name(self) -> str:
-        """Name of the PDO, such as ``RPDO1``."""
-        return f"{self.direction.upper()}{self.number}"
-
-
-@dataclass(frozen=True, slots=True)
 class NodeDescription:
     """Description of one node; `od` is None without an EDS, `eds` is the path of the EDS."""
 
     name: str
     node_id: int
     od: ObjectDictionary | None = None
-    pdos: tuple[PdoDescription, ...] = ()
+    pdos: tuple[PdoLayout, ...] = ()
     eds: str = ""
 
     def __str__(self) -> str:
@@ -171,32 +129,32 @@ def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProx
     for node in layout.nodes:
         path = str(paths.get(Path(node.eds).name, node.eds)) if node.eds else ""
         od = _read(path, node.node_id, notes) if path else None
-        pdos = tuple(_pdo_of_layout(pdo) for pdo in node.pdos)
-        nodes[node.node_id] = NodeDescription(node.name, node.node_id, od, pdos, path)
+        nodes[node.node_id] = NodeDescription(node.name, node.node_id, od, node.pdos, path)
     return NetworkDescription(
         layout.channel, layout.bitrate, layout.master_node_id, layout.sync_cob_id, nodes, tuple(notes)
     )
 
 
-def pdos_by_default(od: ObjectDictionary) -> tuple[PdoDescription, ...]:
-    """Return the descriptions of the PDOs that are valid by default."""
+def pdos_by_default(od: ObjectDictionary) -> tuple[PdoLayout, ...]:
+    """Return the PDOs that are valid by default."""
     return tuple(_pdo_by_default(od, pdo) for pdo in pdos_of(od) if pdo.enabled and pdo.mapped)
 
 
-def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoDescription:
-    mapped_objects = (
-        DescribedPdoObject(
+def _pdo_by_default(od: ObjectDictionary, pdo: Pdo) -> PdoLayout:
+    entries = (
+        MappedEntry(
             mapped.index,
             mapped.subindex,
             mapped.bits,
-            type_of(od, mapped.index, mapped.subindex, mapped.bits),
+            type_of(od, mapped.index, mapped.subindex, mapped.bits).name,
             entry_name(od, mapped.index, mapped.subindex) or address_text(mapped.index, mapped.subindex),
         )
         for mapped in pdo.mapped
     )
-    kind = "rpdo" if pdo.is_rpdo else "tpdo"
     transmission = 255 if pdo.transmission_type is None else pdo.transmission_type
-    return PdoDescription(can_id_of(pdo.cob_id or 0), kind, pdo.number, tuple(mapped_objects), transmission)
+    return PdoLayout(
+        can_id_of(pdo.cob_id or 0), "rpdo" if pdo.is_rpdo else "tpdo", pdo.number, transmission, tuple(entries)
+    )
 
 
 def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -> DataType:
@@ -210,21 +168,30 @@ def type_of(od: ObjectDictionary | None, index: int, subindex: int, bits: int) -
     return _RAW_TYPES.get(bits, DataType.UNSIGNED64 if bits % 8 else DataType.OCTET_STRING)
 
 
-def _pdo_of_layout(pdo: PdoLayout) -> PdoDescription:
-    objects = tuple(_object_of_layout(mapped) for mapped in pdo.objects)
-    return PdoDescription(pdo.cob_id, pdo.direction, pdo.number, objects, pdo.transmission_type)
-
-
-def _object_of_layout(entry: MappedEntry) -> DescribedPdoObject:
-    name = entry.name or address_text(entry.index, entry.subindex)
-    data_type = DataType.__members__.get(entry.data_type) or type_of(None, entry.index, entry.subindex, entry.bits)
-    meaning = entry.factor, entry.offset, entry.unit
-    return DescribedPdoObject(entry.index, entry.subindex, entry.bits, data_type, name, *meaning)
-
-
 def address_text(index: int, subindex: int) -> str:
     """Return an address such as ``0x6041:00``."""
     return f"0x{index:04X}:{subindex:02X}"
+
+
+def pdo_name(pdo: PdoLayout) -> str:
+    """Return the name of a PDO, such as ``RPDO1``."""
+    return f"{pdo.direction.upper()}{pdo.number}"
+
+
+def mapped_name(entry: MappedEntry) -> str:
+    """Return the name of an object in a PDO, or its address without a name."""
+    return entry.name or address_text(entry.index, entry.subindex)
+
+
+def mapped_object(entry: MappedEntry) -> MappedObject:
+    """Return an object of a PDO for a `PdoCodec`; an unknown data type becomes the raw type of its width."""
+    data_type = DataType.__members__.get(entry.data_type) or type_of(None, entry.index, entry.subindex, entry.bits)
+    return MappedObject(entry.index, entry.subindex, entry.bits, data_type)
+
+
+def is_gap(entry: MappedEntry) -> bool:
+    """Whether a mapped object is a data type, which fills a gap (dummy mapping, CiA 301, 7.5.2.36)."""
+    return entry.index <= 7 and not entry.subindex
 
 
 def _read(path: str, node_id: int, notes: list[str]) -> ObjectDictionary | None:

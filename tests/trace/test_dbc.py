@@ -5,15 +5,10 @@ from support.robots import Bench
 from support.tracing import robby_decoder, robby_network
 
 from canopen_control.frame import CanFrame
-from canopen_control.od.model import DataType
+from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
 from canopen_control.trace.dbc import WORD_PARTS, dbc_text
 from canopen_control.trace.decoder import Decoder
-from canopen_control.trace.network_description import (
-    DescribedPdoObject,
-    NetworkDescription,
-    NodeDescription,
-    PdoDescription,
-)
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
 cantools = pytest.importorskip("cantools", reason="cantools, the independent reader of DBC files, is not installed")
 
@@ -67,13 +62,13 @@ def test_words_and_modes_are_named():
 
 def test_every_type_and_every_place_is_read_back():
     objects = (
-        DescribedPdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
-        DescribedPdoObject(0x0005, 0, 8, DataType.UNSIGNED8, "dummy"),
-        DescribedPdoObject(0x2001, 1, 12, DataType.UNSIGNED16, "1st (odd) name, of more than thirty-two characters"),
-        DescribedPdoObject(0x2001, 2, 8, DataType.INTEGER8, "1st (odd) name, of more than thirty-two characters"),
-        DescribedPdoObject(0x2002, 0, 32, DataType.REAL32, "Überdruck"),
+        MappedEntry(0x2000, 0, 4, "INTEGER8", "nibble"),
+        MappedEntry(0x0005, 0, 8, "UNSIGNED8", "dummy"),
+        MappedEntry(0x2001, 1, 12, "UNSIGNED16", "1st (odd) name, of more than thirty-two characters"),
+        MappedEntry(0x2001, 2, 8, "INTEGER8", "1st (odd) name, of more than thirty-two characters"),
+        MappedEntry(0x2002, 0, 32, "REAL32", "Überdruck"),
     )
-    node = NodeDescription("node one", 9, None, (PdoDescription(0x80012345, "tpdo", 1, objects),))
+    node = NodeDescription("node one", 9, None, (PdoLayout(0x80012345, "tpdo", 1, objects=objects),))
     network = NetworkDescription(nodes={9: node})
     image = 0xF | 0xAB << 4 | 0x123 << 12 | 0x80 << 24
     data = image.to_bytes(4, "little") + struct.pack("<f", 0.5)
@@ -93,13 +88,13 @@ def test_nodes_with_one_name_stay_apart():
 
 
 def test_numbers_are_scaled_with_their_unit_where_it_is_known():
-    pdo = PdoDescription(
+    pdo = PdoLayout(
         0x181,
         "tpdo",
         1,
-        (
-            DescribedPdoObject(0x6064, 0, 32, DataType.INTEGER32, "Position", 0.00025, -0.5, "m"),
-            DescribedPdoObject(0x606C, 0, 32, DataType.INTEGER32, "Velocity"),
+        objects=(
+            MappedEntry(0x6064, 0, 32, "INTEGER32", "Position", 0.00025, -0.5, "m"),
+            MappedEntry(0x606C, 0, 32, "INTEGER32", "Velocity"),
         ),
     )
     db = database(NetworkDescription(nodes={1: NodeDescription("lift", 1, pdos=(pdo,))}))

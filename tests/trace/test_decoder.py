@@ -4,15 +4,10 @@ from hypothesis import strategies as st
 from support.tracing import frame, robby_decoder, robby_network, said
 
 from canopen_control.frame import ERROR_FLAG, EXTENDED_FLAG, REMOTE_FLAG, CanFrame
-from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.fault import FaultEvent
+from canopen_control.rpc.messages.layout import MappedEntry, PdoLayout
 from canopen_control.trace.decoder import SERVICES, Decoder, Mark
-from canopen_control.trace.network_description import (
-    DescribedPdoObject,
-    NetworkDescription,
-    NodeDescription,
-    PdoDescription,
-)
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription
 
 
 def one(can_id, data="", decoder=None):
@@ -151,17 +146,17 @@ def test_heartbeats_that_were_read_late_together_are_no_silence():
 
 def test_a_pdo_may_lie_on_any_identifier_even_one_of_29_bits():
     objects = (
-        DescribedPdoObject(0x2000, 0, 4, DataType.INTEGER8, "nibble"),
-        DescribedPdoObject(0x2001, 0, 12, DataType.UNSIGNED16, "rest"),
+        MappedEntry(0x2000, 0, 4, "INTEGER8", "nibble"),
+        MappedEntry(0x2001, 0, 12, "UNSIGNED16", "rest"),
     )
-    node = NodeDescription("io", 9, None, (PdoDescription(EXTENDED_FLAG | 0x12345, "tpdo", 1, objects),))
+    node = NodeDescription("io", 9, None, (PdoLayout(EXTENDED_FLAG | 0x12345, "tpdo", 1, objects=objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(EXTENDED_FLAG | 0x12345, "1F00"))
     assert (got.node, got.text) == ("io", "nibble -1; rest 1")
 
 
 def test_a_mapping_that_cannot_be_is_said_with_the_bytes():
-    objects = tuple(DescribedPdoObject(0x2000 + n, 0, 64, DataType.UNSIGNED64, "x") for n in range(2))
-    node = NodeDescription("odd", 9, None, (PdoDescription(0x189, "tpdo", 1, objects),))
+    objects = tuple(MappedEntry(0x2000 + n, 0, 64, "UNSIGNED64", "x") for n in range(2))
+    node = NodeDescription("odd", 9, None, (PdoLayout(0x189, "tpdo", 1, objects=objects),))
     got = Decoder(NetworkDescription(nodes={9: node})).decode(frame(0x189, "0102"))
     assert got.text.startswith("01 02; its mapping cannot be read")
     assert got.mark is Mark.WARNING

@@ -5,9 +5,8 @@ from support.tracing import frame, robby_decoder, said
 
 from canopen_control.cia301.pdo import INVALID_BIT
 from canopen_control.frame import EXTENDED_FLAG, is_restricted
-from canopen_control.od.model import DataType
 from canopen_control.trace.decoder import LIMIT, Decoder, LearnedPdos
-from canopen_control.trace.network_description import NetworkDescription, NodeDescription
+from canopen_control.trace.network_description import NetworkDescription, NodeDescription, pdo_name
 from canopen_control.trace.values import NodeWords, SignalValue
 
 
@@ -30,10 +29,10 @@ def taught(values, pdos=None):
 
 def test_a_pdo_is_known_when_it_is_valid_and_all_its_objects_were_heard():
     ((pdo, before),) = taught([*MAP, held(0x1800, 2, 1), held(0x1800, 1, 0x40000183)])
-    assert (pdo.name, pdo.cob_id, pdo.transmission_type, before) == ("TPDO1", 0x183, 1, None)
+    assert (pdo_name(pdo), pdo.cob_id, pdo.transmission_type, before) == ("TPDO1", 0x183, 1, None)
     assert [(each.name, each.bits, each.data_type) for each in pdo.objects] == [
-        ("statusword", 16, DataType.UNSIGNED16),
-        ("velocity actual", 32, DataType.INTEGER32),
+        ("statusword", 16, "UNSIGNED16"),
+        ("velocity actual", 32, "INTEGER32"),
     ]
 
 

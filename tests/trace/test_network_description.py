@@ -16,6 +16,7 @@ from canopen_control.trace.network_description import (
     entry_name,
     network_of_eds,
     network_of_layout,
+    pdo_name,
     pdos_by_default,
 )
 
@@ -53,7 +54,7 @@ def test_a_layout_gives_nodes_their_names_and_pdos():
     network = robby_network()
     left = network.nodes[3]
     assert (network.bitrate, network.master_node_id, network.sync_cob_id) == (1_000_000, 1, 0x80)
-    assert [pdo.name for pdo in left.pdos] == ["RPDO1", "RPDO2", "TPDO1", "TPDO2"]
+    assert [pdo_name(pdo) for pdo in left.pdos] == ["RPDO1", "RPDO2", "TPDO1", "TPDO2"]
     tpdo2 = left.pdos[3]
     assert (tpdo2.cob_id, tpdo2.transmission_type) == (0x283, 1)
     assert [(each.index, each.bits, each.name) for each in tpdo2.objects] == [
@@ -79,7 +80,7 @@ def test_an_eds_that_is_gone_costs_names_and_is_noted():
 
 def test_an_eds_alone_gives_the_pdos_that_are_live_by_default():
     pdos = pdos_by_default(read_eds(EDS, 5).od)
-    assert {pdo.name: pdo.cob_id for pdo in pdos} == {
+    assert {pdo_name(pdo): pdo.cob_id for pdo in pdos} == {
         "RPDO1": 0x205,
         "RPDO2": 0x305,
         "RPDO3": 0x405,
@@ -116,7 +117,7 @@ def test_an_object_the_eds_lacks_is_still_read_by_its_width():
     )
     (pdo,) = pdos_by_default(od)
     assert (pdo.objects[0].data_type, pdo.objects[0].name, pdo.transmission_type) == (
-        DataType.UNSIGNED24,
+        "UNSIGNED24",
         "0x2005:00",
         255,
     )
