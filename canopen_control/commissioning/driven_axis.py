@@ -19,8 +19,11 @@ from canopen_control.errors import ConfigError, RemoteError
 from canopen_control.od.model import DataType
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.robot import AxisRequest, CommandController, GetNodes, ListControllers, SdoRead
+from canopen_control.trace.values import is_faulty
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from canopen_control.client import RobotClient
     from canopen_control.commissioning.node_session import NodeSession
     from canopen_control.rpc.messages.state import AxisReading, ControllerReading, StateSample
@@ -30,14 +33,13 @@ if TYPE_CHECKING:
 
 
 _POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
-_FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _REGISTER, _HISTORY = (0x1001, 0), (0x1003, 1)
 _MOST_ERRORS: Final = 32
 
 
 def fault_words(node: NodeSession) -> str:
     """Return the fault of a drive as text, from 0x603F, 0x1003 and 0x1001, or "" if no axis has a fault."""
-    axes = [axis for axis, state in node.drive_states().items() if state in _FAULTS]
+    axes = [axis for axis, state in node.drive_states().items() if is_faulty(state)]
     if not axes:
         return ""
     code = next(filter(None, (node.number(axis_index(ERROR_CODE, axis), 0, DataType.UNSIGNED16) for axis in axes)), 0)
@@ -114,11 +116,7 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
     own = next((controller for controller in controllers if takes_targets(controller, joint)), None)
     if own is not None:
         return JogDrive(client.robot, place.name, joint, own.name, mode)
-    users = [
-        controller.name
-        for controller in controllers
-        if controller.active and joint in controller.joints and not controller.is_broadcaster
-    ]
+    users = users_of(controllers, joint)
     place_text = f"node {place.node_id} ({place.name}) is {joint} of the running robot {client.robot}"
     shutdown = f"canopen-control shutdown --name {client.robot}"
     if not users:
@@ -135,6 +133,15 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
 def takes_targets(controller: ControllerReading, joint: str) -> bool:
     """Whether a controller is active and accepts targets for a single joint."""
     return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
+
+
+def users_of(controllers: Iterable[ControllerReading], joint: str) -> list[str]:
+    """Return the names of the active controllers that command a joint."""
+    return [
+        controller.name
+        for controller in controllers
+        if controller.active and joint in controller.joints and not controller.is_broadcaster
+    ]
 
 
 def choose_mode(client: RobotClient, request: AxisRequest) -> None:

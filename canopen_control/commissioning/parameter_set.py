@@ -36,7 +36,7 @@ from canopen_control.profiles.profile_tables import profile_signals
 from canopen_control.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from canopen_control.commissioning.node_session import NodeSession
@@ -371,16 +371,10 @@ class ParameterDifference:
     b_text: str
 
 
-def differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address] = ()) -> list[ParameterDifference]:
-    """Return the parameters that differ, by address, except those in `skipped`."""
-    return list(_differences(a, b, skipped))
-
-
-def _differences(a: ParameterSet, b: ParameterSet, skipped: Collection[Address]) -> Iterator[ParameterDifference]:
+def differences(a: ParameterSet, b: ParameterSet) -> Iterator[ParameterDifference]:
+    """Yield the parameters that differ, by address."""
     a_relative, b_relative = a.relative, b.relative
     for address in sorted({*a.values, *b.values}):
-        if address in skipped:
-            continue
         in_a, in_b = a.values.get(address), b.values.get(address)
         entry = (a.od if in_a is not None else b.od)[address]
         follows = address in a_relative, address in b_relative

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.state import State, decode_statusword
+from canopen_control.cia402.state import decode_statusword
 from canopen_control.errors import ConfigError
+from canopen_control.trace.values import is_faulty
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 
 MOST: Final = 1_000_000  # samples of one shot; older ones are dropped
-_FAULTS: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 Row = tuple[float, tuple[float | None, ...]]
 
@@ -69,7 +69,7 @@ class Trigger:
 
 
 def _has_fault(value: float, _level: float) -> bool:
-    return decode_statusword(int(value)) in _FAULTS
+    return is_faulty(decode_statusword(int(value)))
 
 
 _HOLDS: Final = {

@@ -6,7 +6,7 @@ import cmath
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 # Gains that a tuning run writes to a drive, so that they can be reverted.
 #
 # The previous values are saved before the first change and kept until they are restored: gains that were set twice are
-# reverted to the values before the first change. `Restore` writes, verifies and undoes a partial write. Sans-IO:
-# `KeptGains` stores the values.
+# reverted to the values before the first change. `Restore` writes, verifies and undoes a partial write.
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,19 +75,7 @@ def _raw(entry: Entry, value: float) -> Value:
     return number
 
 
-class KeptGains(Protocol):
-    """Storage on disk for the previous gains of a drive."""
-
-    def read(self) -> Mapping[Address, Value]:
-        """Return the stored values; empty if no gains were set."""
-
-    def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Store values; raise ConfigError if that fails."""
-
-    def forget(self) -> None: ...
-
-
-def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptGains) -> list[GainChange]:
+def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptParameters) -> list[GainChange]:
     """Save the old gains, write new gains and verify them; raise DriveError if the drive is enabled or refuses."""
     refuse_moving(session)
     od = session.dictionary
@@ -100,7 +87,7 @@ def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: Kep
     return _changes(od, current, values)
 
 
-def revert_gains(session: NodeSession, stored: KeptGains) -> list[GainChange]:
+def revert_gains(session: NodeSession, stored: KeptParameters) -> list[GainChange]:
     """Restore the gains from before the first `set_gains`; raise DriveError if no gains are stored."""
     target = stored.read()
     if not target:

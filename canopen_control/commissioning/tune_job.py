@@ -13,13 +13,14 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.commissioning.driven_axis import drive_of_robot, takes_targets
+from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
+from canopen_control.commissioning.driven_axis import drive_of_robot, takes_targets, users_of
 from canopen_control.commissioning.jog_motion import JogKind, limits_of
 from canopen_control.commissioning.quantity import JogScale
 from canopen_control.commissioning.scope_capture import NamedShot, Shot
 from canopen_control.commissioning.tune_gains import GainPlace, applied, reverted
 from canopen_control.commissioning.tune_report import bode_of, identified, proposed, report
-from canopen_control.commissioning.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest, torque_index_of
+from canopen_control.commissioning.tune_run import PEAK_S, TuneRequest, TuneRun, TuneTest
 from canopen_control.errors import ConfigError, DriveError
 from canopen_control.rpc.messages.robot import PublishEvent
 
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 GONE_S: Final = 1.0
 SCALE: Final = JogScale(math.tau, is_known=True, of_joint=True)  # a robot's joints are in rad
 _DECELERATION: Final = 20.0  # rad/s^2
-_HUNDREDTHS: Final = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def excite(
         plan.limits,
         deceleration=_DECELERATION,
         effort_unit=effort_unit,
-        torque_index=torque_index_of(plan.axis),
+        torque_index=axis_index(TORQUE_ACTUAL, plan.axis),
         progress=progress,
     )
 
@@ -131,11 +131,7 @@ def refusal(controllers: Sequence[ControllerReading], place: NodePlace, axis: in
     joint = place.joints[axis]
     if any(takes_targets(controller, joint) for controller in controllers):
         return ""
-    users = [
-        controller.name
-        for controller in controllers
-        if controller.active and joint in controller.joints and not controller.is_broadcaster
-    ]
+    users = users_of(controllers, joint)
     if not users:
         return f"No active controller accepts targets for {joint}, which a run requires."
     return (
@@ -170,7 +166,7 @@ def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFou
 
     def report_progress(elapsed: float) -> None:
         presence.check()
-        run.at(round(elapsed * _HUNDREDTHS), round(seconds * _HUNDREDTHS))
+        run.at(round(elapsed * 100), round(seconds * 100))  # in 10 ms, since progress is a whole number
 
     record = excite(drive, plan, SCALE, progress=report_progress).run()
     result.curves = curves_of(record, request)

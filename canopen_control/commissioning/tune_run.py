@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Protocol
 
-from canopen_control.cia402.objects import TORQUE_ACTUAL, axis_index
+from canopen_control.cia402.objects import TORQUE_ACTUAL
 from canopen_control.client import RobotClient
 from canopen_control.commissioning.driven_axis import (
     ENABLE_S,
@@ -197,11 +197,6 @@ def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
         yield message
         break
     yield from client.messages(0)
-
-
-def torque_index_of(axis: int) -> int:
-    """Return the index of the torque actual value of an axis (0x6077 for the first axis)."""
-    return axis_index(TORQUE_ACTUAL, axis)
 
 
 class TuneRun:

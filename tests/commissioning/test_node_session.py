@@ -117,7 +117,7 @@ def session(objects=None, od=OD, **others):
 
 
 def test_a_value_that_the_type_cannot_hold_is_told_with_its_object():
-    with pytest.raises(ConfigError, match=r"node 5 \(turn\): 0x6060:00 .*holds -128 to 127"):
+    with pytest.raises(ConfigError, match=r"node 5 \(turn\): 0x6060:00 .*the range is -128 to 127"):
         session(name="turn").write_value(OD[0x6060, 0], 500)
 
 

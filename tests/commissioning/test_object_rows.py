@@ -53,7 +53,7 @@ def test_text_becomes_the_bytes_of_its_type(text, data_type, data):
 @pytest.mark.parametrize(
     ("text", "data_type", "said"),
     [
-        ("300", DataType.INTEGER8, "300 is not a valid INTEGER8: it holds -128 to 127"),
+        ("300", DataType.INTEGER8, "300 is not a valid INTEGER8: the range is -128 to 127"),
         ("0x1FF", DataType.INTEGER8, "511 is not a valid INTEGER8"),
         ("-1", U16, "-1 is not a valid UNSIGNED16"),
         ("1.5", U16, "expected a whole number"),

@@ -24,7 +24,7 @@ def test_limits_are_those_of_the_eds_and_else_of_the_type():
     [
         ("11", r"0x2000:00 gain accepts -5 to 10, not 11; nothing was written"),
         ("-6", "accepts -5 to 10"),
-        ("70000", "0x2000:00 gain: value .*holds -32768 to 32767; nothing was written"),
+        ("70000", "0x2000:00 gain: value .*the range is -32768 to 32767; nothing was written"),
         ("fast", "'fast' is not a valid INTEGER16"),
         ("", "is not a valid INTEGER16"),
     ],

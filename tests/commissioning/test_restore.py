@@ -162,7 +162,7 @@ def test_every_makers_shape_takes_its_backup_back(name, tmp_path):
     one, good = restore(session, backup.values)
     assert one.refused == []
     assert good
-    assert differences(backup, held_by(session)) == []
+    assert [*differences(backup, held_by(session))] == []
 
 
 def damage_pdos(session, values):
