@@ -83,8 +83,8 @@ class BusKey:
 
 
 @dataclass(frozen=True)
-class PersonalityFile:
-    """Contents of a personality file."""
+class Personality:
+    """Behaviour of a manufacturer's drives, as in a personality file."""
 
     title: str
     identity: list[DriveIdentity] = setting(factory=list)
@@ -92,26 +92,19 @@ class PersonalityFile:
     absent: list[int] = setting(factory=list, low=0x1000, high=0xFFFF)
     modes: list[int] = setting(factory=list, low=1, high=32)
     quirks: list[QuirkLine] = setting(factory=list)
-    bus: list[BusKey] = setting(factory=list)
+    bus_keys: list[BusKey] = setting(key="bus", factory=list)
     not_known: list[str] = setting(factory=list)
     here: Node = position()  # noqa: RUF009 - makes a field
 
+    @property
+    def path(self) -> str:
+        """Path of the personality file."""
+        return self.here.path
 
-@dataclass(frozen=True, slots=True)
-class Personality:
-    """Behaviour of a manufacturer's drives; `name` is the name of the file without suffix."""
-
-    name: str
-    path: Path
-    title: str
-    identity: tuple[DriveIdentity, ...]
-    objects: tuple[int, ...]
-    absent: tuple[int, ...]
-    modes: tuple[int, ...]
-    quirks: tuple[QuirkLine, ...]
-    bus_keys: tuple[BusKey, ...]
-    not_known: tuple[str, ...]
-    here: Node
+    @property
+    def name(self) -> str:
+        """Name of the personality: the file name without suffix."""
+        return Path(self.path).stem
 
     def line_of(self, key: str) -> str:
         """Return the location of a key in the personality file, as ``PATH:LINE``."""
@@ -143,25 +136,12 @@ def read_personality(name: str) -> Personality:
         problem = "no file" if "/" in name or Path(name).suffix else "no personality"
         near = nearest(name, known, listed=False)
         raise PersonalityError(f"{problem} {name!r}{near}; there are: {', '.join(known)}; or a file of your own")
-    file = load(path, PersonalityFile, error=PersonalityError, check=_check)
-    return Personality(
-        path.stem,
-        path,
-        file.title,
-        tuple(file.identity),
-        tuple(file.objects),
-        tuple(file.absent),
-        tuple(file.modes),
-        tuple(file.quirks),
-        tuple(file.bus),
-        tuple(file.not_known),
-        file.here,
-    )
+    return load(path, Personality, error=PersonalityError, check=_check)
 
 
-def _check(file: PersonalityFile, _problems: Problems) -> None:
+def _check(personality: Personality, _problems: Problems) -> None:
     """Report quirks and keys of bus.yml with an empty source."""
-    lines: list[QuirkLine | BusKey] = [*file.quirks, *file.bus]
+    lines: list[QuirkLine | BusKey] = [*personality.quirks, *personality.bus_keys]
     for line in lines:
         if not line.source.strip():
             line.here.error("source: empty; write a repository with a number, a manual with a page, or unsourced")

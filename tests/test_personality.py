@@ -85,7 +85,7 @@ def test_a_file_of_a_user(tmp_path):
         "title: Our drive\nquirks:\n  - {quirk: brake_delay=0.8, source: measured}\n  - {quirk: remote_never}\n"
     )
     personality = read_personality(str(path))
-    assert (personality.name, personality.identity, personality.quirks[1].source) == ("ours", (), "unsourced")
+    assert (personality.name, personality.identity, personality.quirks[1].source) == ("ours", [], "unsourced")
     assert quirks_of(personality) == ["brake_delay=0.8", "remote_never"]
     assert personality.place(personality.quirks[1]) == f"{path}:4"
 

@@ -132,7 +132,7 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
                 section.path,
                 section.line,
                 Severity.NOTE,
-                f"{name} is a {drive.title} drive, and such drives need `{text}`: {key.why} ({key.source})",
+                f"{name} is recognized as {drive.title}, and such drives need `{text}`: {key.why} ({key.source})",
                 "add the key, unless this drive differs",
             )
 

@@ -179,24 +179,13 @@ def _control(joint: NewJoint) -> list[str]:
 # broadcaster, any other device a broadcaster of all signals. The joint state broadcaster publishes an encoder's joint.
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceController:
-    """Controller type for a device; the controller's name is the node name, "_" and `suffix`."""
-
-    suffix: str
-    type_name: str
-    parameters: Callable[[NewNode], list[str]]
-
-
-def device_controller(node: NewNode) -> tuple[DeviceController, list[str]]:
-    """Return the controller for a device with signals, and the parameter lines of the controller."""
+def device_controller(node: NewNode) -> tuple[str, str, list[str]]:
+    """Return name, type and parameter lines of the controller for a device with signals."""
     if node.outputs:
-        chosen = _OUTPUTS
-    elif node.profile is Profile.BATTERY and any(signal.name == QUANTITIES[0] for signal in node.signals):
-        chosen = _BATTERY
-    else:
-        chosen = _INPUTS
-    return chosen, chosen.parameters(node)
+        return f"{node.name}_outputs", "gpio_controllers/GpioCommandController", _outputs(node)
+    if node.profile is Profile.BATTERY and any(signal.name == QUANTITIES[0] for signal in node.signals):
+        return f"{node.name}_broadcaster", "battery_state_broadcaster/BatteryStateBroadcaster", _battery(node)
+    return f"{node.name}_broadcaster", "canopen_control/GpioBroadcaster", _inputs(node)
 
 
 def _outputs(node: NewNode) -> list[str]:
@@ -219,11 +208,6 @@ def _battery(node: NewNode) -> list[str]:
 
 def _inputs(node: NewNode) -> list[str]:
     return [remark(f"joints: [{node.name}]", "all signals of the device, at every update")]
-
-
-_OUTPUTS: Final = DeviceController("outputs", "gpio_controllers/GpioCommandController", _outputs)
-_BATTERY: Final = DeviceController("broadcaster", "battery_state_broadcaster/BatteryStateBroadcaster", _battery)
-_INPUTS: Final = DeviceController("broadcaster", "canopen_control/GpioBroadcaster", _inputs)
 
 
 # ros2_controllers.yaml of a new robot, with comments.
@@ -263,9 +247,9 @@ def controllers_text(robot: NewRobot) -> str:
         lines += ["", f"    {BASE_CONTROLLER}:", f"      type: {robot.base.type_name}"]
     for interface in groups:
         lines += ["", f"    {interface}_controller:", f"      type: {_TYPES[interface]}"]
-    devices = [(node, *device_controller(node)) for node in robot.nodes if node.signals and not node.measured]
-    for node, controller, _ in devices:
-        lines += ["", f"    {node.name}_{controller.suffix}:", f"      type: {controller.type_name}"]
+    devices = [device_controller(node) for node in robot.nodes if node.signals and not node.measured]
+    for name, type_name, _ in devices:
+        lines += ["", f"    {name}:", f"      type: {type_name}"]
     if robot.base.type_name:
         lines += ["", f"{BASE_CONTROLLER}:", "  ros__parameters:"]
         lines += [f"    {line}" if line else "" for line in _PARAMETERS[robot.base.name](robot)]
@@ -276,13 +260,8 @@ def controllers_text(robot: NewRobot) -> str:
         )
         if interface == VELOCITY:
             lines.append(remark("    command_timeout: 1.0", "s without a command until the motors stop"))
-    for node, controller, parameters in devices:
-        lines += [
-            "",
-            f"{node.name}_{controller.suffix}:",
-            "  ros__parameters:",
-            *(f"    {line}" for line in parameters),
-        ]
+    for name, _, parameters in devices:
+        lines += ["", f"{name}:", "  ros__parameters:", *(f"    {line}" for line in parameters)]
     return "\n".join(lines) + "\n"
 
 

@@ -33,7 +33,11 @@ def of_vendor(vendor, *, product_name=""):
 
 
 def findings(path):
-    return [each for each in check_robot(find_robot(str(path)), CheckOptions()).findings if "is known as" in each.text]
+    return [
+        each
+        for each in check_robot(find_robot(str(path)), CheckOptions()).findings
+        if "and such drives need" in each.text
+    ]
 
 
 @pytest.mark.parametrize(
@@ -70,7 +74,7 @@ def test_what_a_user_has_written_is_not_proposed():
 def test_check_proposes_a_key_with_its_source_and_is_silent_where_it_is_given(tmp_path):
     found = findings(folder(tmp_path, "csp", edit=of_vendor(ELMO)))
     assert {each.severity for each in found} == {Severity.NOTE}
-    assert "pan_drive is known as Elmo" in found[0].text
+    assert "pan_drive is recognized as Elmo" in found[0].text
     assert "`enable_settle_ms: 600`: set-points count when the brake has lifted (jsd#48)" in found[0].text
     assert findings(folder(tmp_path, "csp", edit=of_vendor(ELMO), keys="enable_settle_ms: 0")) == []
     assert findings(folder(tmp_path, "csp")) == []

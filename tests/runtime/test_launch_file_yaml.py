@@ -5,8 +5,7 @@ import textwrap
 import pytest
 
 from canopen_control.errors import RobotConfigError
-from canopen_control.runtime.launch_file import launched_robot, read_launch
-from canopen_control.runtime.launch_yaml import read_yaml_launch
+from canopen_control.runtime.launch_file import launched_robot, read_launch, read_yaml_launch
 
 FILE = """\
     launch:
