@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 from canopen_control.cia301.nmt import NmtState, state_of_byte
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.controllers.base import ALL_STATES, Controller, StateCopy, finite
-from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import ControlError, RobotConfigError, nearest
+from canopen_control.controllers.params import CommonParams, refuse_all
+from canopen_control.errors import ControlError, nearest
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, ReturnType
 from canopen_control.rpc.messages.fault import FaultEvent
 from canopen_control.rpc.messages.health import judge, stale
@@ -154,8 +154,7 @@ def read_params(params: Params, name: str) -> BatteryParams:
             ),
         )
     result = dataclasses.replace(settings, own=own)
-    if mistakes := list(result.mistakes()):
-        raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
+    refuse_all(name, result.mistakes())
     return result
 
 
@@ -193,9 +192,6 @@ class SensorParams(CommonParams):
             yield "no 'sensor_name'; give it under ros__parameters: sensor_name: imu"
         if not self.frame_id:
             yield "no 'frame_id'; give it under ros__parameters: frame_id: imu_link"
-
-    def check(self, name: str) -> None:
-        refuse_all(name, self.mistakes())
 
 
 @dataclass(frozen=True)
@@ -339,15 +335,6 @@ class PoseParams(CommonParams):
             yield "no 'frame_id'; give it under ros__parameters: frame_id: map"
         yield from (f"interface_names.{name}{nearest(name, POSE)}" for name in self.interface_names if name not in POSE)
 
-    def check(self, name: str) -> None:
-        refuse_all(name, self.mistakes())
-
-
-def refuse_all(name: str, mistakes: Iterator[str]) -> None:
-    """Raise RobotConfigError with all error texts, if there are any; `name` is the controller."""
-    if texts := list(mistakes):
-        raise RobotConfigError(f"{name}: {'; '.join(texts)}")
-
 
 # Sensor broadcasters: IMU, range, force and torque, pose; they read the state interfaces of a <sensor> of any hardware.
 #
@@ -394,7 +381,7 @@ class SensorBroadcaster(Controller):
         return OK
 
     def _set_up(self, params: SensorParams | PoseParams, names: list[str]) -> None:
-        params.check(self.name)
+        refuse_all(self.name, params.mistakes())
         self.update_rate, self.frame_id, self._names = params.update_rate, params.frame_id, names
 
     def _finite(self, first: int, last: int) -> tuple[float | None, ...]:
@@ -499,7 +486,7 @@ class PoseBroadcaster(SensorBroadcaster):
 
     def on_configure(self, params: Params) -> None:
         self.params = settings = params.read(PoseParams)
-        settings.check(self.name)
+        refuse_all(self.name, settings.mistakes())  # before `names`, which need all keys
         self._set_up(settings, settings.names)
         if settings.tf.publish_rate:
             self.report(

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, ClassVar, Final
 
 from canopen_control.controllers.base import ALL_STATES, Controller, ControllerState, StateCopy
 from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
-from canopen_control.controllers.params import CommonParams
-from canopen_control.errors import ControlError, RobotConfigError, nearest
+from canopen_control.controllers.params import CommonParams, refuse_all
+from canopen_control.errors import ControlError, nearest
 from canopen_control.hardware.interfaces import OK, ReturnType
 from canopen_control.rpc.messages.samples import GpioSample
 from canopen_control.urdf.joint_element import POSITION
@@ -108,9 +108,7 @@ def read_params(params: Params, name: str, joints: Sequence[str]) -> GpioParams:
     `joints` are the movable joints of the description, whose motion interfaces are not allowed as outputs.
     """
     settings = params.read(GpioParams)
-    mistakes = [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)]
-    if mistakes:
-        raise RobotConfigError(f"{name}: {'; '.join(mistakes)}")
+    refuse_all(name, [*_of_names(settings), *_of_safe_values(settings), *_of_joints(settings, joints)])
     return settings
 
 

@@ -1,4 +1,4 @@
-"""Command limiters with the behaviour of ros2_control and control_toolbox, and one common interface.
+"""Command limiters with the behaviour of ros2_control and control_toolbox.
 
 | upstream | class | limits | compared with |
 |---|---|---|---|
@@ -7,17 +7,15 @@
 | joint_limits JointSoftLimiter | `SoftLimiter` | the same, slower before soft limits | the same, and the joint |
 | joint_limits JointTrajectoryPointSaturationLimiter | `PointLimiter` | points of several joints | the previous point |
 
-The algorithms are kept as different as they are upstream. `enforce` is the same for all: it clamps `desired` in place,
-compared with `actual` if there was no previous command, and returns whether it changed anything; `reset` discards the
-previous commands.
+The algorithms differ as much as upstream. Each limiter has `enforce`, which clamps `desired` in place, compared with
+`actual` if there was no previous command, and returns whether a value was changed. `reset` discards previous commands.
 """
 
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
 
@@ -31,21 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.joint_element import HardLimits, SoftLimits
 
 
-S = TypeVar("S")
 NAN: Final = math.nan
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class Limiter(Generic[S]):
-    """Base class of limiters; `S` is the limited type, such as a list of numbers or a trajectory point."""
-
-    @abstractmethod
-    def enforce(self, actual: S, desired: S, period: float) -> bool:
-        """Clamp `desired` in place, and return whether a value was changed; `period` is in s."""
-
-    @abstractmethod
-    def reset(self) -> None:
-        """Discard the previous commands."""
 
 
 # Rate limiter (control_toolbox::RateLimiter): limits jerk, then acceleration, then velocity, compared with the two
@@ -142,7 +126,7 @@ class RateLaw:
 _UNLIMITED: Final = RateLaw(VelocityLimits())
 
 
-class RateLimiter(Limiter["list[float]"]):
+class RateLimiter:
     """Limiter of several numbers, each with its `RateLaw` and its last two commands, which `step` records.
 
     `rest` are the initial values, nan for the actual value. A nan is no command: the number stays nan, and its history
@@ -211,7 +195,7 @@ NEAR: Final = 0.002  # rad or m outside the range within which a velocity may st
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
-class JointLimiter(Limiter["list[float]"]):
+class JointLimiter:
     """Limiter of one joint's commands; `before` are the previous commands, nan after `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
@@ -422,7 +406,7 @@ def _clamp(value: float, low: float, high: float) -> float:
 _ZERO: Final = 1e-10  # values up to this magnitude count as not given
 
 
-class PointLimiter(Limiter["Point"]):
+class PointLimiter:
     """Limiter of trajectory points to the `limits` of their joints; `joint` is the index of the first limited joint."""
 
     def __init__(self, limits: Sequence[HardLimits]) -> None:
@@ -463,9 +447,6 @@ class PointLimiter(Limiter["Point"]):
         if grows:
             desired.accelerations[:] = self._accelerations
         return self._limited
-
-    def reset(self) -> None:
-        """Do nothing: this limiter keeps no previous points."""
 
     def _note(self, joint: int) -> None:
         if not self._limited:

@@ -198,6 +198,12 @@ class CommonParams:
     thread_priority: int = setting(50, help="has no effect: `run --realtime` sets the priority of the control cycle")
 
 
+def refuse_all(name: str, mistakes: Iterable[str]) -> None:
+    """Raise RobotConfigError with all error texts, if there are any; `name` is the controller."""
+    if texts := list(mistakes):
+        raise RobotConfigError(f"{name}: {'; '.join(texts)}")
+
+
 # Parameters of the forward command controllers and the joint state broadcaster, and gains of PID loops.
 #
 # Keys, defaults and meaning are those of ros2_controllers.

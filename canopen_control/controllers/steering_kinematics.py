@@ -183,10 +183,6 @@ class SteeringKinematics(PlanarPose):
         return self.radius * middle * 0.5
 
 
-class BicycleKinematics(SteeringKinematics):
-    """Kinematics of a base with one traction wheel and one steered wheel, both on the centre line."""
-
-
 class TricycleKinematics(SteeringKinematics):
     """Kinematics of a base with two traction wheels on one axle and one steered wheel."""
 

@@ -13,7 +13,6 @@ from canopen_control.controllers.base_params import BaseParams, Six, TwistAxisLi
 from canopen_control.controllers.diff_drive_params import SwitchedLimits
 from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
-    BicycleKinematics,
     SteeringKinematics,
     TricycleKinematics,
 )
@@ -126,7 +125,6 @@ class SteeringParams(BaseParams):
 class BicycleParams(SteeringParams):
     """Parameters of bicycle_steering_controller/BicycleSteeringController."""
 
-    kinematics: ClassVar[type[SteeringKinematics]] = BicycleKinematics
     radius_key: ClassVar[str] = "traction_wheel_radius"
 
     traction_wheel_radius: float = setting(0.0, low=0.0, help="radius of the driven wheel in m")

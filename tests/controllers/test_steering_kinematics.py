@@ -10,12 +10,11 @@ from support.bases import cases, differences
 
 from canopen_control.controllers.steering_kinematics import (
     AckermannKinematics,
-    BicycleKinematics,
     SteeringKinematics,
     TricycleKinematics,
 )
 
-KINDS = {"bicycle": BicycleKinematics, "tricycle": TricycleKinematics, "ackermann": AckermannKinematics}
+KINDS = {"bicycle": SteeringKinematics, "tricycle": TricycleKinematics, "ackermann": AckermannKinematics}
 
 
 def made(given: dict[str, Any]) -> SteeringKinematics:

@@ -43,27 +43,22 @@ NONE: Final = -1
 
 
 class Values(Protocol):
-    """Values of a point, as attributes of a `Point` or a message."""
+    """Values of a point, as attributes of a `Point` or a message; a list has one value per joint, or is empty.
+
+    Units are rad, rad/s, rad/s2 and Nm (m, m/s, m/s2 and N for prismatic joints).
+    """
 
     @property
-    def positions(self) -> list[float]:
-        """Positions in rad or m, one per joint, or none."""
-        ...
+    def positions(self) -> list[float]: ...
 
     @property
-    def velocities(self) -> list[float]:
-        """Velocities in rad/s or m/s, one per joint, or none."""
-        ...
+    def velocities(self) -> list[float]: ...
 
     @property
-    def accelerations(self) -> list[float]:
-        """Accelerations in rad/s2 or m/s2, one per joint, or none."""
-        ...
+    def accelerations(self) -> list[float]: ...
 
     @property
-    def effort(self) -> list[float]:
-        """Efforts in Nm or N, one per joint, or none."""
-        ...
+    def effort(self) -> list[float]: ...
 
 
 class Range:
@@ -200,12 +195,10 @@ _FARTHEST_S: Final = 1e9
 
 
 class TimedValues(Values, Protocol):
-    """Values of a point with its time, as received on a socket."""
+    """Values of a point with its time in s from the start of the trajectory, as received on a socket."""
 
     @property
-    def time_from_start(self) -> float:
-        """Time from the start of the trajectory in s."""
-        ...
+    def time_from_start(self) -> float: ...
 
 
 class _Column:
