@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.controllers.base_params import PrefixedParams, TwistAxisLimits, refuse
+from canopen_control.controllers.base_params import NAN, PrefixedParams, TwistAxisLimits, refuse
 from canopen_control.yamlfile.convert import setting
 
 if TYPE_CHECKING:
@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from canopen_control.controllers.base import WheelGeometrySource
     from canopen_control.controllers.limiters import VelocityLimits
     from canopen_control.controllers.params import Params
-
-
-NAN: Final = math.nan
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,14 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from mypy_extensions import mypyc_attr
 
 from canopen_control.controllers.base import DriveGeometry, finite
-from canopen_control.controllers.base_params import TwistAxisLimits, read_checked
-from canopen_control.controllers.holonomic_params import COMMANDED, LEAST_WHEELS, MecanumParams, OmniParams
+from canopen_control.controllers.base_params import (
+    COMMANDED,
+    LEAST_WHEELS,
+    MecanumParams,
+    OmniParams,
+    TwistAxisLimits,
+    read_checked,
+)
 from canopen_control.controllers.mobile_base import MobileBase
 from canopen_control.controllers.planar_pose import MIN_DT, HolonomicKinematics
 from canopen_control.rpc.messages.samples import MecanumSample, grown

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from canopen_control.controllers.base import Controller, finite, zero_targets
 from canopen_control.controllers.command_timeout import ENDLESS, MOVING, timeout_ns, unlimited_warning
+from canopen_control.controllers.params import DofGains, PidParams, read_pid_params
 from canopen_control.controllers.pid import Pid
-from canopen_control.controllers.pid_params import DofGains, PidParams, read_params
 from canopen_control.controllers.trajectory.point import shortest_angular_distance
 from canopen_control.errors import RobotConfigError
 from canopen_control.hardware.interfaces import OK, CommandInterface, ReturnType, StateInterface
@@ -108,7 +108,7 @@ class PidController(Controller):
     # ------------------------------------------------------------------------------------------------- lifecycle
 
     def on_configure(self, params: Params) -> None:
-        self.params = settings = read_params(params, self.name)
+        self.params = settings = read_pid_params(params, self.name)
         if settings.command_interface not in MOVING:
             raise RobotConfigError(
                 f"{self.name}: command_interface: {settings.command_interface} keeps its target when the loop stops; "
@@ -142,7 +142,7 @@ class PidController(Controller):
         ]
 
     def on_set(self, params: Params) -> None:
-        self.params = settings = read_params(params, self.name)
+        self.params = settings = read_pid_params(params, self.name)
         for dof, gains in zip(self._dofs, settings.gains, strict=False):
             dof.set_gains(gains)
 

@@ -4,11 +4,10 @@ import dataclasses
 
 import pytest
 
-from canopen_control.controllers.base_params import BaseParams
+from canopen_control.controllers.base_params import BaseParams, MecanumParams
 from canopen_control.controllers.controllers_file import ManagerParams
 from canopen_control.controllers.declared import declared_by
 from canopen_control.controllers.gpio_command import GpioParams
-from canopen_control.controllers.holonomic_params import MecanumParams
 from canopen_control.controllers.params import CommonParams
 from canopen_control.controllers.types import TYPES, class_of
 from canopen_control.yamlfile.convert import fields_of, help_of

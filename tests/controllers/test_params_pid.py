@@ -2,9 +2,8 @@ import math
 
 import pytest
 
-from canopen_control.controllers.params import Params
+from canopen_control.controllers.params import Params, read_pid_params
 from canopen_control.controllers.pid import AntiWindup
-from canopen_control.controllers.pid_params import read_params
 from canopen_control.errors import RobotConfigError
 
 GIVEN = {
@@ -16,7 +15,7 @@ GIVEN = {
 
 
 def read(**changes):
-    return read_params(Params.of({**GIVEN, **changes}), "pid")
+    return read_pid_params(Params.of({**GIVEN, **changes}), "pid")
 
 
 def test_gains_are_those_of_each_degree_of_freedom():
@@ -52,5 +51,5 @@ def test_what_cannot_be_is_refused_with_the_key(changes, text):
 
 def test_gains_of_a_stranger_are_told():
     params = Params.of({**GIVEN, "gains.c.p": 1.0}, "pid")
-    read_params(params, "pid")
+    read_pid_params(params, "pid")
     assert any("gains.c.p" in each for each in params.warnings)

@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 from support.bases import OMNI, PARAMS
 
-from canopen_control.controllers.base_params import read_checked
-from canopen_control.controllers.holonomic_params import OmniParams
+from canopen_control.controllers.base_params import OmniParams, read_checked
 from canopen_control.controllers.params import Params
 from canopen_control.errors import RobotConfigError
 
