@@ -19,7 +19,6 @@ from canopen_control.virtual.mode_base import (
     NEW_SET_POINT,
     REACHED,
     FollowingMode,
-    GatedMode,
     Mode,
     ModeGate,
 )
@@ -507,8 +506,8 @@ def possible_modes(objects: AxisObjects) -> int:
 class DriveModes:
     """Modes of operation of one axis: `number` is the active mode as in 0x6061, `active` its implementation.
 
-    The mode changes only while all `conditions` hold. Injection points: `stuck` (the mode never changes), `delay_ns`
-    (the delay of a change) and `homing.fails`.
+    The mode changes only while all `conditions` hold; `gate` can block set-points. Injection points: `stuck` (the mode
+    never changes), `delay_ns` (the delay of a change) and `homing.fails`.
     """
 
     def __init__(self, axis: AxisParts) -> None:
@@ -535,14 +534,22 @@ class DriveModes:
         """Remove a mode that `add` added."""
         self._all.pop(number, None)
 
-    def set_gate(self, gate: ModeGate | None) -> None:
-        """Insert a gate in front of every mode; None removes the gate."""
-        self.gate = gate
-        for number, mode in self._all.items():
-            inner = mode.inner if isinstance(mode, GatedMode) else mode
-            self._all[number] = inner if gate is None else GatedMode(inner, gate)
-        if self.active is not self._none:
-            self.active = self._all.get(self.number, self._none)
+    @property
+    def is_open(self) -> bool:
+        """Whether set-points reach the active mode, because no gate is closed."""
+        return self.gate is None or not self.gate.closed_by
+
+    def start(self, now: int) -> None:
+        """Start the active mode from the present motion, or stop the axis while the gate is closed."""
+        if self.is_open:
+            self.active.start(now)
+        else:
+            self.active.stop(now, Reaction.SLOW_DOWN_RAMP)
+
+    def control(self, word: int, previous: int, now: int) -> None:
+        """Pass a controlword to the active mode, if the gate and all filters of the gate allow it."""
+        if self.is_open and (self.gate is None or all(takes(word, previous, now) for takes in self.gate.takes)):
+            self.active.control(word, previous, now)
 
     def set_model(self, model: DeviceModel) -> None:
         """Replace the device model in every mode."""
@@ -578,5 +585,5 @@ class DriveModes:
         axis.mover.velocity_mode = number in _VELOCITY_MODES and not axis.objects.model.ramps_positions
         self.number, self.active = number, self._all.get(number, self._none)
         if axis.power.running and not axis.power.halted:
-            self.active.start(now)
+            self.start(now)
         axis.outbox.values_changed()

@@ -107,13 +107,11 @@ class QuirkHooks:
         self.outgoing: list[Outgoing] = []
         self.incoming: list[Incoming] = []
         self._undo = contextlib.ExitStack()
-        self._gates: dict[int, ModeGate] = {}
 
     def undo(self) -> None:
         self._undo.close()
         self.outgoing.clear()
         self.incoming.clear()
-        self._gates.clear()
 
     def later(self, undo: Callable[[], object]) -> None:
         """Call `undo` when the quirks are undone."""
@@ -190,11 +188,10 @@ class QuirkHooks:
 
     def gate(self, drive: VirtualDrive) -> ModeGate:
         """Return the gate in front of the modes of an axis; the first call creates the gate."""
-        if drive.axis not in self._gates:
-            gate = self._gates[drive.axis] = ModeGate()
-            drive.modes.set_gate(gate)
-            self.later(partial(drive.modes.set_gate, None))
-        return self._gates[drive.axis]
+        if drive.modes.gate is None:
+            self.attribute(drive.modes, "gate", ModeGate())
+        assert drive.modes.gate is not None
+        return drive.modes.gate
 
     def model(self, drive: VirtualDrive, **changed: Any) -> None:  # noqa: ANN401 - the fields of a model
         self.later(partial(drive.set_model, drive.objects.model))

@@ -447,7 +447,7 @@ class VirtualDrive:
             self.modes.select(now)
         if controlword:
             self._control(now)
-        if self.power.live:
+        if self.power.live and self.modes.is_open:
             mode = self.modes.active
             mode.take(now) if set_point else mode.update(now)
 
@@ -490,11 +490,15 @@ class VirtualDrive:
 
     def _record_written(self, entry: Entry, _value: Value) -> None:
         interpolated = self.modes.interpolated
-        if self.modes.active is interpolated and entry.subindex == interpolated.buffer.last_subindex:
+        if (
+            self.modes.active is interpolated
+            and self.modes.is_open
+            and entry.subindex == interpolated.buffer.last_subindex
+        ):
             interpolated.record_written(self._clock.now)
 
     def _control(self, now: int) -> None:
-        power, mode = self.power, self.modes.active
+        power = self.power
         word, previous = self.objects.number(o.CONTROLWORD), power.controlword
         power.controlword = word
         before = power.state
@@ -504,9 +508,9 @@ class VirtualDrive:
         if power.running:
             power.halt(bool(word & HALT_BIT), now)
             if power.operational and before is State.OPERATION_ENABLED:
-                mode.control(word, previous, now)
+                self.modes.control(word, previous, now)
         elif not self.mover.powered:
-            mode.control_unpowered(word, previous, now)
+            self.modes.active.control_unpowered(word, previous, now)
         if word != previous:
             self._outbox.values_changed()
 
@@ -541,7 +545,7 @@ class VirtualDrive:
     # -- the motor of the power state machine
 
     def start(self, now: int) -> None:
-        self.modes.active.start(now)
+        self.modes.start(now)
 
     def stop(self, now: int, reaction: Reaction) -> None:
         self.modes.active.stop(now, reaction)

@@ -14,6 +14,7 @@ from canopen_control.cia301.abort import AbortCode
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.device_model import ELMO, GENERIC, MAXON, PLAIN, DeviceModel, MissingSetPoint
 from canopen_control.virtual.plant import LagPlant, LoadedPlant
+from canopen_control.virtual.quirks import switches_of
 
 ON = DeviceModel(missing=MissingSetPoint(cycles=3))
 V = STEP / 0.01
@@ -362,6 +363,18 @@ def test_enabled_again_it_goes_on_at_once():
     assert bench.number(0x60C4, 4) == 1
     bench.on(0.01)
     assert place(bench) == 3 * STEP
+
+
+def test_records_by_sdo_fill_the_buffer_of_a_drive_with_a_quirk_of_set_points_as_well():
+    bench = buffered()
+    switches_of(bench.node).set("set_point_needs_bit_5", True, bench.now)
+    bench.control(0x0F)
+    for cycle in range(1, 5):
+        bench.write(0x60C1, STEP * cycle, 1)
+    assert bench.number(0x60C4, 4) == 4
+    bench.control(0x1F)
+    bench.on(0.1)
+    assert place(bench) == 4 * STEP
 
 
 def test_a_record_too_many_is_refused_and_those_that_wait_stay():

@@ -128,8 +128,8 @@ def test_all_quirks_that_go_together_are_undone_together():
 def test_a_drive_without_a_quirk_has_nothing_in_its_way():
     bench = Quirky()
     assert bench.node.filter is None
-    assert type(bench.enable(3).drive.modes.active).__name__ == "ProfileVelocity"
+    assert bench.enable(3).drive.modes.gate is None
     bench.set("brake_delay")
-    assert type(bench.drive.modes.active).__name__ == "GatedMode"
+    assert bench.drive.modes.gate is not None
     bench.set("brake_delay", on=False)
-    assert type(bench.drive.modes.active).__name__ == "ProfileVelocity"
+    assert bench.drive.modes.gate is None
