@@ -277,7 +277,7 @@ _SET_WORDS: Final = "an object and its value, as in 0x6081=1000"
 _KEYS: Final = """space STOP, r release; q quit
 e d f enable, disable, fault-reset the selected drive; E D F all drives
 1 to 5 tabs, Tab next table, left and right other columns
-/ filter, Escape leaves it; p pauses the frames
+/ filter, Escape closes it and messages; p pauses the frames
 w work with the drive, u undo, x end the work"""
 _FRAME_TABS: Final = ("tab-identifiers", "tab-trace")
 _LATE_S: Final = 0.9 * PERIOD_S
@@ -510,7 +510,11 @@ class MonitorApp(App[None]):
         field.focus()
 
     def action_leave_filter(self) -> None:
-        """Hide the input line and the menu of actions."""
+        """Hide the input line, the menu of actions and the messages."""
+        self._close_input()
+        self.clear_notifications()
+
+    def _close_input(self) -> None:
         self._chosen = ""
         for widget in (self.query_one(FilterLine), self._drive.choice):
             widget.remove_class("shown")
@@ -562,7 +566,7 @@ class MonitorApp(App[None]):
         except CanopenError as error:
             self.notify(str(error), severity="error", markup=False)
             return
-        self.action_leave_filter()
+        self._close_input()
 
     def _ask(self, title: str, request: Request[Any]) -> None:
         """Send a request on a thread and show the result."""

@@ -417,7 +417,7 @@ def _drives(state: StateSample) -> Iterator[tuple[str, tuple[Cell, ...]]]:
 def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) -> tuple[Cell, ...]:
     which = f"{name} ({node.node_id})" + (f" axis {axis.axis}" if several else "")
     dead = 0.0 if node.nmt_state is None else float("inf")
-    error = axis.error or node.error or ""
+    error = (axis.error or node.error or "").removeprefix(f"node {node.node_id} ({name}): ")  # the row names the node
     return (
         plain(which),
         _nmt(node),

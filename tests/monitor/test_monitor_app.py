@@ -841,6 +841,8 @@ def test_every_key_is_reached_on_a_narrow_terminal_and_the_tables_show_their_oth
         for binding in MonitorApp.BINDINGS:
             key = keys.get(binding.key, binding.key)
             assert key in {*named, "?", "2", "3", "4", "ctrl+c"}, key
+        await pilot.press("escape")
+        assert not list(app._notifications), "Escape uncovers what the list hides"
         drives = app.query_one("#drives")
         assert drives.virtual_size.width > drives.size.width
         drives.focus()
