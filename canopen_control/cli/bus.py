@@ -53,7 +53,7 @@ class InterfaceStatus:
 
 
 class InterfaceDocument(Document, frozen=True, kw_only=True):
-    """CAN interface as printed by `bus status --json`, null for unknown values; see CanInterface and Listener."""
+    """CAN interface in `bus status --json`; unknown values are null. The fields are those of CanInterface."""
 
     name: str
     kind: str

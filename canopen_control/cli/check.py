@@ -48,7 +48,10 @@ class FrameShare(Document, frozen=True):
 
 
 class BudgetDocument(Document, frozen=True, kw_only=True):
-    """Bus load: `bits` per cycle without stuff bits, `worst_bits` with the maximum, average `load` from 0 to 1."""
+    """Load of a bus; a cycle has `bits` without stuff bits, `worst_bits` with all possible stuff bits.
+
+    `load` is the average load, from 0 to 1.
+    """
 
     bitrate: int
     period_s: float
@@ -70,7 +73,7 @@ class StopCaseDocument(Document, frozen=True):
 
 
 class StopDocument(Document, frozen=True):
-    """Stopping time of a joint from `speed`, which is in the drive's units, and infinite (null) without a limit."""
+    """Stopping time of a joint from `speed` in units of the drive; a time without a limit is infinite (null)."""
 
     joint: str
     node: str
@@ -81,7 +84,7 @@ class StopDocument(Document, frozen=True):
 
 
 class CheckDocument(Document, frozen=True):
-    """Everything that `check --json` prints."""
+    """Document that `check --json` prints."""
 
     robot: str
     findings: list[FindingDocument]

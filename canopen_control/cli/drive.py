@@ -77,7 +77,7 @@ def _axis_line(axis: AxisState) -> str:
 
 
 def quality_lines(quality: SetPointQuality) -> Iterator[str]:
-    """Yield lines about the set-points of a cyclic mode: their counts, ripple, and phase relative to SYNC."""
+    """Yield lines with the counts, the ripple, and the phase relative to SYNC of cyclic set-points."""
     yield (
         f"set-points: {quality.taken} taken, {quality.missed} missed, {quality.doubled} doubled, "
         f"{quality.overwritten} overwritten"
@@ -198,7 +198,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run_buses(args: argparse.Namespace) -> int:
-    """Run the drives on several buses that the file of --buses describes."""
     options = [name for name in ("node_id", "can", "eds", "status", "quirk", *_FILES) if getattr(args, name)]
     if options:
         raise ConfigError(f"--buses FILE replaces all other options; omit --{options[0].replace('_', '-')}")
@@ -209,7 +208,6 @@ def _run_buses(args: argparse.Namespace) -> int:
 
 
 def _print_status(args: argparse.Namespace) -> int:
-    """Print the state of running drives as text or JSON."""
     channel = str(parse_channel(args.can))
     for node_id in parse_node_ids(args.node_id):
         with DriveClient.connect(channel, node_id) as client:

@@ -459,7 +459,6 @@ class ConvertedDocument(Document, frozen=True):
 
 
 def _convert(args: argparse.Namespace) -> int:
-    """Write a file in the format of the output's suffix."""
     output = Path(args.output)
     ending = output.suffix.lower()
     if ending not in SUFFIXES:

@@ -89,7 +89,7 @@ def _decoded(recording: Iterable[tuple[int, object]], network: NetworkDescriptio
 
 
 def _signals(network: NetworkDescription) -> list[str]:
-    """Return the column names: each object mapped to a PDO once, in the order of nodes and PDOs."""
+    """Return the column names, one for each object mapped to a PDO, in the order of nodes and PDOs."""
     names = (
         f"{node.name or f'node {node_id}'}.{mapped_name(entry)}"
         for node_id, node in sorted(network.nodes.items())

@@ -148,7 +148,6 @@ def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive
 
 
 def _lines(robot: NewRobot, axis: AxisChoice, scale: JogScale, limits: JogLimits) -> Iterator[str]:
-    """Yield the lines printed before the drive moves."""
     node = robot.nodes[0]
     product = " ".join(filter(None, (node.device.od.device.vendor_name, node.device.od.device.product_name)))
     yield f"node {node.device.node_id}{f', {product}' if product else ''}: {axis.interface} in {axis.mode.name}"

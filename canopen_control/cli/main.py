@@ -76,7 +76,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _replaces_interrupt(error: Exception) -> bool:
-    """Whether an exception after a signal stands for KeyboardInterrupt, as a RuntimeError of pybind11 does."""
+    """Whether an exception after a signal replaces KeyboardInterrupt, as a RuntimeError of pybind11 does."""
     return not isinstance(error, CanopenError) or isinstance(error.__cause__, RuntimeError | SystemError)
 
 
@@ -147,7 +147,7 @@ def _no_verb(word: str) -> str:
 
 
 def _with_action(word: str) -> list[str]:
-    """Return the commands, as `canopen-control VERB ACTION`, whose action has this name."""
+    """Return the commands `canopen-control VERB ACTION` with an action of this name."""
     from canopen_control.cli.support.parsers import parser_of
 
     return [

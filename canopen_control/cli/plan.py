@@ -148,7 +148,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 
 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
-    """Return the writes that a node needs, and None; or no writes, and the reason if it cannot be read."""
+    """Return the writes that a node needs, and the reason why the node cannot be read, or None."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort
     from canopen_control.master.boot_config import groups, needed, reads_of
 

@@ -195,7 +195,7 @@ def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
 
 
 class Jog:
-    """Robot that is run to jog its joints, with one forward controller for each command interface.
+    """Robot whose joints are jogged, with one forward controller for each command interface.
 
     The context boots, enables and shuts down the robot. `joints` can be jogged; `turned` have turned as commanded.
     """
@@ -296,7 +296,6 @@ class Jog:
         return abs(sample["velocity"] - self.speed) <= self.speed * TOLERANCE
 
     def _groups(self) -> dict[str, list[str]]:
-        """Return the joints grouped by their jog interface."""
         groups: dict[str, list[str]] = {}
         for joint, interface in self._interfaces.items():
             groups.setdefault(interface, []).append(joint)
@@ -387,7 +386,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(slots=True)
 class Preflight:
-    """Preflight in progress: the steps so far, and the functions that print and ask the user."""
+    """State of a preflight, with the functions that print a line and ask the user."""
 
     setup: RobotSetup
     report: Callable[[str], None]
@@ -397,7 +396,7 @@ class Preflight:
     covered: list[str] = field(default_factory=list)  # the joints that turned as commanded
 
     def note(self, steps: Iterable[PreflightStep]) -> bool:
-        """Print steps as they are completed; return whether none failed."""
+        """Store and print the results of steps; return False if a step failed."""
         good = True
         for step in steps:
             self.steps.append(step)
@@ -406,7 +405,7 @@ class Preflight:
         return good
 
     def check_link(self) -> bool:
-        """Check links and nodes without writing to a drive; return whether nothing failed."""
+        """Check links and nodes without writing to a drive; return False if a step failed."""
         good = True
         for name, bus in self.setup.buses.items():
             channel = self.setup.channels[name]

@@ -372,7 +372,7 @@ def _share_imports(options: RunOptions) -> None:
 
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError if an option lacks another option, or an extra of the package, that it needs."""
+    """Raise ConfigError if an option requires another option, or an extra of the package, that is missing."""
     from canopen_control.hardware.plugins import PluginKind
 
     if args.view:

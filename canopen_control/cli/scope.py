@@ -122,7 +122,7 @@ def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None 
 
 @dataclass(frozen=True, slots=True)
 class SignalReport:
-    """Signal of a capture, as --json prints it."""
+    """Signal of a capture in `scope --json`."""
 
     name: str
     label: str
@@ -133,7 +133,7 @@ class SignalReport:
 
 @dataclass(frozen=True, slots=True)
 class ShotReport:
-    """Capture, as --json prints it; a sample is a time in s, from the trigger or the start, and the signal values."""
+    """Capture in `scope --json`; a sample is a time in s from the trigger or the start, and the signal values."""
 
     triggered: float | None
     signals: list[SignalReport]
@@ -262,7 +262,7 @@ def _cursors(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Output:
-    """Output options of captures: the file to write, or None, an overlay, and two cursor times in s."""
+    """Output options of captures; `path` is the file to write, `cursors` are two times in s."""
 
     path: Path | None
     overlay: NamedShot | None = None
@@ -300,7 +300,6 @@ class _ScopeLoop:
         self._ended = True
 
     def _report(self, shots: Sequence[Shot]) -> None:
-        """Print and write the completed captures."""
         for shot in shots:
             self._captures += 1
             self._erase_line()
@@ -318,7 +317,6 @@ class _ScopeLoop:
                 print(f"written: {written}", flush=True)
 
     def _show(self, row: Sequence[float | None]) -> None:
-        """Show the newest values on one line of a terminal."""
         now = time.monotonic()
         if not sys.stderr.isatty() or now - self._shown < _LINE_S:
             return

@@ -49,7 +49,7 @@ STREAM = "-"  # instead of FILE: standard input or output
 
 
 class ObjectDocument(Document, frozen=True, kw_only=True):
-    """Object in `sdo read --json`; `data` is hexadecimal, and so is a `value` of bytes; null is unknown."""
+    """Object in `sdo read --json`; `data` and a `value` of bytes are hexadecimal, unknown fields are null."""
 
     node_id: int
     node: str | None

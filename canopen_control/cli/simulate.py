@@ -264,7 +264,6 @@ def _serve(simulation: SimulationRun, bridge: tuple[str, ...] | None) -> None:
 
 
 def _run_world(args: argparse.Namespace) -> int:
-    """Simulate the robots that a world file names, in one world."""
     from canopen_control.simulation.random_schedule import known_faults
 
     for option, value in (("--serve", args.serve), ("--ros", args.ros)):
@@ -308,7 +307,6 @@ def _setup(args: argparse.Namespace) -> RobotSetup:
 
 
 def _run_campaign(args: argparse.Namespace) -> int:
-    """Simulate many seeds, and return the exit code of the campaign."""
     with quick_start():
         from canopen_control.cli.support.simulation_campaign import CampaignOrder, run_campaign
         from canopen_control.simulation.random_schedule import known_faults
@@ -346,12 +344,11 @@ def _run_campaign(args: argparse.Namespace) -> int:
 
 
 def _processors() -> int:
-    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[ScenarioEvent, ...], int, int]:
-    """Return the events, the seed and the duration in ns: of a scenario or recording, or drawn by the seed."""
+    """Return events, seed and duration in ns, from a scenario or a recording, or drawn from the seed."""
     from canopen_control.simulation.motions import motions_of
     from canopen_control.simulation.random_schedule import draw_schedule, known_faults
     from canopen_control.simulation.scenario_steps import read_scenario_steps

@@ -60,7 +60,6 @@ class _Cause:
         self.count = 1
 
     def line(self) -> str:
-        """Return the cause as a sentence, with its level, count and time span."""
         text = "; ".join([*self.clauses.values(), *filter(None, [self.stopping])])
         span = f" ({self.count} times, {_clock(self.since)} to {_clock(self.until)})" if self.count > 1 else ""
         return f"{self.level}: {self.who}{': ' if self.who else ''}{text}{span}"
@@ -82,7 +81,7 @@ def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> lis
 
 
 def _gather(events: Iterable[RobotEvent]) -> list[_Cause]:
-    """Return the causes of events: different kinds of events at one place that share a clause have one cause."""
+    """Group events by cause; different kinds of events at one place that share a clause have one cause."""
     causes: list[_Cause] = []
     reported: set[tuple[float, str]] = set()  # each axis of a node reports its loss, in one cycle
     for event in events:
@@ -391,7 +390,6 @@ class _LiveTable:
         self._size: os.terminal_size | None = None
 
     def draw(self, sample: StateSample) -> None:
-        """Redraw the table with a new sample."""
         previous, self._size = self._size, _terminal_size()
         lines = _limited(render(sample, self._size.columns), self._size.lines - 1)
         up = f"\x1b[{self._height}A" if self._height else ""

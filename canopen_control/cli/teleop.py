@@ -46,7 +46,7 @@ _WHEEL_SPEEDS: Final = (5.0, 5.0)  # rad/s of the wheels
 
 
 class TeleopTarget(Protocol):
-    """Receiver of velocities; `units` and `speeds` (the defaults) are for linear and angular velocity."""
+    """Receiver of velocities; `units` and default `speeds` are pairs for linear and angular velocity."""
 
     title: str
     sideways: bool
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen) -> None:
-    """Process keys and send velocities until the user quits."""
+    """Send the velocities that the user commands by keys, until the user quits."""
     decoder, sender = KeyDecoder(), Sender(target)
     while not (teleop.ended or keyboard.ended):
         screen.show(teleop, sender.refusal)
@@ -150,7 +150,7 @@ def _leave(target: TeleopTarget, screen: Screen) -> None:
 
 
 class Sender:
-    """Sender of velocities: when they change, every 0.1 s during a motion, and zeros a few times afterwards.
+    """Sender of velocities, at each change, every 0.1 s during a motion, and a few times zero afterwards.
 
     `refusal` is the reason why the robot refused the last velocities, "" if it accepted them.
     """
@@ -161,7 +161,7 @@ class Sender:
         self._last, self._sent_ns, self._zeros = ZERO, 0, 0
 
     def send(self, velocities: Velocities, now: int) -> bool:
-        """Send velocities if they are due; return False if the robot refused them, RemoteError if it is gone."""
+        """Send velocities if due; return False if the robot refused them, RemoteError if the connection is lost."""
         changed = velocities != self._last
         if changed:
             self._zeros = 0 if velocities.moving else ZEROS
@@ -205,13 +205,11 @@ class Screen:
             self._shown = line
 
     def report(self, news: Sequence[str]) -> None:
-        """Print sentences above the status line."""
         for line in news:
             print(f"{self._before}{line}{self._after.rstrip(chr(10))}", flush=True)
             self._shown = ""
 
     def end(self) -> None:
-        """Finish the status line with "stopped"."""
         print(f"{self._before}stopped{self._after.rstrip(chr(10))}", flush=True)
 
 

@@ -138,7 +138,7 @@ def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]
 
 
 def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
-    """Decode the frames of `source`, and print those that the arguments select; return the number of lines."""
+    """Decode the frames of `source`, and print the selected frames; return the number of lines."""
     decoder, selects = Decoder(network), _filter(args, network)
     line = _line_of(args, network)
     shown = 0
@@ -159,7 +159,6 @@ def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable
 
 
 def _print(lines: list[str]) -> None:
-    """Print the lines of a batch, flushed for a terminal."""
     if lines:
         sys.stdout.write("\n".join(lines) + "\n")
         sys.stdout.flush()

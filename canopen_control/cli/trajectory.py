@@ -68,7 +68,6 @@ class TrajectoryRecording:
 
     @property
     def is_full(self) -> bool:
-        """Whether the recording has the maximum number of points of a trajectory."""
         return len(self) >= self._max_points
 
     def add(self, time: float, positions: Sequence[float]) -> None:
@@ -267,7 +266,7 @@ def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
 
 
 def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
-    """Return the joints to record: those of --joints, else of the only trajectory controller, else all joints."""
+    """Return the joints of --joints, or else of the only trajectory controller, or else all joints."""
     joints = robot.ask(GetStatus()).joints
     if args.joints is not None:
         names = [field.strip() for field in args.joints.split(",") if field.strip()]

@@ -30,7 +30,7 @@ class DriveClient(Client[DriveHello, DriveEvent]):
 
     @classmethod
     def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
-        """Connect to a virtual node on a bus; RemoteError if it does not run. `label` names the node in messages."""
+        """Connect to a virtual node on a bus; RemoteError if the node does not run. `label` names it in messages."""
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)

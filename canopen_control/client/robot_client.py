@@ -34,7 +34,7 @@ _ENDED: Final = "stopped"  # the last event of a robot that was ended
 
 
 class EventStream:
-    """Iterator over events until none arrives for `timeout` seconds (None: no limit), or the robot has ended.
+    """Iterator over events, until `timeout` s pass without an event (None: no limit) or the robot has ended.
 
     RemoteError if the robot's process was killed. The connection is closed at the end of the iteration; to end earlier,
     call `close`, or use the iterator in a `with` block.
@@ -79,7 +79,7 @@ _NEARLY = 1e-6
 
 
 def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
-    """Return the rate in Hz for a subscription to state samples, near `rate` and after a whole number of cycles.
+    """Return the rate in Hz near `rate` at which state samples are a whole number of cycles apart.
 
     A `rate` of 0 requests every cycle, as far as STREAM_RATE permits.
     """
@@ -116,7 +116,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @classmethod
     def connect(cls, name: str | None = None, timeout: float = 10.0) -> Self:
-        """Connect to the robot `name`, or to the only running one; ConfigError if there is none or several."""
+        """Connect to the robot `name`, or to the only running robot; ConfigError unless exactly one robot matches."""
         robot = select_robot(name)
         return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
 

@@ -138,7 +138,6 @@ class Velocities:
 
     @property
     def moving(self) -> bool:
-        """Whether any velocity is not zero."""
         return bool(self.linear or self.angular or self.lateral)
 
 

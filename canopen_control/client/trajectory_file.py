@@ -39,7 +39,6 @@ class _Point:
 
     @property
     def time(self) -> float:
-        """Time from the start in s."""
         stamp = self.time_from_start
         return stamp.sec + stamp.nanosec / 1e9 if isinstance(stamp, _Duration) else stamp
 

@@ -131,7 +131,7 @@ class WorkRun:
         return lines
 
     def end(self) -> None:
-        """Interrupt the command as Ctrl-C does; does nothing once it has ended."""
+        """Interrupt the command as Ctrl-C does; no effect after its end."""
         if self.code is None:
             self._process.send_signal(signal.SIGINT)
 

@@ -75,7 +75,7 @@ class _Row:
 
 @dataclass(slots=True)
 class FrameTable:
-    """Count, period and last frame by identifier."""
+    """Table of the identifiers on a bus, with count, period and last frame."""
 
     rows: dict[int, _Row] = field(default_factory=dict)
 
@@ -149,7 +149,7 @@ _RETRY_NS: Final = 1_000_000_000
 
 
 class PortWatcher(Protocol):
-    """Observer of a port that reads when frames arrive."""
+    """Observer of a `BusTap`, which calls `receive` when frames arrive at the port."""
 
     def port_changed(self, port: Port | None) -> None:
         """Read from another port; None if the previous port was lost."""

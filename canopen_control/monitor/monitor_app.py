@@ -230,13 +230,11 @@ class DrivePane(Vertical):
         return self._run is not None and self._run.code is None
 
     def follow(self, run: WorkRun) -> None:
-        """Show the output of a command from now on."""
         self._run, self._ended = run, False
         self.output.add_class("shown")
         self._report(run.title, Tone.IDLE)
 
     def end(self) -> None:
-        """Interrupt the command as Ctrl-C does."""
         if self._run is not None:
             self._run.end()
 
@@ -525,7 +523,6 @@ class MonitorApp(App[None]):
         self._drive.choose()
 
     def action_end_work(self) -> None:
-        """Interrupt the running command as Ctrl-C does."""
         self._drive.end()
 
     def action_undo(self) -> None:

@@ -109,7 +109,7 @@ class BusTable:
         self._emergencies: list[LogLine] = []
 
     def feed(self, decoded: DecodedFrame) -> None:
-        """Process a decoded frame, whose time is in Unix ns."""
+        """Update the tables with a decoded frame, whose time is in Unix ns."""
         if decoded.mark > Mark.PLAIN and decoded.service in _LOGGED:
             self._note(decoded)
         if decoded.node_id is None or decoded.service not in _OWN:

@@ -70,7 +70,7 @@ def add_duration(
 def add_former(
     parser: argparse.ArgumentParser, former: str, new: str, dest: str, read: Callable[[str], Any] = str
 ) -> None:
-    """Declare the former name of an option, which is hidden, but still accepted with a notice."""
+    """Declare the former name of an option, which is hidden in the help, and prints a notice if used."""
     parser.add_argument(former, action=_Renamed, new=new, dest=dest, type=read)
 
 
@@ -103,7 +103,7 @@ def whole(text: str) -> int:
 
 
 def finite(text: str) -> float:
-    """Parse a number that can be commanded: neither nan nor infinite."""
+    """Parse a finite number, since nan and infinity cannot be commanded."""
     try:
         value = float(text)
     except ValueError:

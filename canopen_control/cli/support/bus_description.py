@@ -70,7 +70,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
-    """Return the bus to listen to: `channel`, or if None, a bus of the running robot; ConfigError if not found."""
+    """Return the bus on `channel`; if None, a bus of the running robot; ConfigError if there is no such bus."""
     layout: BusLayout | None
     if channel is None:
         _refuse_channel(args.config)
@@ -100,7 +100,7 @@ def _refuse_channel(config: str | None) -> None:
 
 
 def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescription:
-    """Return the network description of ROBOT, --eds or --name; without these options an empty description.
+    """Return the network description of ROBOT, --eds or --name; an empty description without these options.
 
     With `units` it includes the units of values, which requires reading the robot's description.
     """

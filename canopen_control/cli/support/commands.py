@@ -129,7 +129,7 @@ def values_at_the_end(controllers: Sequence[ControllerReading], name: str, value
 
 
 def target_interface(controllers: Iterable[ControllerReading], name: str) -> str | None:
-    """Return the interface that a controller of `target` commands in the drive's present mode, or None."""
+    """Return the interface that a `target` controller commands in the present mode of operation, or None."""
     interfaces = [
         controller.interface for controller in controllers if controller.name == name and controller.topic == TARGET
     ]
@@ -137,7 +137,7 @@ def target_interface(controllers: Iterable[ControllerReading], name: str) -> str
 
 
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
-    """Return for each command value of a controller whether it may be a position; [] if the name is unknown.
+    """Return whether each command value of a controller may be a position; [] if the controller is unknown.
 
     The meaning of a target depends on the mode of operation of the drive.
     """
@@ -151,7 +151,7 @@ def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bo
 
 
 def find_controller(robot: RobotClient, name: str | None, samples: str, title: str) -> ControllerReading:
-    """Return the controller `name`, or if None the only active controller with this kind of samples; else ConfigError.
+    """Return the controller `name`; if None, the only active controller that publishes `samples`; else ConfigError.
 
     `title` is the kind of controller in the error text.
     """

@@ -139,7 +139,7 @@ class JogRun:
         self.travelled = 0.0  # rad
 
     def run(self) -> int:
-        """Enable, move, stop and disable; return 1 if the jog failed, CanopenError if the drive is the reason."""
+        """Run the jog from enabling to disabling; return 1 if it failed, CanopenError if the drive caused a failure."""
         with contextlib.ExitStack() as stack:
             client = stack.enter_context(RobotClient.connect(self._drive.robot))
             keyboard = stack.enter_context(Keyboard()) if sys.stdin.isatty() else None

@@ -48,7 +48,7 @@ def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -
 
 
 def table_lines(rows: Sequence[ObjectRow], *, live: bool) -> list[str]:
-    """Return the lines of a table; with `live` it shows values, and `*` marks those other than the default."""
+    """Return the lines of a table; `live` adds values, with `*` before each value that is not the default."""
     headings = ["address", "name", "type", "access", "PDO", "default"]
     table = Table([*headings, *(["", "value", "unit", "meaning"] if live else ["unit"])])
     for row in rows:

@@ -193,7 +193,7 @@ def read_like(session: NodeSession, file: ParameterSet) -> Side:
 
 
 def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
-    """Read both sides of a comparison, files or nodes; a node is read only as far as a file on the other side."""
+    """Read both sides of a comparison; if one side is a file, only its objects are read from the node."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
     result = []
     for word, file, other_file in zip((a, b), files, reversed(files), strict=True):

@@ -181,11 +181,9 @@ class BusTransfers(Transfers):
         self._bus.write(self._node_id, index, subindex, data)
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout of each SDO answer in s; None restores the default."""
         self._bus.client(self._node_id).timeout_ns = round((seconds or self._bus.timeout_s) * 1e9)
 
     def progress(self) -> tuple[int, int | None]:
-        """Return the bytes transferred, and the total or None, of the present SDO transfer."""
         return self._bus.client(self._node_id).progress
 
     def command(self, command: NmtCommand) -> None:
