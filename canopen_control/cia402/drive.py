@@ -361,7 +361,8 @@ class DriveMachine:
             )
         if self.mode_request.failed:
             raise DriveError(
-                f"{self.name}: cannot be enabled, its mode was not confirmed; set a mode first (`axis mode NODE MODE`)"
+                f"{self.name}: cannot be enabled because its mode was not confirmed; set a mode first (`axis mode "
+                "NODE MODE`)"
             )
 
     def disable(self) -> None:
@@ -428,7 +429,9 @@ class DriveMachine:
     def mode_bits(self, bits: int) -> None:
         # CiA 402-2, 0x6040: bits 4, 5, 6 and 9 belong to the mode of operation
         if bits & ~MODE_SPECIFIC_BITS:
-            raise LocalProtocolError(f"{self.name}: 0x{bits:04X} are not bits of a mode (0x{MODE_SPECIFIC_BITS:04X})")
+            raise LocalProtocolError(
+                f"{self.name}: 0x{bits:04X} has bits that are not mode-specific (0x{MODE_SPECIFIC_BITS:04X})"
+            )
         if bits != self._mode_bits:
             self._mode_bits = bits
             self.next_update = _AT_ONCE

@@ -64,7 +64,7 @@ class FaultCleared:
 
     @property
     def text(self) -> str:
-        return f"fault cleared ({_word(self.statusword)}); enable to go on"
+        return f"fault cleared ({_word(self.statusword)}); enable it to continue"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +79,12 @@ class FaultResetFailed:
     def text(self) -> str:
         if not self.sent:
             return (
-                f"still in FAULT REACTION ACTIVE ({_word(self.statusword)}), where no fault reset counts, so none was "
-                "sent; reset again when it shows FAULT, or switch its supply off and on"
+                f"still in FAULT_REACTION_ACTIVE ({_word(self.statusword)}), in which a drive accepts no fault reset, "
+                "so none was sent; reset again when it shows FAULT, or switch its supply off and on"
             )
         return (
-            f"fault reset had no effect: cause still present ({_word(self.statusword)}), or the drive takes longer "
-            "(fault_reset_timeout_ms in bus.yml)"
+            f"fault reset had no effect: the cause is still present ({_word(self.statusword)}), or the drive needs "
+            "more time (fault_reset_timeout_ms in bus.yml)"
         )
 
 
@@ -107,12 +107,14 @@ class TransitionTimedOut:
 
     @property
     def text(self) -> str:
-        cause = "" if self.command is None else f", asked by {self.command.name}"
+        cause = "" if self.command is None else f" after {self.command.name}"
         end = "; not enabled" if self.gave_up else ""
         if self.gave_up and self.transition is not None:
-            end += f"; `transition_timeouts_ms: {{{self.transition}: 20000}}` in bus.yml gives it more time"
+            end += f"; `transition_timeouts_ms: {{{self.transition}: 20000}}` in bus.yml allows more time"
         if self.transition == _QUICK_STOP:
-            end += "; 0x605A may switch its quick stop off (0, or a value of the manufacturer's): write 2 under `sdo:`"
+            end += (
+                "; 0x605A may disable its quick stop (0, or a manufacturer-specific value): write 2 to it under `sdo:`"
+            )
         return (
             f"did not leave {_name(self.state)} for {self.target.name} in time{cause} ({_word(self.statusword)}){end}"
         )
@@ -148,9 +150,9 @@ class ModeTimedOut:
     def text(self) -> str:
         shown = "nothing" if self.display is None else mode_name(self.display)
         back = "" if self.restored is None else f"; back to {mode_name(self.restored)}"
-        keys = "; mode_timeout_ms in bus.yml gives it more time" if self.display is not None else ""
+        keys = "; mode_timeout_ms in bus.yml allows more time" if self.display is not None else ""
         if self.enabled and keys:
-            keys += ", and switching_state: 2 serves a drive that changes its mode only while it is disabled"
+            keys += ", and switching_state: 2 is for a drive that changes its mode only while disabled"
         return f"{mode_words(self.mode)} not confirmed, 0x6061 shows {shown}{back}{keys}"
 
 
@@ -174,9 +176,9 @@ class EnableLost:
     @property
     def text(self) -> str:
         if self.state is State.OPERATION_ENABLED:
-            return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable to go on"
+            return f"being disabled, still {_name(self.state)} ({_word(self.statusword)}); enable it to continue"
         cause = ", power stage off" if self.power_stage_off else ""
-        return f"no longer enabled, now {_name(self.state)} ({_word(self.statusword)}{cause}); enable to go on"
+        return f"not enabled any more, now {_name(self.state)} ({_word(self.statusword)}{cause}); enable it to continue"
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,8 +197,8 @@ class ControlChanged:
         if self.remote:
             return f"under remote control again ({_word(self.statusword)})"
         return (
-            f"under local control, controlword may be ignored ({_word(self.statusword)}, bit 9 is 0); "
-            "`ignore_remote: true` in bus.yml is for a drive that never sets it"
+            f"under local control, so the controlword may be ignored ({_word(self.statusword)}, bit 9 is 0); "
+            "`ignore_remote: true` in bus.yml is for a drive that never sets this bit"
         )
 
 
@@ -210,7 +212,7 @@ class StatuswordUndefined:
 
     @property
     def text(self) -> str:
-        return f"{_word(self.statusword)} shows no state, for {self.updates} updates"
+        return f"{_word(self.statusword)} shows no CiA 402 state, for {self.updates} updates"
 
 
 FAULT_EVENTS = (FaultEntered, FaultCleared, FaultResetFailed)

@@ -85,8 +85,9 @@ class HomingStatus(Enum):
 _STATUS = tuple(HomingStatus)
 _RUNNING = (HomingStatus.IN_PROGRESS, HomingStatus.ATTAINED)
 _LATCHED = (
-    "not done in time: bit 12 (homing attained) is 1 since before it began, so its end cannot be seen; disable and "
-    "enable the drive and home again, or give it `switching_state: 4` in bus.yml, to leave operation before each homing"
+    "not done in time: bit 12 (homing attained) was 1 before the start, so the end cannot be detected; disable and "
+    "enable the drive and home again, or set `switching_state: 4` in bus.yml, so that it leaves OPERATION_ENABLED "
+    "before homing"
 )
 _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
@@ -230,9 +231,9 @@ class HomingSequence:
             return self._fail("the drive reports a homing error", status, now)
         # CiA 402-2, 0x6041 in mode HM: bits 13, 12, 10 = 001, homing interrupted or not started
         if self._ran and status is HomingStatus.NOT_RUNNING and self._stopped_updates > self._settle_updates:
-            return self._fail("it was interrupted", status, now)
+            return self._fail("the drive interrupted it", status, now)
         if now >= self._start_deadline:
-            return self._fail("it was never seen running", status, now)
+            return self._fail("the drive did not start it in time", status, now)
         return _START
 
     def _is_believable(self) -> bool:

@@ -103,9 +103,9 @@ def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
     if len(subindices) < 2 or not all(0 < subindex < 0xFF for subindex in subindices):
         return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
     if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
-        return f"subindex {doubled[0]} is given twice; each motor has its own"
+        return f"subindex {doubled[0]} is listed twice; each motor needs its own subindex"
     if (o.axis_index(o.CONTROLWORD, 1), 0) in od:
-        return "it has a second controlword (0x6840): its axes are in objects of their own, as CiA 402 has it"
+        return "it has a second controlword (0x6840): each axis has its own objects, as in CiA 402"
     several = [index for index in _MEASURED_AND_COMMANDED if any(subindex for subindex in od.subindices(index))]
     missing = [f"0x{index:04X}:{sub:02X}" for index in several for sub in subindices if (index, sub) not in od]
     if not several:

@@ -47,7 +47,7 @@ class SetPointTaken:
 
     @property
     def text(self) -> str:
-        return f"set-point {self.target} taken"
+        return f"set-point {self.target} acknowledged"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class SetPointFailed:
 
     @property
     def text(self) -> str:
-        return f"set-point {self.target} given up: {self.reason}"
+        return f"set-point {self.target} abandoned: {self.reason}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +86,7 @@ class SetPointDeferred:
 
     @property
     def text(self) -> str:
-        return (
-            f"set-point {self.target} not acknowledged on the way to another one; given again when the drive is there"
-        )
+        return f"set-point {self.target} not acknowledged during a motion; sent again when the motion has ended"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +110,7 @@ class SetPointPhase(Enum):
 
     IDLE = "no set-point is active"
     LOW = "bit 12 (set-point acknowledged) of the statusword stayed 1 before the set-point"
-    ACKNOWLEDGE = "the drive did not acknowledge the set-point (bit 12 of the statusword)"
+    ACKNOWLEDGE = "the set-point was not acknowledged (bit 12 of the statusword)"
     RELEASE = "bit 12 (set-point acknowledged) of the statusword stayed 1 after the set-point"
     MOVING = "the target was not reached in time"
     DEFERRED = "the previous motion did not end in time"
@@ -169,7 +167,9 @@ class SetPointHandshake:
         Raises LocalProtocolError if a set-point waits already, see `can_take`.
         """
         if not (self.can_take or immediately):
-            raise LocalProtocolError(f"set-point {target}: one is waiting already; wait until the drive took it")
+            raise LocalProtocolError(
+                f"set-point {target}: another one is waiting; wait until the drive has acknowledged it"
+            )
         bits = _IMMEDIATELY * immediately | _RELATIVE * relative | _CHANGE_ON_SET_POINT * change_on_set_point
         self._next = SetPoint(target, bits)
 

@@ -45,7 +45,9 @@ def counts_per_revolution(
     """
     pairs = (encoder_resolution, gear_ratio) if feed_constant is None else (feed_constant,)
     if not all(part > 0 for pair in pairs for part in pair):
-        raise ConfigError(f"0x608F {encoder_resolution}, 0x6091 {gear_ratio}, 0x6092 {feed_constant}: none may be 0")
+        raise ConfigError(
+            f"0x608F {encoder_resolution}, 0x6091 {gear_ratio}, 0x6092 {feed_constant}: all values must be above 0"
+        )
     return math.prod(numerator / denominator for numerator, denominator in pairs)
 
 
@@ -122,7 +124,7 @@ class Scale:
         for name in ("pos_to_dev", "pos_from_dev", "vel_to_dev", "vel_from_dev", "eff_to_dev", "eff_from_dev"):
             value = getattr(self, name)
             if not math.isfinite(value) or value == 0.0:
-                raise ConfigError(f"scale_{name} is {value:g}: a scale is finite and not 0")
+                raise ConfigError(f"scale_{name} is {value:g}: a scale must be finite and not 0")
         if not math.isfinite(self.offset_pos_to_dev) or not math.isfinite(self.offset_pos_from_dev):
             raise ConfigError("offset_pos_to_dev and offset_pos_from_dev must be finite")
 
@@ -138,7 +140,9 @@ class Scale:
         """Return the scales of a rotary joint; `gear_ratio` is motor revolutions per joint revolution."""
         counts = counts_per_revolution * gear_ratio * (-1.0 if reversed else 1.0)
         if not math.isfinite(counts) or counts == 0.0:
-            raise ConfigError(f"counts_per_revolution {counts_per_revolution:g} and gear_ratio {gear_ratio:g}: not 0")
+            raise ConfigError(
+                f"counts_per_revolution {counts_per_revolution:g} and gear_ratio {gear_ratio:g}: neither may be 0"
+            )
         to_dev = counts / _TURN
         return cls(to_dev, 1.0 / to_dev, to_dev, 1.0 / to_dev, eff_from_dev, eff_to_dev=eff_to_dev)
 

@@ -361,7 +361,8 @@ class AxisProcessData:
             if entry is not None and mapped and bits is not None and bits < least:
                 raise RobotConfigError(
                     f"joint {self.joint}: 0x{entry.index:04X}:{subindex:02X} {entry.name} has {bits} bits in "
-                    f"{self.node.plan.source}, and CiA 402 has {least}; correct the EDS, or leave it out of the mapping"
+                    f"{self.node.plan.source}, but CiA 402 requires {least}; correct the EDS, or remove the object "
+                    "from the mapping"
                 )
 
     def _modes_of_file(self) -> list[tuple[int, str]]:

@@ -86,12 +86,12 @@ def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[st
     listed = _of_drive(axis, parameters)
     if not listed and not _of_file(axis):
         return [
-            "neither the drive nor its EDS lists its modes (0x6502): its profile modes are tried (PV, PP, TQ); "
+            "neither the drive nor its EDS lists modes in 0x6502, so the profile modes PV, PP and TQ are tried; "
             "give velocity_mode, position_mode or effort_mode in bus.yml"
         ]
     named = ", ".join(mode.name for mode in listed)
     return [
-        f"0x6502 lists {named}, and not {mode_name(mode)}, which bus.yml gives; that is tried"
+        f"0x6502 lists {named} but not {mode_name(mode)}, which bus.yml selects and is tried anyway"
         for mode in _of_file(axis)
         if listed and mode not in listed and mode >= 0
     ]
@@ -146,8 +146,8 @@ def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfa
         raise DriveError(f"joint {axis.joint}: {names} cannot be commanded together")
     if (mode := choose_mode(axis, parameters, POSITION)) is not OperationMode.CSP:
         raise DriveError(
-            f"joint {axis.joint}: {names} can be commanded together in mode CSP alone, and position is "
-            f"commanded in {mode_name(mode)}; give {node.name} position_mode: 8 in bus.yml, or command the "
+            f"joint {axis.joint}: {names} can be commanded together only in mode CSP, but position is "
+            f"commanded in {mode_name(mode)}; set position_mode: 8 for {node.name} in bus.yml, or command the "
             "position alone"
         )
     outputs = {VELOCITY: axis.velocity_offset, EFFORT: axis.torque_offset}
@@ -155,8 +155,8 @@ def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfa
         if interface != POSITION and outputs.get(interface) is None:
             index = objects.VELOCITY_OFFSET if interface == VELOCITY else objects.TORQUE_OFFSET
             raise DriveError(
-                f"joint {axis.joint}: {names} can be commanded together where an RPDO carries "
-                f"0x{axis.index(index):04X}; give {node.name} feed_forward: [{interface}] in bus.yml, or "
+                f"joint {axis.joint}: {names} can be commanded together only if an RPDO contains "
+                f"0x{axis.index(index):04X}; set feed_forward: [{interface}] for {node.name} in bus.yml, or "
                 "command the position alone"
             )
     return POSITION
@@ -182,7 +182,7 @@ def require_targets(axis: AxisProcessData, interfaces: Collection[str]) -> None:
             index, _ = axis.target_objects[_served(axis, name)[0]]
             place = f"0x{axis.index(index):04X}"
             if name in FEED_FORWARD and POSITION in interfaces:
-                place += f", or beside its position give feed_forward: [{name}],"
+                place += f", or set feed_forward: [{name}] for use with its position,"
             raise _unmapped(axis, name, place)
 
 
@@ -206,8 +206,8 @@ def require_own_start(axis: AxisProcessData, mode: int) -> None:
     if not _starts_alone(axis, mode):
         possible = ", ".join(map(mode_name, MODES))
         raise DriveError(
-            f"{axis.who}: {mode_words(mode)} starts a motion by bits of the controlword, which is that of all its "
-            f"motors; without such bits are {possible}"
+            f"{axis.who}: {mode_words(mode)} starts motions by bits of the controlword, which all motors share; "
+            f"modes without such bits are {possible}"
         )
 
 
@@ -227,9 +227,9 @@ def require_mapped(axis: AxisProcessData, mode: int) -> None:
 
 
 def _unmapped(axis: AxisProcessData, interface: str, title: str) -> RobotConfigError:
-    advice = f"map {title} in bus.yml or drop the interface"
+    advice = f"map {title} in bus.yml, or remove the interface"
     if motors_of(axis.node.od) is not None:
-        advice = "its targets have a subindex for each of two motors: give it `motor_subindices: [1, 2]` in bus.yml"
+        advice = "its targets have one subindex per motor, so set `motor_subindices: [1, 2]` in bus.yml"
     return RobotConfigError(
         f"joint {axis.joint}: no RPDO of {axis.node.name} carries the target of its command interface {interface!r}; "
         f"{advice}"
@@ -257,8 +257,8 @@ def add_plugin_interfaces(description: UrdfDescription, plans: Iterable[NodePlan
     hardware = tuple(_completed(tag, by_name) for tag in description.hardware)
     before = {joint.name: joint for tag in description.hardware for joint in tag.joints}
     notes = [
-        f"{description.path}:{joint.place.line}: {joint.name} lists no command interface and has those that "
-        f"{tag.plugin} exports: {', '.join(joint.command_interfaces)}"
+        f"{description.path}:{joint.place.line}: {joint.name} lists no command interface and gets those of "
+        f"{tag.plugin}: {', '.join(joint.command_interfaces)}"
         for tag in hardware
         for joint in tag.joints
         if joint is not before[joint.name]
@@ -377,7 +377,7 @@ class AxisParameters:
         if axis.has(objects.PROFILE_VELOCITY):
             self._lower(objects.PROFILE_VELOCITY, 0, settled)
         else:
-            settled(False, "its EDS has no 0x6081, so its moves in PP are as fast as the drive makes them")
+            settled(False, "its EDS has no 0x6081, so the drive alone limits its speed in PP")
 
     def bound_homing(self, done: Callable[[str], None]) -> None:
         """Reduce the homing speeds (0x6099) to the velocity limit, then call `done` with "" or an error.
@@ -389,7 +389,9 @@ class AxisParameters:
         if axis.limits.described == math.inf:
             subindices = []
         elif not subindices:
-            self._report(f"its EDS has no 0x{axis.index(objects.HOMING_SPEEDS):04X}, so it homes as fast as it does")
+            self._report(
+                f"its EDS has no 0x{axis.index(objects.HOMING_SPEEDS):04X}, so the drive alone limits its homing speed"
+            )
 
         def settled(bounded: bool, text: str) -> None:
             if not bounded:
@@ -416,7 +418,7 @@ class AxisParameters:
 
         def read(request: SdoRequest) -> None:
             if request.error is not None:
-                settled(False, f"{place} was not read, so it may move faster than {words}: {request.error}")
+                settled(False, f"{place} could not be read, so the axis may move faster than {words}: {request.error}")
                 return
             limit = int.from_bytes(request.data, "little")
             if limit <= most and (limit or base != objects.PROFILE_VELOCITY):
@@ -425,11 +427,11 @@ class AxisParameters:
 
             def written(done: SdoRequest) -> None:
                 if done.error is not None:
-                    settled(False, f"{place} stays {limit}, faster than {words}: {done.error}")
+                    settled(False, f"{place} could not be reduced from {limit}, faster than {words}: {done.error}")
                     return
                 if (output := axis.output(base, subindex)) is not None:
                     output.record(most)
-                settled(True, f"{place} was {limit} and is {most} now, {words}")
+                settled(True, f"{place} was reduced from {limit} to {most}, {words}")
 
             axis.node.write(index, subindex, encode(most, entry.data_type), written)
 

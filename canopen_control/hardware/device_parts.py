@@ -321,7 +321,7 @@ class InputSignal:
         if abs(value - self._before) > limit:  # False for the first value, which is compared with nan
             self._jumped = True
             text = f"{self.state.name} jumped from {self._before:g} to {value:g} {signal.unit}".rstrip()
-            self._inputs.report_jump(signal.name, f"{text}: it is nan until the node is booted again")
+            self._inputs.report_jump(signal.name, f"{text}; its value is nan until the node has booted again")
         self._before, self._stamp = value, stamp
         return self._jumped
 
@@ -462,14 +462,14 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
         if _derived(node, name) and name not in part.command_interfaces:
             continue
         if signal is None:
-            hint = nearest(name, node.plan.signals) or "; give it signals in bus.yml"
+            hint = nearest(name, node.plan.signals) or "; define the signal in bus.yml"
             problems.append(f"{part.name}: no signal {name!r} of {device}{hint}")
         elif name not in part.command_interfaces:
             continue
         elif not signal.output:
             problems.append(f"{part.name}: {name!r} of {device} is an input; make it a state_interface")
         elif signal.index in {index + offset for index in MOTION for offset in node.plan.axes}:
-            problems.append(f"{part.name}: {name!r} of {device} moves an axis; a joint commands it")
+            problems.append(f"{part.name}: {name!r} of {device} moves an axis; command it through a joint")
         elif signal.address not in sent:
             place, entry = signal.where.partition(".")[0], node.od.get(*signal.address)
             unsent.setdefault(place, []).append(repr(name))
@@ -478,9 +478,7 @@ def part_problems(part: ControlJoint, node: RemoteNode) -> list[str]:
     for place, names in unsent.items():  # outputs in one object, such as the bits of a byte, share a sentence
         few = names if len(names) <= _FEW else [*names[: _FEW - 1], f"{len(names) - _FEW + 1} more"]
         text = f"{', '.join(few)} of {device} {_is(names)} in no RPDO"
-        remedy = (
-            f"map {place} in bus.yml" if place in possible else f"{place} cannot be mapped: leave {_them(names)} out"
-        )
+        remedy = f"map {place} in bus.yml" if place in possible else f"{place} cannot be mapped: remove {_them(names)}"
         problems.append(f"{part.name}: {text}; {remedy}")
     return problems
 
@@ -619,8 +617,8 @@ class DeviceParts:
             if inputs.lost:
                 inputs.lost = False
                 outputs = [name for part in self._parts if part.node is inputs.node for name in part.commanded]
-                which = "those commanded are" if len(outputs) > _FEW else f"{', '.join(outputs)} {_is(outputs)}"
-                suffix = f"; of its outputs {which} void, and not restored until commanded again" if outputs else ""
+                which = "its outputs" if len(outputs) > _FEW else ", ".join(outputs)
+                suffix = f"; the commands of {which} are void until commanded again" if outputs else ""
                 events.append((inputs.node, "device_lost", f"lost: its inputs are unknown{suffix}"))
         return events
 

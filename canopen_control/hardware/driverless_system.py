@@ -290,7 +290,7 @@ class SimulatedSystem(ComponentLifecycle):
         if self._engine is not None:
             self._engine.reset(keyframe)
         elif keyframe:
-            raise ControlError(f"no key frame {keyframe!r}: simple motors move {self.name}, there is no MJCF")
+            raise ControlError(f"no key frame {keyframe!r}: {self.name} has no MJCF model")
         for joint in self._joints:
             if self._engine is None or self._engine.motor(joint.name) is None:
                 joint.motor.position, joint.motor.velocity, joint.motor.effort = joint.start, 0.0, 0.0
@@ -312,7 +312,7 @@ class SimulatedSystem(ComponentLifecycle):
             if joint is None:
                 continue
             if name.rpartition("/")[2] not in (POSITION, VELOCITY, EFFORT):
-                raise ControlError(f"{name}: a simulated motor takes position, velocity or effort")
+                raise ControlError(f"{name}: a simulated motor supports only position, velocity and effort")
             if modes.setdefault(joint.name, name) != name:
                 raise ControlError(f"joint {joint.name}: {modes[joint.name]} and {name} cannot be commanded together")
 
@@ -393,5 +393,5 @@ def _motor(limits: UrdfLimits, parameters: Mapping[str, str]) -> FirstOrderMotor
         except ValueError:
             numbers[name] = math.nan
         if not (math.isfinite(numbers[name]) and numbers[name] > 0.0):
-            raise RobotConfigError(f"{name} is {parameters[name]!r}; it is a number above 0")
+            raise RobotConfigError(f"{name} is {parameters[name]!r}; it must be a number above 0")
     return FirstOrderMotor(limits, **numbers)

@@ -89,8 +89,8 @@ def _words(axis: AxisProcessData, units: list[tuple[str, float]], *, faster: boo
     of_first = f" for {first}" if len(units) > 1 else ""
     instead = "another unit" if first == _COUNTS else _COUNTS
     return (
-        f"it turns much {'faster' if faster else 'slower'} than its velocity (0x606C) says, as a drive does whose "
-        f"velocities are in {names} and not in {instead}; say so {in_eds}by the four scales in bus.yml{of_first} "
+        f"it turns much {'faster' if faster else 'slower'} than its velocity (0x606C) shows, as if its velocities "
+        f"were in {names} instead of {instead}; set the unit {in_eds}by the four scales in bus.yml{of_first} "
         f"(scale_vel_to_dev: {to_dev:.7g}, scale_vel_from_dev: {1.0 / to_dev:.7g})"
     )
 

@@ -126,7 +126,7 @@ class CommandInterface:
     def range_error(self, value: float) -> str | None:
         """Return a text with the valid range if a value does not fit the object, else None."""
         low, high = (self.lowest, self.highest) if self.range is None else self.range.value_range()
-        return None if low <= value <= high else f"{self.name} holds {low:g} to {high:g}"
+        return None if low <= value <= high else f"the range of {self.name} is {low:g} to {high:g}"
 
     def __repr__(self) -> str:
         return f"CommandInterface({self.name}={self.value}, owner={self.owner})"

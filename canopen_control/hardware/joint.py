@@ -176,7 +176,7 @@ def _holds_load(description: ControlJoint) -> bool:
     """Whether the load would fall without power (parameter `holds_load`); RobotConfigError if invalid."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
-        raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it is true or false")
+        raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it must be true or false")
     return text == "true"
 
 
@@ -187,16 +187,17 @@ _FAULTED = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 _MAY_HOME: Final = (AxisPhase.READY, AxisPhase.HOMING)
 _OVERDUE: Final = {
     AxisPhase.ESCALATED: "has not stopped in time; quick stop commanded",
-    AxisPhase.VOLTAGE_OFF: "its quick stop was not seen to end; its voltage is disabled: what turns coasts",
-    AxisPhase.UNSTOPPED: "no stop command had a visible effect: it may have power; cut its supply if it moves",
+    AxisPhase.VOLTAGE_OFF: "its quick stop did not end in time; its voltage is disabled, so a turning motor coasts",
+    AxisPhase.UNSTOPPED: "no stop command had a visible effect, so it may have power; switch its supply off if it "
+    "moves",
 }
 _LATE: Final = (
-    "it is enabled and does not follow its set-points, which go on: it would leap to them; give it `enable_settle_ms` "
-    "in bus.yml, longer than its brake needs, or check its power and which source its set-points come from"
+    "it is enabled but does not follow its set-points, and would jump to them; set `enable_settle_ms` "
+    "in bus.yml, longer than its brake needs to release, or check its power and the source of its set-points"
 )
 _STANDING: Final = (
-    "it is enabled and does not follow its set-points; check its brake, its power and which source its set-points come "
-    "from (with a brake that lifts late give it `enable_settle_ms` in bus.yml)"
+    "it is enabled but does not follow its set-points; check its brake, its power and the source of its set-points "
+    "(for a brake that releases late, set `enable_settle_ms` in bus.yml)"
 )
 _BOOTING: Final = "; booting it again"  # the end of a text that the node has reported already
 
@@ -251,11 +252,11 @@ class JointDrive(JointParts):
         if not self.machine.remote:
             raise DriveError(
                 f"{self.axis.who}: under local control (statusword bit 9 is 0), "
-                "it would not obey; give control to the bus at the drive, or if it never sets the bit give it "
-                "`ignore_remote: true` in bus.yml"
+                "so it would ignore commands; give control to the bus at the drive, or for a drive that never sets "
+                "the bit set `ignore_remote: true` in bus.yml"
             )
         if self.axis.is_stale:
-            raise DriveError(f"{self.axis.who}: cannot be enabled, a TPDO with its feedback stays away")
+            raise DriveError(f"{self.axis.who}: cannot be enabled because a TPDO with its feedback is overdue")
         self.machine.require_enable()
 
     def enable(self) -> None:
@@ -406,7 +407,7 @@ class JointDrive(JointParts):
     def supervise(self) -> None:
         """Run the slow checks, ten times a second."""
         if self._watch.leaves_limit():
-            self._events.append(JointEvent("limit_left", "the limit is left", Level.INFO))
+            self._events.append(JointEvent("limit_left", "the axis has left its limit", Level.INFO))
         self._motion.check(self.targets.current, self.enabled)
         if self._watch.turns_the_wrong_way(self.enabled) or self._motion.turns_away:
             text = "it turns against its command; check polarity (0x607E), the scale's sign and the wiring"
@@ -505,7 +506,7 @@ class JointDrive(JointParts):
         self.feedback.node_lost()
         self.parameters.forget()
         self.reference.forget()
-        self._abort_homing("its node is gone")
+        self._abort_homing("its node was lost")
         self.machine.disable()
         why = (self.node.error or "it left OPERATIONAL").removeprefix(self.node.who)
         self._events.append(

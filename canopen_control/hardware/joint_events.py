@@ -44,8 +44,8 @@ _FOLLOWING: Final = 1 << 13
 _BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
 _FOLLOWING_MODES = (OperationMode.PP, OperationMode.CSP)
 _NEGATIVE_SWITCH, _POSITIVE_SWITCH = 1, 2  # 0x60FD
-_OTHER = "only the other direction is followed"
-_BACK = "those that move with it stop too, and only the way back is followed"
+_OTHER = "only motion in the other direction is permitted"
+_BACK = "its group stops too, and only motion in the other direction is permitted"
 _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
 
 
@@ -161,7 +161,7 @@ class StatusWatch:
         self._out_of_range = target
         if math.isnan(target) or not math.isnan(reported):
             return None
-        return f"{interface} target {target:g} does not fit the drive's object; it stands"
+        return f"{interface} target {target:g} does not fit the drive's object, so the axis stands still"
 
     def held_back(self) -> str | None:
         """Return a text when the speed limit starts to reduce targets, else None; call at 10 Hz."""
@@ -171,8 +171,8 @@ class StatusWatch:
         if not is_held or was_reported:
             return None
         if limits.most < limits.velocity:
-            return f"the target of {self._axis.joint} is faster than {limits.words}: slowed down"
-        return "its target is faster than the drive's largest velocity (0x607F, 0x6080): slowed down to that"
+            return f"the target of {self._axis.joint} exceeds {limits.words}, so it is reduced"
+        return "its target exceeds the drive's maximum velocity (0x607F, 0x6080), so it is reduced"
 
     def _limit(self, target: ModeTarget | None, stops: bool) -> list[JointEvent]:
         limits = self._axis.limits
@@ -466,7 +466,7 @@ class HomePosition:
         """Start a homing; DriveError during another homing, or for a method the drive does not list."""
         node = self._axis.node
         if self.homing is not None:
-            raise DriveError(f"{node.who}: homing is under way already")
+            raise DriveError(f"{node.who}: a homing is already in progress; wait for its end")
         timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
         methods = self._parameters.homing_methods
         bound = self._parameters.bound_homing

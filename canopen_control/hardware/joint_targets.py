@@ -116,7 +116,9 @@ class JointTargets:
         """
         if self.claimed == TARGET:
             if mode not in self._axis.target_objects:
-                raise DriveError(f"{self._axis.node.who}: {mode_words(mode)} takes no target; stay in one that does")
+                raise DriveError(
+                    f"{self._axis.node.who}: {mode_words(mode)} has no target; choose a mode with a target"
+                )
             require_mapped(self._axis, mode)
         elif self.claimed is not None and self.mode_serves(mode) != self.claimed:
             raise ControlError(

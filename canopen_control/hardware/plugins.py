@@ -242,7 +242,7 @@ def _offset(parameters: Mapping[str, str]) -> float:
     try:
         return float(text or 0.0)
     except ValueError as error:
-        raise ControlError(f"position_state_following_offset is {text!r}; it is a number of rad or m") from error
+        raise ControlError(f"position_state_following_offset is {text!r}; it must be a number in rad or m") from error
 
 
 # Hardware component behind transmissions: values of joints instead of those of actuators (motor shafts).

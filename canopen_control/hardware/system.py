@@ -57,7 +57,7 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
             joint.stop(now)
         if members:
             names = ", ".join(joint.joint for joint in members)
-            text = f"{names} stay disabled with {cause.joint} ({cause.node.name})"
+            text = f"{names} stay disabled because {cause.joint} ({cause.node.name}) cannot be enabled"
             report(Event(now, "not_enabled", cause.node.name, text, Level.ERROR))
 
 
@@ -76,7 +76,7 @@ class Recovery:
 
     def _resume(self, joints: Sequence[JointDrive], now: int) -> None:
         names = ", ".join(joint.joint for joint in joints)
-        text = f"enabling {names} again, as bus.yml says (recovery: enable)"
+        text = f"enabling {names} again (recovery: enable in bus.yml)"
         self._report(Event(now, "recovered", joints[0].node.name, text, Level.WARNING))
         enable_together(joints, now, self._report)
 
@@ -316,10 +316,10 @@ class CanopenSystem(ComponentLifecycle):
 def _then(cause: JointDrive, *, resumable: bool) -> str:
     """Return the text after a stop: commands to enter, or that the joints are enabled automatically."""
     if resumable:
-        return "; they are enabled again when it is back (recovery: enable)"
+        return "; they are enabled again when the node has returned (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
-    when = "" if cause.node.ready else f", when {cause.node.config.name} is back"
-    return f"; to go on{when}: {first}canopen-control axis enable all"
+    when = "" if cause.node.ready else f" when {cause.node.config.name} has returned"
+    return f"; to continue{when}: {first}canopen-control axis enable all"
 
 
 def _group(
@@ -341,7 +341,7 @@ def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
         if owner is not joint and owner.commands and joint.commands:
             raise RobotConfigError(
                 f"joints {owner.joint} and {joint.joint} are both axis {joint.axis.number} of {joint.node.who}; give "
-                'each its own by <param name="axis">'
+                'each its own axis by <param name="axis">'
             )
 
 
@@ -352,7 +352,7 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
         if any(other.stop_group is not joint.stop_group for other in joint.partners):
             names = " and ".join((joint.joint, *(other.joint for other in joint.partners)))
             raise RobotConfigError(
-                f"{names} are motors behind one controlword of {joint.node.who} and stop together; give them one "
+                f"{names} share the controlword of {joint.node.who}, so that they stop together; give them one "
                 "stop_group"
             )
 
@@ -367,7 +367,7 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
             raise RobotConfigError(f"joint {joint.name}: no node of bus.yml has node_id {node_id}")
     if name is None:
         names = ", ".join(nodes)
-        raise RobotConfigError(f'joint {joint.name}: it needs <param name="device_name">, a drive of bus.yml: {names}')
+        raise RobotConfigError(f'joint {joint.name}: add <param name="device_name"> with a drive of bus.yml: {names}')
     if name not in nodes:
         raise RobotConfigError(
             f"joint {joint.name}: device_name {name!r} is not a node of bus.yml{nearest(name, nodes)}"

@@ -73,8 +73,8 @@ class FeedForward:
         self._reported = interface = self._foreign
         position, other_owner = self._commands[POSITION].owner, self._commands[interface].owner
         return (
-            f"its {interface} is commanded by {other_owner} and its position by {position}: that is not feed-forward, "
-            f"and not sent; deactivate {other_owner}"
+            f"its {interface} is commanded by {other_owner} but its position by {position}, so the feed-forward "
+            f"is not sent; deactivate {other_owner}"
         )
 
     def zero(self) -> None:

@@ -651,7 +651,7 @@ def test_halt_and_mode_bits_are_sent_to_an_enabled_drive_only():
 def test_bits_that_are_not_a_modes_are_refused():
     machine = DriveMachine("x")
     for bits in (0x0F, 0x80, 0x100, 0x400, -1):
-        with pytest.raises(LocalProtocolError, match="not bits of a mode"):
+        with pytest.raises(LocalProtocolError, match="bits that are not mode-specific"):
             machine.mode_bits = bits
     assert machine.mode_bits == 0
 

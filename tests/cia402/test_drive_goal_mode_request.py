@@ -39,8 +39,7 @@ def test_a_display_that_never_follows_goes_back_to_the_last_mode_that_was_confir
     event = request.update(1, False, 110)
     assert event == ModeTimedOut(110, 8, 1, 1)
     assert (
-        event.text
-        == "mode CSP not confirmed, 0x6061 shows PP; back to PP; mode_timeout_ms in bus.yml gives it more time"
+        event.text == "mode CSP not confirmed, 0x6061 shows PP; back to PP; mode_timeout_ms in bus.yml allows more time"
     )
     assert (request.mode, request.confirmed, request.failed) == (1, True, True)
     request.ask(1)

@@ -53,7 +53,7 @@ def test_the_event_names_the_transition_or_else_what_was_wanted_in_the_end():
     )
     slow = timer.timed_out(State.NOT_READY_TO_SWITCH_ON, State.OPERATION_ENABLED, 0x0600, True, 100)
     assert slow.transition == 1
-    assert slow.text.endswith("not enabled; `transition_timeouts_ms: {1: 20000}` in bus.yml gives it more time")
+    assert slow.text.endswith("not enabled; `transition_timeouts_ms: {1: 20000}` in bus.yml allows more time")
 
 
 def test_to_enable_transition_16_is_asked_for_when_the_mode_is_confirmed():
@@ -138,5 +138,5 @@ def test_a_cause_that_is_still_there_is_told_when_the_time_is_over_and_bit_7_fal
     assert reset.deadline == 100
     event = reset.update(State.FAULT, WORD, 100)
     assert event == FaultResetFailed(100, WORD)
-    assert "cause still present (statusword 0x0218)" in event.text
+    assert "the cause is still present (statusword 0x0218)" in event.text
     assert (reset.active, reset.bit) == (False, 0)

@@ -74,7 +74,7 @@ def test_the_bits_of_the_last_homing_are_not_this_ones_end():
     machine, sent, events = home([DONE] * 30, start_timeout_ns=100)
     assert sent[-1] == 0
     assert not machine.homed
-    assert events[0].reason == "it was never seen running"
+    assert events[0].reason == "the drive did not start it in time"
     assert events[0].time == 130
 
 
@@ -101,13 +101,13 @@ def test_an_interruption_ends_it_but_a_glimpse_of_one_does_not():
     machine, _, events = home([STOPPED, RUNNING, STOPPED, STOPPED, RUNNING, DONE])
     assert machine.homed
     machine, sent, events = home([STOPPED, RUNNING, *[STOPPED] * 5])
-    assert events[0].reason == "it was interrupted"
+    assert events[0].reason == "the drive interrupted it"
     assert sent[-1] == 0
 
 
 def test_one_that_does_not_start_or_does_not_end_has_its_time():
     _, _, events = home([STOPPED] * 30, start_timeout_ns=100)
-    assert [(event.reason, event.time) for event in events] == [("it was never seen running", 130)]
+    assert [(event.reason, event.time) for event in events] == [("the drive did not start it in time", 130)]
     machine, sent, events = home([STOPPED, *[RUNNING] * 200], timeout_ns=1000, start_timeout_ns=100)
     assert [(event.reason, event.time) for event in events] == [("not done in time", 1000)]
     assert sent[-1] == 0

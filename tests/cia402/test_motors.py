@@ -72,4 +72,4 @@ def test_a_device_is_known_by_its_dictionary(od):
     assert motors_of(read_eds(data_path("eds", "generic_cia402.eds")).od) is None
     od.add(Entry(0x6840, 0, "Controlword 2", U16))
     assert motors_of(od) is None
-    assert "its axes are in objects of their own" in problem_of(od, (1, 2))
+    assert "each axis has its own objects" in problem_of(od, (1, 2))

@@ -123,7 +123,7 @@ def test_a_move_is_taken_once_and_reached_where_it_should(delay, busy_ack):
     assert drive.position == 200
     assert events[1].time >= 20
     assert not machine.busy
-    assert events[0].text == "set-point 200 taken"
+    assert events[0].text == "set-point 200 acknowledged"
     assert events[1].text == "set-point 200 reached"
 
 
@@ -133,7 +133,7 @@ def test_a_second_set_point_waits_for_its_turn_and_only_the_last_is_told_as_reac
     machine.update(drive.statusword, True, 0)
     machine.move(50)
     assert not machine.can_take
-    with pytest.raises(LocalProtocolError, match="one is waiting already"):
+    with pytest.raises(LocalProtocolError, match="another one is waiting"):
         machine.move(60)
     events = run(machine, drive, 60)
     assert [(type(event), event.target) for event in events] == [
@@ -186,7 +186,7 @@ def test_an_acknowledge_bit_that_is_already_1_is_no_acknowledgement():
     assert {machine.update(ENABLED | ACK, True, now) for now in range(0, 110, 10)} == {0}
     (event,) = machine.events()
     assert (event.phase, event.time) == (SetPointPhase.LOW, 100)
-    assert event.text == f"set-point 7 given up: {SetPointPhase.LOW.value}"
+    assert event.text == f"set-point 7 abandoned: {SetPointPhase.LOW.value}"
     assert not machine.busy
 
 

@@ -69,7 +69,7 @@ def test_counts_per_revolution_come_from_the_factor_group():
     assert counts_per_revolution((2000, 1)) == 2000
     assert counts_per_revolution((2000, 1), (10, 3)) == pytest.approx(2000 * 10 / 3)
     assert counts_per_revolution((2000, 1), (10, 1), (360_000, 1)) == 360_000
-    with pytest.raises(ConfigError, match="none may be 0"):
+    with pytest.raises(ConfigError, match="all values must be above 0"):
         counts_per_revolution((2000, 0))
 
 

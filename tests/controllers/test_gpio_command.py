@@ -81,7 +81,7 @@ def test_a_value_that_the_object_behind_cannot_hold_is_refused_and_the_others_st
     hardware, control = robot()
     control.command("outputs", [0.5, 0.5, 0.5], 0)
     hardware.command_interfaces[2].lowest, hardware.command_interfaces[2].highest = 0.0, 1.0
-    with pytest.raises(ControlError, match="cannot set 2: valve/open holds 0 to 1; nothing was applied"):
+    with pytest.raises(ControlError, match="cannot set 2: the range of valve/open is 0 to 1; nothing was applied"):
         control.command("outputs", {"io/lamp": 1.0, "valve/open": 2.0}, 1)
     control.update(S, 0.01)
     assert hardware.values() == [0.5, 0.5, 0.5]

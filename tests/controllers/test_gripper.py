@@ -192,7 +192,7 @@ def test_a_goal_that_cannot_be_is_refused_and_the_one_before_goes_on(sent, words
 def test_a_position_that_the_object_behind_cannot_hold_is_refused():
     gripper = Gripper()
     gripper.hardware.command_interfaces[0].highest = 0.04
-    with pytest.raises(ControlError, match=r"cannot send 0\.05: finger/position holds"):
+    with pytest.raises(ControlError, match=r"cannot send 0\.05: the range of finger/position is"):
         gripper.send(0.05)
 
 

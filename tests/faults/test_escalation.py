@@ -50,8 +50,8 @@ def test_a_drive_that_does_not_stop_is_told_to_quick_stop_then_to_disable_voltag
     bench.until(lambda: joint.power.state is AxisPhase.UNSTOPPED, ms=2000)
     assert [text.split(": ")[1].split(";")[0] for text in bench.texts("stop_overdue")] == [
         "has not stopped in time",
-        "its quick stop was not seen to end",
-        "no stop command had a visible effect",
+        "its quick stop did not end in time",
+        "no stop command had a visible effect, so it may have power",
     ]
     bench.bus.drop(None)
     bench.run(6000)  # it hears again, coasts, and is seen disabled
@@ -108,5 +108,5 @@ def test_the_stop_of_a_halted_axis_does_not_wait_for_a_target_that_stands_alread
 
 def test_whether_it_holds_a_load_is_true_or_false(tmp_path):
     config = copy_robby(tmp_path, description={DEVICE: DEVICE + '<param name="holds_load">maybe</param>'})
-    with pytest.raises(RobotConfigError, match="holds_load is 'maybe'; it is true or false"):
+    with pytest.raises(RobotConfigError, match="holds_load is 'maybe'; it must be true or false"):
         FaultBench("noload", config=config)

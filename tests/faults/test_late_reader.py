@@ -131,7 +131,7 @@ def test_a_stop_for_stale_feedback_says_what_to_call(late, node):
     bench = late()
     bench.switch("tpdo_missing", node=node)
     event, _ = bench.told("stop")
-    assert "to go on: canopen-control axis enable all" in event.text
+    assert "to continue: canopen-control axis enable all" in event.text
     bench.switch("tpdo_missing", on=False, node=node)
     bench.run(2500)
     bench.goes_on()

@@ -46,7 +46,7 @@ KEYS = {  # with which such a drive works, or works without a wait
 NAMES_OF_KEYS = {"sdo": "0x1006"}  # what a message names instead of a key that holds many things
 NAMED = {  # no robot follows its positions with these: it stops, and names the key, or the source of the set-points
     "brake_delay": "`enable_settle_ms`",
-    "set_points_elsewhere": "which source its set-points come from",
+    "set_points_elsewhere": "the source of its set-points",
 }
 
 

@@ -75,7 +75,7 @@ def test_row_03_a_drive_that_is_only_silent_is_told_to_stop(turning):
     after = turning.told("heartbeat_lost")[1]
     assert turning.stopped_after(LEFT) <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
     (text,) = turning.texts("stop")
-    assert text.endswith("; to go on, when left_drive is back: canopen-control axis enable all")
+    assert text.endswith("; to continue when left_drive has returned: canopen-control axis enable all")
 
 
 @pytest.mark.rest

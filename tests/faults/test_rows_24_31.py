@@ -56,7 +56,7 @@ def test_row_25_a_fault_stops_the_robot_and_a_reset_with_the_cause_present_says_
     turning.began = turning.reactor.now()
     assert "FAULT" in turning.axis_refused(Action.FAULT_RESET, "left_drive")
     failed, took = turning.told("fault_reset_failed")
-    assert "cause still present" in failed.text
+    assert "the cause is still present" in failed.text
     assert took <= 2100
     turning.switch(fault, on=False)
     assert turning.axis(Action.FAULT_RESET) is None
@@ -162,7 +162,7 @@ def test_row_30_an_undefined_statusword_keeps_the_last_state_for_some_cycles_and
     assert turning.joint(LEFT).machine.state is State.OPERATION_ENABLED
     event, after = turning.told("statusword")
     assert 10 * CYCLE_MS <= after <= 10 * CYCLE_MS + SEEN_MS
-    assert "0x0001 shows no state" in event.text
+    assert "0x0001 shows no CiA 402 state" in event.text
     assert turning.stopped_after() <= after + RAMP_MS + 2 * CYCLE_MS
     assert turning.joint(LEFT).machine.undefined >= 10
 

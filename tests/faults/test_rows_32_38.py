@@ -58,7 +58,7 @@ def test_row_32_an_acknowledgement_that_is_set_already_is_waited_for_to_fall(ser
     robby.bus.clear_history()
     positions(robby, 1.0, 6000)
     assert all(word & 0x10 == 0 for word in controlwords(robby, 2)), "no edge before bit 12 was seen 0"
-    assert any("stays 1 before the set-point" in event.text for event in robby.found("set_point"))
+    assert any("stayed 1 before the set-point" in event.text for event in robby.found("set_point"))
 
 
 def test_row_33_reached_counts_only_after_the_acknowledgement_of_this_set_point(servo):
@@ -67,7 +67,7 @@ def test_row_33_reached_counts_only_after_the_acknowledgement_of_this_set_point(
     robby.robot.command("position", [3.0, 3.0], "test")
     robby.until(lambda: any("reached" in event.text for event in robby.found("set_point") if "drive_one" in event.text))
     texts = [event.text for event in robby.found("set_point") if "drive_one" in event.text]
-    assert "taken" in texts[0]
+    assert "acknowledged" in texts[0]
     times = [event.time for event in robby.found("set_point") if "drive_one" in event.text]
     assert times[1] - times[0] >= 3 * 10_000_000, "some SYNCs at least"
 
@@ -126,7 +126,7 @@ def test_row_36_a_position_axis_at_its_limit_lets_the_others_go_on(servo):
     robby.switch("limit_switch", node=2)
     positions(robby, 20.0, 300)
     (event,) = robby.found("limit")
-    assert "only the other direction is followed" in event.text
+    assert "only motion in the other direction is permitted" in event.text
     robby.run(500)
     assert not robby.found("stop")
     assert robby.joint(2).enabled

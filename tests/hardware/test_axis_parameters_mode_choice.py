@@ -152,7 +152,7 @@ def test_a_mode_without_a_target_or_without_an_rpdo_is_refused_where_targets_are
     bus.write_text(bus.read_text().replace("{index: 0x6071}, ", ""))
     drives = AloneBench("nomode", config=config, drives=(2, 3))
     drives.start()
-    for mode, words in (("HM", "takes no target"), ("CST", "0x6071")):
+    for mode, words in (("HM", "has no target"), ("CST", "0x6071")):
         assert words in drives.axis(Action.MODE, "drive_one", mode=mode)
     drives.mode("CSV")
     drives.close()

@@ -270,7 +270,7 @@ def test_what_changes_faster_than_it_can_has_jumped_and_is_told_once():
     assert math.isnan(node.receives(16))
     node.now += S
     assert math.isnan(node.receives(16))
-    assert node.inputs.jumps == ["io/level jumped from 10 to 16 m: it is nan until the node is booted again"]
+    assert node.inputs.jumps == ["io/level jumped from 10 to 16 m; its value is nan until the node has booted again"]
     node.node.boots, node.node.identity.presets[VALUE] = 2, 16
     assert node.receives(16) == 16.0
 
@@ -465,8 +465,7 @@ def test_a_device_that_disappears_is_told_with_what_is_void(io):
     io.power_off(IO)
     io.run(1500)
     assert io.texts("device_lost") == [
-        "node 5 (io): lost: its inputs are unknown; of its outputs do0, do1, ao1 are void, "
-        "and not restored until commanded again"
+        "node 5 (io): lost: its inputs are unknown; the commands of do0, do1, ao1 are void until commanded again"
     ]
     assert status_message(io.robot).nodes["io"].void_outputs == ("do0", "do1", "ao1")
     io.power_on(IO)
@@ -498,7 +497,7 @@ def test_the_end_of_the_robot_sends_safe_values_to_a_module_that_knows_no_error_
 
 def test_what_moves_an_axis_is_not_commanded_past_its_joint(tmp_path):
     part = '<param name="device_name">left_drive</param><command_interface name="0x6040:00"/>'
-    with pytest.raises(RobotConfigError, match=r"'0x6040:00' of drive .* moves an axis; a joint commands it"):
+    with pytest.raises(RobotConfigError, match=r"'0x6040:00' of drive .* moves an axis; command it through a joint"):
         DeviceBench("device-axis", with_device(tmp_path, EDS, (), parameters=part, name="io"))
 
 
@@ -577,7 +576,7 @@ def test_an_output_that_cannot_be_mapped_is_not_to_be_mapped(tmp_path):
         DeviceBench("device-sdo-only", config)
     said = str(caught.value)
     assert "'ao0' of I/O module (CiA 401) io is in no RPDO; map 0x6411:01 in bus.yml" in said
-    assert "'ao1' of I/O module (CiA 401) io is in no RPDO; 0x6411:02 cannot be mapped: leave it out" in said
+    assert "'ao1' of I/O module (CiA 401) io is in no RPDO; 0x6411:02 cannot be mapped: remove it" in said
 
 
 def test_a_part_of_another_name_says_which_node_it_is(tmp_path):

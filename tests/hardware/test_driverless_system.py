@@ -149,7 +149,7 @@ def test_a_switch_that_makes_no_sense_is_refused():
     made = system(part(commands=("position", "velocity", "acceleration")))
     with pytest.raises(ControlError, match="cannot be commanded together"):
         made.prepare_command_mode_switch(["j/position", "j/velocity"], [])
-    with pytest.raises(ControlError, match="takes position, velocity or effort"):
+    with pytest.raises(ControlError, match="supports only position, velocity and effort"):
         made.prepare_command_mode_switch(["j/acceleration"], [])
     with pytest.raises(UnknownInterface):
         made.prepare_command_mode_switch(["k/velocity"], [])

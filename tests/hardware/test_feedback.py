@@ -231,8 +231,8 @@ def test_a_unit_is_named_with_its_scale(unit, per_turn, scale):
     told, jumps = in_rpm(feedback, rpm=80, factor=per_turn / 60)
     (text,) = filter(None, told)
     assert not jumps
-    assert text.startswith("it turns much faster than its velocity (0x606C) says, as a drive does ")
-    assert f"velocities are in {unit} and not in counts per second" in text
+    assert text.startswith("it turns much faster than its velocity (0x606C) shows, as if its ")
+    assert f"velocities were in {unit} instead of counts per second" in text
     assert f"scale_vel_to_dev: {scale}, " in text
     assert ("0x60A9" in text) == unit.endswith("rpm")
 
@@ -244,7 +244,7 @@ def test_counts_that_are_taken_for_rpm_are_named_by_a_motion_that_is_too_slow():
     (text,) = filter(None, told)
     assert "turns much slower than its velocity" in text
     assert not unit_mismatch(axis, 8000.0, 8000, rising=False).faster  # a warning: nothing is faster than it was to be
-    assert "velocities are in counts per second and not in another unit" in text
+    assert "velocities were in counts per second instead of another unit" in text
     assert "scale_vel_to_dev: 1000, scale_vel_from_dev: 0.001" in text
 
 
@@ -253,7 +253,7 @@ def test_a_motor_behind_a_gear_is_recognised_by_its_own_turns():
     axis.turn = COUNTS * math.tau / 5  # the motor makes five turns for one of the joint
     told, _ = in_rpm(feedback, rpm=80, factor=5)
     (text,) = filter(None, told)
-    assert "velocities are in rpm" in text
+    assert "velocities were in rpm" in text
     assert "scale_vel_to_dev: 47.74648, " in text
 
 

@@ -24,7 +24,7 @@ def axis(counts_per_rad=TURN / math.tau, velocity=TURN / math.tau):
 def test_each_unit_is_named(unit, per_turn, turns):
     doubt = unit_mismatch(axis(), turns * TURN, round(turns * per_turn), rising=False)
     assert doubt.faster
-    assert f"velocities are in {unit} and not in counts per second" in doubt.text
+    assert f"velocities were in {unit} instead of counts per second" in doubt.text
 
 
 def test_a_motion_that_is_as_told_is_no_doubt():
@@ -36,7 +36,7 @@ def test_a_motion_that_is_as_told_is_no_doubt():
 
 def test_while_it_gets_faster_all_that_may_be_are_named_the_likeliest_first():
     doubt = unit_mismatch(axis(), 3.0 * TURN * 0.8, 3 * 360, rising=True)
-    assert "velocities are in deg/s or 0.1 rpm and" in doubt.text
+    assert "velocities were in deg/s or 0.1 rpm" in doubt.text
     assert "in bus.yml for deg/s (scale_vel_to_dev: 57.29578, " in doubt.text
 
 
@@ -51,4 +51,4 @@ def test_a_motion_that_is_slower_is_named_as_well():
     doubt = unit_mismatch(axis(velocity=60 / math.tau), 3.0 * TURN, round(3.0 * TURN), rising=False)
     assert not doubt.faster
     assert "turns much slower" in doubt.text
-    assert "in counts per second and not in another unit" in doubt.text
+    assert "in counts per second instead of another unit" in doubt.text

@@ -28,7 +28,7 @@ def test_holds_load_is_true_or_false(tmp_path):
     config = copy_arm(tmp_path)
     path, old = config / "arm6.urdf", '<param name="device_name">joint_1_drive</param>'
     path.write_text(path.read_text().replace(old, old + '<param name="holds_load">perhaps</param>'))
-    with pytest.raises(RobotConfigError, match="holds_load is 'perhaps'; it is true or false"):
+    with pytest.raises(RobotConfigError, match="holds_load is 'perhaps'; it must be true or false"):
         Bench("parts2", config=config)
 
 

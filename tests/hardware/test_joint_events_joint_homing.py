@@ -60,7 +60,7 @@ def test_without_a_method_the_one_of_the_drive_is_used(servo):
 
 def test_two_at_once_are_refused_and_a_reserved_method_too(servo):
     servo.robot.axis(Action.HOME, "2", lambda _error: None, method=17)
-    with pytest.raises(DriveError, match="under way already"):
+    with pytest.raises(DriveError, match="already in progress"):
         servo.joint(2).home(17)
     with pytest.raises(DriveError, match="homing method 15"):
         servo.joint(3).home(15)
@@ -89,7 +89,7 @@ def test_the_speeds_of_homing_are_lowered_to_the_velocity_limit(slow):
     assert slow.axis(Action.HOME, "2", method=17) is None
     assert [slow.drives[2].get(0x6099, sub) for sub in (1, 2)] == [most, 8000]
     (told,) = slow.texts("parameters")
-    assert f"0x6099:01 was 65536 and is {most} now, the velocity limit of the description" in told
+    assert f"0x6099:01 was reduced from 65536 to {most}, the velocity limit of the description" in told
 
 
 def test_a_homing_that_does_not_move_leaves_the_speeds_alone(slow):

@@ -182,5 +182,5 @@ def test_a_set_point_that_a_drive_ignores_on_its_way_is_given_again(robot, monke
     made.command("pos", -0.3, -0.3, seconds=8)
     made.run(9)
     assert made.position("pan") == pytest.approx(-0.3, abs=0.01)
-    assert any("given again when the drive is there" in each for each in sentences(made))
+    assert any("sent again when the motion has ended" in each for each in sentences(made))
     assert not any("given up" in each for each in sentences(made))

@@ -49,7 +49,7 @@ def test_a_fault_reaction_that_does_not_end_is_named(robot, monkeypatch):
     assert axis.state is State.FAULT_REACTION_ACTIVE
     made.reset_faults()
     made.run(3)
-    assert any("still in FAULT REACTION ACTIVE" in each and "none was sent" in each for each in sentences(made))
+    assert any("still in FAULT_REACTION_ACTIVE" in each and "none was sent" in each for each in sentences(made))
 
 
 @pytest.mark.sources

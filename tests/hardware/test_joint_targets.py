@@ -201,7 +201,9 @@ def test_digital_outputs_and_inputs_travel_where_they_are_mapped(servo):
 def test_a_ramp_of_the_drive_that_is_too_fast_is_lowered_before_the_first_set_point(servo):
     robby = servo("position", "position_mode: 1", velocity=LIMIT)
     assert robby.drives[2].get(0x6081) == int(LIMIT * K)
-    assert "0x6081 was 65536 and is 8344 now, the velocity limit of the description" in robby.texts("parameters")[0]
+    assert (
+        "0x6081 was reduced from 65536 to 8344, the velocity limit of the description" in robby.texts("parameters")[0]
+    )
 
 
 def test_a_ramp_of_the_drive_that_is_slower_stays(servo):
@@ -240,7 +242,7 @@ def test_a_target_that_is_slowed_down_is_told_once_for_each_occasion(servo):
     for value in (6.1, 6.2, 6.3):
         command(robby, "velocity", value, 300)
     assert len(robby.texts("held_back")) == 2  # of two joints
-    assert "the target of one is faster than the velocity limit of the description" in robby.texts("held_back")[0]
+    assert "the target of one exceeds the velocity limit of the description" in robby.texts("held_back")[0]
     command(robby, "velocity", 0.5, 2000)
     command(robby, "velocity", 6.0, 300)
     assert len(robby.texts("held_back")) == 4

@@ -97,7 +97,7 @@ def test_a_drive_that_refuses_keeps_the_others_of_its_group_off():
     recovery.step(0)
     assert joints[0].stopped
     assert [event.kind for event in events] == ["recovered", "not_enabled", "not_enabled"]
-    assert "joint_0 stay disabled with joint_1 (drive_1)" in events[-1].text
+    assert "joint_0 stay disabled because joint_1 (drive_1) cannot be enabled" in events[-1].text
 
 
 @pytest.mark.sources  # stand-ins for joints

@@ -142,7 +142,7 @@ def _without(*places):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"key": "motor_subindices: [1, 1]"}, "subindex 1 is given twice; each motor has its own"),
+        ({"key": "motor_subindices: [1, 1]"}, "subindex 1 is listed twice; each motor needs its own subindex"),
         ({"key": "motor_subindices: [1]"}, "a subindex for each of two or more motors is needed, such as [1, 2]"),
         ({"key": "motor_subindices: [1, 4]"}, "0x607A:04, 0x60FF:04"),
         ({"edit": _without("606Csub2")}, "0x606C:02 is not in it"),
@@ -177,7 +177,7 @@ def test_joints_that_cannot_be_two_motors_are_refused(tmp_path, options, words):
 
 @pytest.mark.parametrize(
     ("action", "options", "words"),
-    [(Action.HOME, {}, "HM starts a motion by bits of the controlword"), (Action.MODE, {"mode": "PP"}, "PP starts")],
+    [(Action.HOME, {}, "HM starts motions by bits of the controlword"), (Action.MODE, {"mode": "PP"}, "PP starts")],
 )
 def test_what_would_start_both_motors_is_refused(robot, action, options, words):
     core = robot().simulated.core

@@ -117,7 +117,7 @@ def test_what_another_controller_gives_is_not_sent_and_that_is_told_once(arm):
     arm.run(500)
     assert joint.axis.velocity_offset.value == 0
     (text,) = arm.texts("feed_forward")
-    assert "its velocity is commanded by somebody_else and its position by arm_controller" in text
+    assert "its velocity is commanded by somebody_else but its position by arm_controller" in text
 
 
 @pytest.mark.rest
@@ -161,8 +161,8 @@ def test_torque_feed_forward_is_zero_when_the_positions_end(tmp_path):
 @pytest.mark.parametrize(
     ("asked", "mode", "why"),
     [
-        ("[]", 8, r"map 0x60FF, or beside its position give feed_forward: \[velocity\], in bus.yml"),
-        ("[velocity]", 1, "in mode CSP alone, and position is commanded in PP"),
+        ("[]", 8, r"map 0x60FF, or set feed_forward: \[velocity\] for use"),
+        ("[velocity]", 1, "only in mode CSP, but position is commanded in PP"),
     ],
 )
 def test_where_it_cannot_be_the_claim_is_refused_with_what_to_do(tmp_path, asked, mode, why):

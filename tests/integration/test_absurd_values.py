@@ -25,7 +25,7 @@ def test_a_velocity_that_no_object_holds_is_refused_and_the_wheels_stop(robby, v
     robby.hold(10, 10, ms=500)
     rejected = robby.robot.manager.get(FORWARD).rejected
     for _ in range(5):
-        with pytest.raises(ControlError, match="left_wheel_joint/velocity holds") as refused:
+        with pytest.raises(ControlError, match="the range of left_wheel_joint/velocity is") as refused:
             robby.command(value, 1.0)
         robby.run(100)
     assert f"cannot send {value:g}" in str(refused.value)
@@ -46,7 +46,7 @@ def test_a_twist_whose_wheels_no_drive_could_turn_is_refused_and_the_base_stands
         robot.command("robby_base_controller", [0.2, 0.0], "test")
         robby.run(100)
     assert robby.speed(RIGHT) != 0
-    with pytest.raises(ControlError, match="_wheel_joint/velocity holds"):
+    with pytest.raises(ControlError, match=r"the range of .*_wheel_joint/velocity is"):
         robot.command("robby_base_controller", list(twist), "test")
     robby.run(1000)
     assert (robby.speed(LEFT), robby.speed(RIGHT)) == (0, 0)
@@ -71,7 +71,7 @@ def test_every_interface_refuses_what_its_object_cannot_hold(tmp_path, kind, val
     bench = FaultBench(f"absurd{kind}", config=write_generic(tmp_path), drives=(2, 3), controllers=[kind])
     try:
         bench.start()
-        with pytest.raises(ControlError, match=f"/{kind} holds"):
+        with pytest.raises(ControlError, match=f"/{kind} is "):
             bench.robot.command(kind, [value, 0.0], "test")
         bench.run(500)
         assert bench.speed(2) == bench.speed(3) == 0

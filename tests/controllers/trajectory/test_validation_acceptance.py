@@ -87,7 +87,7 @@ def test_what_the_object_behind_cannot_hold_is_named():
     judge, commands = acceptance()
     commands[0].lowest, commands[0].highest = -1.0, 1.0
     text = judge.mistake(packed(3, lambda index: [-1.5 * (index == 1), 0.0]), S, HERE).text
-    assert text == "it leads a to -1.5, and a/position holds -1 to 1; plan within this range"
+    assert text == "it leads a to -1.5, and the range of a/position is -1 to 1; plan within this range"
 
 
 def test_points_that_came_in_process_are_judged_too():
