@@ -114,6 +114,9 @@ def run_drives(
                 eds_files=options.others,
             )
             check.finish()
+            renamed = [node.node_id for node in devices.nodes if node.node_id not in node_ids]  # by LSS, from the store
+            if renamed:
+                NodeIdCheck(reactor, port, renamed).finish()
             with contextlib.closing(devices.world):
                 again = partial(reopen, channel, label)
                 bus = BusNodes(port, devices.nodes, again, devices.timeline, devices.world)

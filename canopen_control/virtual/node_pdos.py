@@ -395,10 +395,7 @@ class PdoExchange:
         before = self._is_valid(base, number)
         if not (before or self.records.is_valid(base + number)):
             return  # a PDO is created from its whole record when it becomes valid
-        if base == RPDO:
-            self._make_rpdo(number)
-        else:
-            self._make_tpdo(number, self._clock.now)
+        self._make(base, number)
         self._make_waiting()
         self._survey()
         self._on_rebuilt()
@@ -408,10 +405,13 @@ class PdoExchange:
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
-                    if base == RPDO:
-                        self._make_rpdo(number)
-                    else:
-                        self._make_tpdo(number, self._clock.now)
+                    self._make(base, number)
+
+    def _make(self, base: int, number: int) -> None:
+        if base == RPDO:
+            self._make_rpdo(number)
+        else:
+            self._make_tpdo(number, self._clock.now)
 
     def _is_valid(self, base: int, number: int) -> bool:
         core = self.rpdos[number].consumer if base == RPDO else self.tpdos[number].producer
