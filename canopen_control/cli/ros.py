@@ -46,12 +46,12 @@ def list_parameters(graph: Graph, args: argparse.Namespace) -> int:
 
 def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
     """Print the value of a parameter; CanopenError if the node does not have this parameter."""
-    from canopen_control.ros.controller_nodes import wanted_by
+    from canopen_control.ros.controller_nodes import requested_value
 
     values = _call_service(graph, args, "get_parameters", "GetParameters", {"names": [args.name]}).values
     if not values:
         raise _absent(args)
-    value = wanted_by(_Named(args.name, values[0])).value
+    value = requested_value(_Named(args.name, values[0])).value
     print(json_text(value) if args.json else value)
     return 0
 

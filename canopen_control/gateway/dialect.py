@@ -298,7 +298,7 @@ class _Line:
         if not self.closed:
             raise GatewayRefusal(SYNTAX)
 
-    def go_on(self) -> None:
+    def demand_token(self) -> None:
         """Raise GatewayRefusal if no token follows."""
         if self.closed:
             raise GatewayRefusal(SYNTAX)
@@ -443,7 +443,7 @@ class GatewayDialect:
         """Read the optional net and node of a line, and return the verb after them."""
         numbers: list[int] = []
         while (token := line.token())[:1].isdigit():
-            line.go_on()
+            line.demand_token()
             numbers.append(_ranged(token, 0, _U32))
             if len(numbers) > 2:
                 raise GatewayRefusal(SYNTAX)
@@ -471,7 +471,7 @@ class GatewayDialect:
 
     def _read(self, line: _Line, _verb: str) -> GatewayRequest:
         node_id = self._node(line, 1)
-        line.go_on()
+        line.demand_token()
         index = _ranged(line.more(), 0, _U16)
         token = line.token()
         if not token:
@@ -481,11 +481,11 @@ class GatewayDialect:
 
     def _write(self, line: _Line, _verb: str) -> GatewayRequest:
         node_id = self._node(line, 1)
-        line.go_on()
+        line.demand_token()
         index, subindex = _ranged(line.more(), 0, _U16), _ranged(line.more(), 0, _U8)
         name = _type_name(line.token())
         fixed = _FIXED.get(name)
-        line.go_on()
+        line.demand_token()
         data = _open_bytes(name, line.rest()) if fixed is None else _fixed_bytes(fixed, line.last(_LONGEST_VALUE))
         return WriteOrder(node_id, index, subindex, data)
 
@@ -496,24 +496,24 @@ class GatewayDialect:
 
     def _reset(self, line: _Line, _verb: str) -> GatewayRequest:
         node_id = self._node(line, BROADCAST)
-        line.go_on()
+        line.demand_token()
         command = _RESETS.get(line.last().lower())
         if command is None:
             raise GatewayRefusal(SYNTAX)
         return NmtOrder(node_id, command)
 
     def _set(self, line: _Line, _verb: str) -> bytes:
-        line.go_on()
-        what = line.token().lower()
-        if what not in _SETTINGS:
+        line.demand_token()
+        setting = line.token().lower()
+        if setting not in _SETTINGS:
             raise GatewayRefusal(NOT_SUPPORTED)
-        line.go_on()
-        value = _ranged(line.last(), *_SETTINGS[what])
-        if what == b"node":
+        line.demand_token()
+        value = _ranged(line.last(), *_SETTINGS[setting])
+        if setting == b"node":
             self.node_id = value
-        elif what == b"sdo_timeout":
+        elif setting == b"sdo_timeout":
             self.timeout_ms = value
-        elif what == b"sdo_block":
+        elif setting == b"sdo_block":
             self.block = bool(value)
         return self.ok()  # `network` is accepted: there is a single net, as in CANopenNode's usual build
 

@@ -61,7 +61,7 @@ class GoalRequest(NamedTuple):
     client: bytes | None
 
 
-class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, without types
+class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without types
     """Action server that answers goals asynchronously; callbacks are called in the executor's thread.
 
     `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` reports an
@@ -92,7 +92,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
             name,
             lambda _handle: None,
             goal_callback=lambda _goal: _rclpy.GoalResponse.ACCEPT if self._accepts else _rclpy.GoalResponse.REJECT,
-            handle_accepted_callback=_is_executing,
+            handle_accepted_callback=_set_executing,
             cancel_callback=cancel,
         )
 
@@ -114,7 +114,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
             super()._execute_goal_request(waiting).send(None)  # completes at once: no callback is a coroutine
         handle = self.known(uuid)
         if handle is not None and handle.status == _ACCEPTED:  # no client could be informed
-            _is_executing(handle)
+            _set_executing(handle)
             self._on_lost(uuid)
 
     def finish(self, uuid: bytes, state: str, result: RosMessage) -> None:
@@ -160,7 +160,7 @@ class ActionServerWithGoals(_ActionServer):  # type: ignore[misc] # rclpy's, wit
             self._handle.send_result_response(header, self._response(_ABORTED, refused))
 
 
-def _is_executing(handle: RosMessage) -> None:
+def _set_executing(handle: RosMessage) -> None:
     """Set the state of a goal handle to executing, without an execute callback."""
     handle._update_state(_rclpy.GoalEvent.EXECUTE)  # noqa: SLF001 - else rclpy would wait for the end in a coroutine
 
@@ -225,7 +225,7 @@ class TrajectorySender:
             self.client.ask(request(piece), answer)
             return
 
-        def goes_on(_done: object, error: str | None) -> None:
+        def on_answer(_done: object, error: str | None) -> None:
             if error is not None:
                 answer(None, error)
                 return
@@ -235,7 +235,7 @@ class TrajectorySender:
                 self.close()  # the robot drops the pieces that it has received
                 answer(None, str(wrong))
 
-        self.client.ask(TrajectoryData(points=piece), goes_on)
+        self.client.ask(TrajectoryData(points=piece), on_answer)
 
 
 _WATCH_S: Final = 0.25
@@ -285,7 +285,7 @@ class FollowedGoal(Generic[V]):
     def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
         self.uuid, self.client, self.sender = request.uuid, request.client, sender
         self.verdict: V | None = None
-        self.is_to_end = False
+        self.is_cancelling = False
         self.cancelled = False
         self.last_feedback = -math.inf
         self._clients = clients
@@ -300,7 +300,7 @@ class FollowedGoal(Generic[V]):
         self._was_present |= here
         return self._was_present and not here
 
-    def wants_feedback(self, time: float) -> bool:
+    def feedback_due(self, time: float) -> bool:
         """Whether feedback is due at `time` in s; if so, `time` starts the next interval."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
         if self.last_feedback <= time < self.last_feedback + 1.0 / rate:
@@ -321,7 +321,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         self._topic = f"{controller.name}/{name}"
         self._goals: dict[bytes, FollowedGoal[V]] = {}
         self._watched = -math.inf
-        self._server = ActionServerWithGoals(
+        self._server = AsyncActionServer(
             ros.node,
             action,
             self._topic,
@@ -412,9 +412,9 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     def _give_up(self, uuid: bytes, why: str | None) -> None:
         followed = self._goals.get(uuid)
-        if followed is None or followed.verdict is None or followed.is_to_end:
+        if followed is None or followed.verdict is None or followed.is_cancelling:
             return
-        followed.is_to_end = True
+        followed.is_cancelling = True
         followed.sender.client.ask(self.cancels(why), lambda _done, error: self._report(error))
 
     def _report(self, error: str | None) -> None:
@@ -449,7 +449,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     def _handle(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
         """Return rclpy's handle of a goal if feedback is due at `time` in s, else None."""
         handle = self._server.known(followed.uuid)
-        return handle if handle is not None and followed.wants_feedback(time) else None
+        return handle if handle is not None and followed.feedback_due(time) else None
 
     def _watch(self, followed: list[FollowedGoal[V]]) -> None:
         """Cancel the goals whose clients are gone, except goals that outlive their clients."""

@@ -133,13 +133,13 @@ class Bridge:
 
     def _start_ros(self, namespace: str, ros_arguments: list[str]) -> None:
         try:
-            from canopen_control.ros.rcl import in_words, start
+            from canopen_control.ros.rcl import error_text, start
         except Exception as error:
             raise CanopenError(f"ROS 2 could not be started: {error}") from error
         try:
             self._context, self._node = start(NODE_NAME, namespace, ros_arguments)
         except Exception as error:
-            raise CanopenError(f"ROS 2 could not be started: {in_words(error)}") from error
+            raise CanopenError(f"ROS 2 could not be started: {error_text(error)}") from error
         options = BridgeOptions(self._arguments.rate, self._arguments.tf, self._frame_prefix())
         self._options = with_parameters(self._node, options)
         if self._node.get_parameter("use_sim_time").value:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Float64MultiArray
 
-from canopen_control.ros.conversions import wrong
+from canopen_control.ros.conversions import command_refusal
 from canopen_control.ros.endpoint import COMMANDER, Endpoint, success_of
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import REFERENCE, SYSTEM_DEFAULT
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 # `/<controller>/commands` of the forward controllers: Float64MultiArray, one number per joint.
 #
 # Rules (forward_command_controller, Jazzy): only `data` is used, in the order of the joints. A message with a value
-# that is not finite, or with a wrong number of values, is dropped; the runtime would refuse such a command as well.
+# that is not finite, or with a wrong number of values, is dropped, as the runtime would refuse such a command.
 
 
 class ForwardCommands(Endpoint):
@@ -44,7 +44,7 @@ class ForwardCommands(Endpoint):
 
     def _on_message(self, message: Float64MultiArray) -> None:
         values = list(message.data)
-        refusal = wrong(values, self._controller)
+        refusal = command_refusal(values, self._controller)
         if refusal is not None:
             self._ros.warn(f"{self._controller.name}/commands", refusal)
             return
@@ -68,8 +68,8 @@ class GpioCommands(Endpoint):
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller, self._topic = ros, controller, f"{controller.name}/commands"
         self._lock = threading.Lock()
-        self._coming: dict[str, float] = {}
-        self._asking = False
+        self._pending: dict[str, float] = {}
+        self._is_waiting = False
         message: Any = interface("control_msgs/msg/DynamicInterfaceGroupValues")
         self._subscription = ros.subscribe(message, self._topic, self._on_message, SYSTEM_DEFAULT)
 
@@ -77,7 +77,7 @@ class GpioCommands(Endpoint):
         self._controller = controller
         if not controller.active:
             with self._lock:
-                self._coming.clear()
+                self._pending.clear()
 
     def close(self) -> None:
         self._ros.unsubscribe(self._subscription)
@@ -89,24 +89,24 @@ class GpioCommands(Endpoint):
             self._ros.warn(self._topic, f"{self._topic}: {error}; the message was dropped")
             return
         with self._lock:
-            wake = not self._coming and bool(values)
-            self._coming.update(values)
+            wake = not self._pending and bool(values)
+            self._pending.update(values)
         if wake:
             self._ros.hand_over(self._send)
 
     def _send(self) -> None:
         """Send the merged values to the robot, unless the previous request has not been answered yet."""
-        if self._asking:
+        if self._is_waiting:
             return
         with self._lock:
-            values, self._coming = self._coming, {}
+            values, self._pending = self._pending, {}
         if values:
-            self._asking = True
+            self._is_waiting = True
             request = CommandByName(controller=self._controller.name, values=values, source=COMMANDER, dead_man=True)
             self._ros.ask(request, self._on_answer)
 
     def _on_answer(self, _done: object, error: str | None) -> None:
-        self._asking = False
+        self._is_waiting = False
         if error is not None:
             self._ros.warn(self._topic, f"{self._topic}: {error}")
         self._send()
@@ -156,7 +156,7 @@ class PidReferences(Endpoint):
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
-        if self._subscription is None and self.is_wanted(controller):
+        if self._subscription is None and self.is_needed(controller):
             message: Any = interface("control_msgs/msg/MultiDOFCommand")
             self._subscription = self._ros.subscribe(message, self._topic, self._on_message, REFERENCE)
 
@@ -165,7 +165,7 @@ class PidReferences(Endpoint):
             self._ros.unsubscribe(self._subscription)
 
     @staticmethod
-    def is_wanted(controller: ControllerReading) -> bool:
+    def is_needed(controller: ControllerReading) -> bool:
         """Whether the topic exists for a controller; `~/reference` always exists."""
         del controller
         return True
@@ -215,7 +215,7 @@ class PidMeasuredStates(PidReferences):
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
     @staticmethod
-    def is_wanted(controller: ControllerReading) -> bool:
+    def is_needed(controller: ControllerReading) -> bool:
         """Whether the controller is configured to receive measured states as messages."""
         return bool(controller.required_command_interfaces) and not controller.required_state_interfaces
 
@@ -246,9 +246,9 @@ def _order(names: Sequence[str], dofs: Sequence[str]) -> list[int]:
     """Return the index of each degree of freedom in a message; ValueError unless each is named exactly once."""
     if sorted(names) == sorted(dofs):
         return [names.index(dof) for dof in dofs]
-    strange = next((name for name in names if name not in dofs), None)
-    if strange is not None:
-        raise ValueError(f"{strange!r} is not one of {', '.join(dofs)}")
+    unknown = next((name for name in names if name not in dofs), None)
+    if unknown is not None:
+        raise ValueError(f"{unknown!r} is not one of {', '.join(dofs)}")
     raise ValueError(f"dof_names is {', '.join(names)}; give each of {', '.join(dofs)} once")
 
 

@@ -83,7 +83,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
     return message
 
 
-def wanted_by(parameter: RosMessage) -> ParameterValue:
+def requested_value(parameter: RosMessage) -> ParameterValue:
     """Return the value in an rcl_interfaces/msg/Parameter; a type that the API lacks is treated as not set."""
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
@@ -186,16 +186,16 @@ class ParameterServices(Endpoint):
         results: list[RosMessage] = []
         parameters = list(request.parameters)
 
-        def go_on(result: RosMessage | None = None) -> None:
+        def set_next(result: RosMessage | None = None) -> None:
             if result is not None:
                 results.append(result)
             if len(results) < len(parameters):
-                self._change(parameters[len(results) : len(results) + 1], reply, go_on)
+                self._change(parameters[len(results) : len(results) + 1], reply, set_next)
             else:
                 response.results = results
                 reply(response)
 
-        go_on()
+        set_next()
 
     def _set_together(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def done(result: RosMessage) -> None:
@@ -212,7 +212,7 @@ class ParameterServices(Endpoint):
                 self._ros.warn(f"{self._name}/set_parameters", error)
             done(self._result(successful=error is None, reason=error or ""))
 
-        values = tuple(self._of_caller(wanted_by(parameter), reply) for parameter in parameters)
+        values = tuple(self._of_caller(requested_value(parameter), reply) for parameter in parameters)
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
 
     def _of_caller(self, parameter: ParameterValue, reply: Reply) -> ParameterValue:
@@ -221,14 +221,14 @@ class ParameterServices(Endpoint):
             return parameter
         folder, value = folder_of(self._ros.node, client_of(reply.request_id)), parameter.value
 
-        def whole(text: str) -> str:
+        def absolute(text: str) -> str:
             return str(folder / text) if folder is not None and (folder / text).is_file() else text
 
         if isinstance(value, list):
             return ParameterValue(
-                name=parameter.name, kind=parameter.kind, value=[whole(str(element)) for element in value]
+                name=parameter.name, kind=parameter.kind, value=[absolute(str(element)) for element in value]
             )
-        return ParameterValue(name=parameter.name, kind=parameter.kind, value=whole(str(value)))
+        return ParameterValue(name=parameter.name, kind=parameter.kind, value=absolute(str(value)))
 
     def _report(self, parameters: list[RosMessage]) -> None:
         """Publish changed parameters on `/parameter_events`."""

@@ -68,7 +68,7 @@ def diagonal(values: Sequence[float]) -> list[float]:
     return covariance
 
 
-def place_of(sample: OdometrySample) -> Transform:
+def odometry_pose(sample: OdometrySample) -> Transform:
     """Return the odometry pose of a base, as a transform from the odometry frame to the base frame."""
     pose = Pose((sample.x, sample.y, 0.0), from_yaw(sample.heading))
     return Transform(sample.frame_id, sample.child_frame_id, pose)
@@ -77,7 +77,7 @@ def place_of(sample: OdometrySample) -> Transform:
 def transform_of(sample: Sample) -> Transform | None:
     """Return the transform of an odometry or pose sample; None for other samples, and if disabled or unknown."""
     if isinstance(sample, OdometrySample):
-        return place_of(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
+        return odometry_pose(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
         return None
     numbers = [number for number in (*sample.position, *sample.orientation) if number is not None]
@@ -87,13 +87,13 @@ def transform_of(sample: Sample) -> Transform | None:
     return Transform(sample.frame_id, sample.child_frame_id, Pose((x, y, z), (w, around[0], around[1], around[2])))
 
 
-def frames_with_a_place(state: StateSample) -> frozenset[str]:
+def located_frames(state: StateSample) -> frozenset[str]:
     """Return the frames that odometry or pose samples locate, and which must have no joint transform."""
     samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 
-def wrong(values: Sequence[float], controller: ControllerReading) -> str | None:
+def command_refusal(values: Sequence[float], controller: ControllerReading) -> str | None:
     """Return the reason why the robot would refuse a command with these values; None if the command is valid."""
     if not all(map(math.isfinite, values)):
         return f"{controller.name}: a value is not finite: {_shown(values)}; the command was dropped"

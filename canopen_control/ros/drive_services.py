@@ -29,24 +29,24 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Done, Request
     from canopen_control.rpc.messages.state import ControllerReading, JointReading, StateSample
 
-    Asking = Callable[[str, str | None], AxisRequest | NmtRequest]
+    RequestFactory = Callable[[str, str | None], AxisRequest | NmtRequest]
 
 
-def _nmt(command: str, *, boot: bool = False) -> Asking:
+def _nmt(command: str, *, boot: bool = False) -> RequestFactory:
     return lambda node, _joint: NmtRequest(node=node, command=command, boot=boot)
 
 
-def _axis(action: str, mode: str | None = None) -> Asking:
+def _axis(action: str, mode: str | None = None) -> RequestFactory:
     return lambda node, joint: AxisRequest(node=node, joint=joint, action=action, mode=mode, source=COMMANDER)
 
 
 #: service -> function that makes the request to the robot from a node and the joint of an axis (None: all axes)
-PROXY_TRIGGERS: Final[dict[str, Asking]] = {
+PROXY_TRIGGERS: Final[dict[str, RequestFactory]] = {
     "nmt_reset_node": _nmt("reset-node", boot=True),
     "nmt_start_node": _nmt("start"),
 }
 #: the same for a drive
-TRIGGERS: Final[dict[str, Asking]] = {
+TRIGGERS: Final[dict[str, RequestFactory]] = {
     **PROXY_TRIGGERS,
     "init": _axis("enable"),
     "enable": _axis("enable"),
@@ -94,14 +94,14 @@ class DriveServices(Endpoint):
         self._state: StateSample | None = None
         trigger = "std_srvs/srv/Trigger"
         self._services = [
-            ros.serve(trigger, node.path(name), self._trigger(asking(node.name, joint)))
-            for name, asking in (TRIGGERS if node.joints else PROXY_TRIGGERS).items()
+            ros.serve(trigger, node.path(name), self._trigger(make_request(node.name, joint)))
+            for name, make_request in (TRIGGERS if node.joints else PROXY_TRIGGERS).items()
         ]
         self._services += [
             ros.serve(trigger, node.path(name, channel), self._trigger(request))
             for channel in node.channels
-            for name, asking in TRIGGERS.items()
-            if isinstance(request := asking(node.name, channel.joint), AxisRequest)
+            for name, make_request in TRIGGERS.items()
+            if isinstance(request := make_request(node.name, channel.joint), AxisRequest)
         ]
         self._services += [
             ros.serve(kind, node.path(name), handler) for name, kind, handler in NodeSdo(ros, node.name).handlers()

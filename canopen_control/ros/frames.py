@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from geometry_msgs.msg import TransformStamped
 
-from canopen_control.ros.conversions import frames_with_a_place, place_of, positions_of, transform_of
+from canopen_control.ros.conversions import located_frames, odometry_pose, positions_of, transform_of
 from canopen_control.ros.endpoint import Endpoint, NewSamples
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.qos import TF, TF_STATIC
@@ -43,7 +43,7 @@ class Frames(Endpoint):
         self._publish_fixed(0.0)
 
     def on_state(self, state: StateSample) -> None:
-        based = frames_with_a_place(state)
+        based = located_frames(state)
         if based != self._based:
             self._based = based
             self._publish_fixed(state.time)
@@ -82,12 +82,12 @@ def transform_message(ros: NodeContext, transform: Transform, time: float) -> Tr
     message.header.stamp = time_message(time)
     message.header.frame_id = ros.frame(transform.parent)
     message.child_frame_id = ros.frame(transform.child)
-    moved, turned = message.transform.translation, message.transform.rotation
-    moved.x, moved.y, moved.z = transform.pose.position
-    turned.w, turned.x, turned.y, turned.z = transform.pose.rotation
+    translation, rotation = message.transform.translation, message.transform.rotation
+    translation.x, translation.y, translation.z = transform.pose.position
+    rotation.w, rotation.x, rotation.y, rotation.z = transform.pose.rotation
     return message
 
 
 def odometry_transform(ros: NodeContext, sample: OdometrySample) -> TransformStamped:
     """Return the pose of an odometry sample as a transform message."""
-    return transform_message(ros, place_of(sample), sample.time)
+    return transform_message(ros, odometry_pose(sample), sample.time)

@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 WHEEL_RMW: Final = "rmw_fastrtps_cpp"
 """The only middleware that the wheels contain."""
-_HOW: Final = 'pip install "canopen-control[ros]" (Linux x86_64), or source a ROS 2 installation'
+_INSTALL_ADVICE: Final = 'pip install "canopen-control[ros]" (Linux x86_64), or source a ROS 2 installation'
 _EXTENSION: Final = "_rclpy_pybind11"
 PROFILE: Final = Path(__file__).with_name("loopback.xml")
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOCAL_ONLY: Final = "ROS_LOCALHOST_ONLY"  # deprecated, still obeyed by Jazzy
 _PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
 #: variables of users with their own discovery or transport settings, which the profile of this package would override
-_OWN_WAYS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
+_USER_SETTINGS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
 
 
 def require_ros(environment: Mapping[str, str] | None = None) -> None:
@@ -41,10 +41,10 @@ def require_ros(environment: Mapping[str, str] | None = None) -> None:
     environment = os.environ if environment is None else environment
     folder = _rclpy_folder()
     if folder is None:
-        raise ConfigError(f"ROS 2 is not installed: there is no rclpy in this Python; {_HOW}")
+        raise ConfigError(f"ROS 2 is not installed: there is no rclpy in this Python; {_INSTALL_ADVICE}")
     suffixes = importlib.machinery.EXTENSION_SUFFIXES
     if not any((folder / f"{_EXTENSION}{suffix}").exists() for suffix in suffixes):
-        raise ConfigError(f"the rclpy in {folder} was built for another Python; {_HOW}")
+        raise ConfigError(f"the rclpy in {folder} was built for another Python; {_INSTALL_ADVICE}")
     middleware = environment.get("RMW_IMPLEMENTATION", "")
     if middleware not in ("", WHEEL_RMW) and from_wheels():
         raise ConfigError(
@@ -82,7 +82,7 @@ def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str)
     if environment.get(_LOCAL_ONLY) != "1":
         environment.setdefault(_RANGE, "LOCALHOST")
     fast_dds = environment.get("RMW_IMPLEMENTATION", WHEEL_RMW) in ("", WHEEL_RMW)
-    if fast_dds and _stays_local(environment) and not any(environment.get(name) for name in _OWN_WAYS):
+    if fast_dds and _stays_local(environment) and not any(environment.get(name) for name in _USER_SETTINGS):
         environment[_PROFILES] = str(PROFILE)
 
 

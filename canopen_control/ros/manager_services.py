@@ -306,12 +306,12 @@ class LifecycleServices(Endpoint):
             self._ros.unserve(service)
 
     def _change(self, request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        wanted = request.transition
-        number = _SHUTDOWN.get(wanted.id, wanted.id)
+        requested = request.transition
+        number = _SHUTDOWN.get(requested.id, requested.id)
         transitions = [
             transition
             for transition in TRANSITIONS
-            if transition.number == number or (not number and transition.label == wanted.label)
+            if transition.number == number or (not number and transition.label == requested.label)
         ]
 
         def done(error: str | None) -> None:
@@ -325,7 +325,7 @@ class LifecycleServices(Endpoint):
             reply(response)
 
         if not transitions:
-            done(f"there is no transition {wanted.id} {wanted.label!r}")
+            done(f"there is no transition {requested.id} {requested.label!r}")
         elif self.state in transitions[0].reached:
             response.success = True
             reply(response)
@@ -335,14 +335,14 @@ class LifecycleServices(Endpoint):
             self._actions.get(transitions[0].label, lambda answer: answer(None))(done)
 
     def _activate(self, done: Ending) -> None:
-        wanted = list(self._nodes) if self._node is None else [self._node]
-        nodes = {name: self._nodes.get(name) for name in wanted}
-        late = [
+        requested = list(self._nodes) if self._node is None else [self._node]
+        nodes = {name: self._nodes.get(name) for name in requested}
+        not_ready = [
             f"{name}: {(node and node.error) or 'not ready'}"
             for name, node in nodes.items()
             if node is None or not node.ready
         ]
-        done("; ".join(late) or None)
+        done("; ".join(not_ready) or None)
 
     @property
     def _moves(self) -> bool:

@@ -28,7 +28,7 @@ ReliabilityPolicy = _qos.ReliabilityPolicy
 qos_profile_system_default = _qos.qos_profile_system_default
 
 
-def in_words(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Return the message of an rclpy exception in one line."""
     text = " ".join(str(error).split())
     return f"unknown arguments: {text}" if type(error).__name__ == "UnknownROSArgsError" else text

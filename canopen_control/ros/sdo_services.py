@@ -298,13 +298,13 @@ def _one_by_one(
 ) -> None:
     """Run the requests one after the other, because a node processes one SDO transfer at a time."""
 
-    def go_on(number: int) -> None:
+    def call_from(number: int) -> None:
         if number == len(items):
             done()
         else:
-            call_one(number, items[number], lambda: go_on(number + 1))
+            call_one(number, items[number], lambda: call_from(number + 1))
 
-    go_on(0)
+    call_from(0)
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:

@@ -89,7 +89,7 @@ class Activity(Endpoint):
         self._publisher = ros.node.create_publisher(self._message, "controller_manager/activity", LATCHED)
         self._controllers: States = {}
         self._published: tuple[States, States] | None = None
-        self._asking, self._changed = False, True
+        self._is_waiting, self._changed = False, True
         self._next = self._time = 0.0
 
     def on_event(self, event: RobotEvent) -> None:
@@ -104,14 +104,14 @@ class Activity(Endpoint):
         idle = (
             controllers == self._controllers and not self._changed and self._time < self._next <= self._time + _PERIOD_S
         )
-        if self._asking or idle:
+        if self._is_waiting or idle:
             return
         self._controllers, self._next = controllers, self._time + _PERIOD_S
-        self._asking, self._changed = True, False
+        self._is_waiting, self._changed = True, False
         self._ros.ask(ListHardware(), self._on_hardware)
 
     def _on_hardware(self, answer: list[HardwareReading] | None, error: str | None) -> None:
-        self._asking = False
+        self._is_waiting = False
         hardware = {component.name: component.state for component in answer or ()}
         if error is not None:
             self._ros.warn("activity", f"controller_manager/activity: {error}")
@@ -210,7 +210,7 @@ class RobotDescription(Endpoint):
 _DIGITS = 6  # decimal places of seconds: the resolution of a Unix time in a double
 
 
-def wants_sim_time(client: RobotClient) -> bool:
+def uses_sim_time(client: RobotClient) -> bool:
     """Whether the robot's controller manager has `use_sim_time` set; False if the request fails."""
     try:
         parameters = client.ask(GetParameters(controller=MANAGER))
@@ -304,7 +304,7 @@ class SimClock(Endpoint):
 
 A = TypeVar("A")
 _JOIN_S: Final = 1.0
-_LONGEST_TOLD: Final = 500  # characters, the limit of the robot's API
+_MAX_EVENT_LENGTH: Final = 500  # characters, the limit of the robot's API
 _LACKING_NS: Final = 1_000_000_000
 
 
@@ -399,7 +399,7 @@ class RosSession:
         self._mailbox.interval_ns = round(status.cycle.period_s * 1e9)
         self._rate = stream_rate(status.cycle, self._options.rate)
         namespace = str(self.node.get_namespace())
-        self._time.in_simulation = wants_sim_time(client)
+        self._time.in_simulation = uses_sim_time(client)
         nodes = nodes_of(client.ask(GetNodes()), namespace, client.ask(GetLayout()), status.nodes)
         self._make_common(client.ask(GetDescription()).urdf, nodes)
         client.ask(Subscribe(state_rate=self._options.rate or self._rate, events=True))
@@ -461,7 +461,7 @@ class RosSession:
 
     def _publish_event(self, text: str) -> None:
         """Publish a text as an event of the robot; on the reactor's thread."""
-        sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_LONGEST_TOLD]
+        sentence = "".join(letter if letter.isprintable() else " " for letter in f"ROS: {text}")[:_MAX_EVENT_LENGTH]
         if not self._ended:
             with contextlib.suppress(RemoteError):  # the robot has ended, which is detected elsewhere
                 self._client.notify(PublishEvent(kind="ros_warning", text=sentence, level="warning"))

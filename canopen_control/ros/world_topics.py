@@ -112,20 +112,20 @@ class LaserScans(Endpoint):
     def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._publishers: dict[str, Any] = {}  # rclpy has no types
-        self._asking = self._none = False
+        self._is_waiting = self._none = False
         self._next_scan = 0.0  # simulated seconds of the next scan
 
     def on_state(self, state: StateSample) -> None:
         seconds = state.sim_time
-        if seconds is None or state.sim_epoch is None or self._asking or self._none:
+        if seconds is None or state.sim_epoch is None or self._is_waiting or self._none:
             return
         if seconds < self._next_scan - _CLOSE_S:
             return
-        self._asking = True
+        self._is_waiting = True
         offset = state.time - seconds  # of ROS time from simulated time
 
         def answer(scans: tuple[LaserScanReading, ...] | None, error: str | None) -> None:
-            self._asking, self._none = False, error is None and not scans
+            self._is_waiting, self._none = False, error is None and not scans
             for scan in scans or ():
                 self._publish(scan, offset)
             if scans:
@@ -224,11 +224,13 @@ class SimulationServices(Endpoint):
     def on_state(self, state: StateSample) -> None:
         if self._services or state.sim_epoch is None:
             return
-        for name, (kind, asking) in _SERVICES.items():
+        for name, (kind, make_request) in _SERVICES.items():
             service = f"mujoco_ros2_control_msgs/srv/{kind}"
-            self._services += [self._ros.serve(service, f"{node}/{name}", self._handler(asking)) for node in _NODES]
+            self._services += [
+                self._ros.serve(service, f"{node}/{name}", self._handler(make_request)) for node in _NODES
+            ]
 
-    def _handler(self, asking: Callable[[RosMessage], Request[Simulation]]) -> Handler:
+    def _handler(self, make_request: Callable[[RosMessage], Request[Simulation]]) -> Handler:
         def handler(request: RosMessage, response: RosMessage, reply: Reply) -> None:
             def answer(done: Simulation | None, error: str | None) -> None:
                 response.success, response.message = error is None, error or _text(done)
@@ -237,7 +239,7 @@ class SimulationServices(Endpoint):
             if getattr(request, "steps", 1) not in range(1, MAX_STEPS + 1):
                 answer(None, f"steps is {request.steps}; give a number of cycles from 1 to {MAX_STEPS}")
             else:
-                self._ros.ask(asking(request), answer)
+                self._ros.ask(make_request(request), answer)
 
         return handler
 

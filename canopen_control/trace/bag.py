@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from canopen_control.errors import ConfigError
 from canopen_control.host.files import failed, telling
 from canopen_control.ros.conversions import (
-    frames_with_a_place,
+    located_frames,
     positions_of,
     stamp_of,
     transform_of,
@@ -196,7 +196,7 @@ class BagWriter:
     def _transforms(self, state: StateSample) -> None:
         joint_states = self._new(state.samples_of(JointStatesSample)).values()
         odometry = self._new(state.samples_of(OdometrySample)).values()
-        based = frames_with_a_place(state)
+        based = located_frames(state)
         joints = [joint for joint in self._joints if joint.child not in based]
         if self._is_new("/tf_static", based):
             fixed = (joint.transform({}) for joint in joints if joint.fixed)

@@ -115,13 +115,13 @@ def pose_of(state: StateSample) -> Pose | None:
 
 # Driving by a held button: which page drives, and the command at the release. No browser, no socket.
 #
-# The robot moves only while a button is held, and the page renews a held button repeatedly. Silence for `LET_GO_NS`, a
-# closed page or another controller ends the motion at once with its resting command. Only one page drives at a time; a
-# second page must wait until the first has released its button.
+# The robot moves only while a button is held, and the page renews a held button repeatedly. Silence for
+# `HOLD_TIMEOUT_NS`, a closed page or another controller ends the motion at once with its resting command. Only one page
+# drives at a time; a second page must wait until the first has released its button.
 
 
 HOLD_HZ: Final = 20.0
-LET_GO_NS: Final = 200_000_000
+HOLD_TIMEOUT_NS: Final = 200_000_000
 SOURCE: Final = "view"
 Command = CommandController | TwistController | SendTrajectory | CancelTrajectory | TrajectoryHeartbeat
 _HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot stops if the process hangs
@@ -196,7 +196,7 @@ class DeadMan:
     @property
     def deadline(self) -> int | None:
         """Monotonic time in ns at which `tick` ends the motion; None without a motion."""
-        return None if self._driver is None else self._renewed_at + LET_GO_NS
+        return None if self._driver is None else self._renewed_at + HOLD_TIMEOUT_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
         """Start or renew the motion of a page's held button; return False if another page drives."""
@@ -206,14 +206,14 @@ class DeadMan:
         before = self._motion
         if before is not None and before.controller != motion.controller:
             self._send(before.resting)
-        goes_on = before is not None and motion.again is not None and before == motion
+        continues = before is not None and motion.again is not None and before == motion
         self._driver, self._motion, self._renewed_at = page, motion, now
-        self._send(motion.again if goes_on and motion.again is not None else motion.moving)
+        self._send(motion.again if continues and motion.again is not None else motion.moving)
         return True
 
     def tick(self, now: int) -> None:
-        """End the motion if the button was not renewed for `LET_GO_NS`."""
-        if self._driver is not None and now - self._renewed_at >= LET_GO_NS:
+        """End the motion if the button was not renewed for `HOLD_TIMEOUT_NS`."""
+        if self._driver is not None and now - self._renewed_at >= HOLD_TIMEOUT_NS:
             self.release()
 
     def leave(self, page: str) -> None:

@@ -107,20 +107,20 @@ class RobotView:
         self.fault_client, self.faults = FaultClient(info.nodes), DriveFaults()
         self.world_client = WorldClient(info.robot, info.nodes)
         self.controllers: tuple[ControllerReading, ...] = ()
-        self._desks = {place.name: NodeJobs(info.robot, place) for place in info.places}
+        self._node_jobs = {place.name: NodeJobs(info.robot, place) for place in info.places}
         self.live_reader = LiveReader()
         self._sampler = Sampler()
         self._scene: SceneChange = {}
 
     @property
     def node_names(self) -> list[str]:
-        return list(self._desks)
+        return list(self._node_jobs)
 
-    def desk(self, node: str) -> NodeJobs:
+    def node_jobs(self, node: str) -> NodeJobs:
         """Return the jobs of a node, which all pages share."""
-        return self._desks[node]
+        return self._node_jobs[node]
 
-    def come_back(self, info: RobotInfo) -> bool:
+    def resume(self, info: RobotInfo) -> bool:
         """Continue with a restarted robot; return False if its structure has changed."""
         if info.shape != self.info.shape:
             return False

@@ -188,7 +188,7 @@ class ViewApp:
     def __init__(
         self, name: str | None, host: str, port: int | None, *, teleop: bool, report: Callable[[str], None]
     ) -> None:
-        self.name, self.teleop, self._say = select_robot(name), teleop, report
+        self.name, self.teleop, self._report = select_robot(name), teleop, report
         listener = listen(host, port, killed_port(self.name, host))
         port = listener.getsockname()[1]
         self._address = PageAddress(self.name, host, port)
@@ -203,19 +203,19 @@ class ViewApp:
         self.player = TrajectoryPlayer(
             lambda page: self.teleop and page in self._pages, partial(RobotClient.connect, self.name)
         )
-        self._letting_go: asyncio.TimerHandle | None = None
+        self._hold_timer: asyncio.TimerHandle | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._known: RobotView | None = None
-        self._stillness, self._stands = Stillness(), False
+        self._robot: RobotView | None = None
+        self._stillness, self._is_still = Stillness(), False
         self._controller_states: dict[str, str] | None = None
         self._meshes = 0
 
     @property
     def robot(self) -> RobotView:
         """Data of the robot; RemoteError before the robot was found."""
-        if self._known is None:
+        if self._robot is None:
             raise RemoteError("BusClosed", self._lost)
-        return self._known
+        return self._robot
 
     # ------------------------------------------------------------------------------------ begin and end
 
@@ -259,7 +259,7 @@ class ViewApp:
 
     def _complain(self, error: BaseException) -> None:
         """Report an error and continue, so that the STOP button remains."""
-        self._say("".join(traceback.format_exception(error)).rstrip())
+        self._report("".join(traceback.format_exception(error)).rstrip())
 
     # ------------------------------------------------------------------------------------ what a page may do
 
@@ -296,7 +296,7 @@ class ViewApp:
             return  # it was closed while this was on its way
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
             on_refusal("another page is driving; release the button there first")
-        elif self._letting_go is None:
+        elif self._hold_timer is None:
             self._watch_hold()
 
     def release(self, page: str) -> None:
@@ -308,7 +308,7 @@ class ViewApp:
         self._dead_man.tick(now)
         deadline = self._dead_man.deadline
         loop = asyncio.get_running_loop()
-        self._letting_go = None if deadline is None else loop.call_later((deadline - now) / 1e9, self._watch_hold)
+        self._hold_timer = None if deadline is None else loop.call_later((deadline - now) / 1e9, self._watch_hold)
 
     def _send(self, command: Command) -> None:
         if self._connection is not None:
@@ -318,12 +318,12 @@ class ViewApp:
 
     def _build(self) -> None:
         """Build the page for a new client."""
-        if self._known is None:
+        if self._robot is None:
             build_waiting(self.name, self._lost)
-            ui.timer(1.0, lambda: ui.navigate.reload() if self._known is not None else None)
+            ui.timer(1.0, lambda: ui.navigate.reload() if self._robot is not None else None)
             return
         page, client = Page(self), ui.context.client
-        page.show(self._known.content(self._lost))
+        page.show(self._robot.content(self._lost))
         client.on_connect(lambda: self._page_opened(page))
         client.on_disconnect(lambda: self._page_closed(client.id))
 
@@ -331,7 +331,7 @@ class ViewApp:
         self._pages[page.client.id] = page
         robot = self.robot
         trail, truth = list(robot.trail.points), list(robot.true_trail.points)
-        page.send({"plots": {"anew": True, "rows": robot.history.rows()}, "trail": trail, "truth": truth})
+        page.send({"plots": {"replace": True, "rows": robot.history.rows()}, "trail": trail, "truth": truth})
         if robot.world.document is not None:
             page.send({"world": robot.world.document})
         page.send({"scene": robot.scene_now(), **page.changes(robot.content(self._lost))})
@@ -349,7 +349,7 @@ class ViewApp:
     def _set_rate(self) -> None:
         if self._connection is not None:
             try:
-                self._connection.subscribe((STILL_HZ if self._stands else SEEN_HZ) if self._pages else UNSEEN_HZ)
+                self._connection.subscribe((STILL_HZ if self._is_still else SEEN_HZ) if self._pages else UNSEEN_HZ)
             except RemoteError as error:
                 self._drop(str(error))
 
@@ -365,10 +365,10 @@ class ViewApp:
 
     def _tick(self) -> None:
         self.player.tick()
-        if self._known is None:
+        if self._robot is None:
             return
         self._check_silence()
-        content, rows = self._known.content(self._lost), self._known.history.take_new_rows()
+        content, rows = self._robot.content(self._lost), self._robot.history.take_new_rows()
         for page in list(self._pages.values()):
             try:
                 page.show(content)
@@ -392,8 +392,8 @@ class ViewApp:
         if state.controllers != self._controller_states:
             self._controller_states = state.controllers
             self._start(self._follow_controllers(robot))
-        if self._stillness.take(state) is not self._stands:
-            self._stands = not self._stands
+        if self._stillness.take(state) is not self._is_still:
+            self._is_still = not self._is_still
             self._set_rate()
         changed = robot.take(state)
         for page in list(self._pages.values()) if changed else ():
@@ -401,8 +401,8 @@ class ViewApp:
 
     async def _follow_controllers(self, robot: RobotView) -> None:
         """Request the controllers, and retry until the robot answers, ends, or its controllers change again."""
-        connection, asked_for = self._connection, self._controller_states
-        while connection is not None and connection is self._connection and asked_for is self._controller_states:
+        connection, requested = self._connection, self._controller_states
+        while connection is not None and connection is self._connection and requested is self._controller_states:
             with contextlib.suppress(CanopenError):
                 robot.controllers = await in_thread(connection.controllers)
                 return
@@ -413,8 +413,8 @@ class ViewApp:
         self._start(self._refresh_faults())
 
     async def _refresh_faults(self) -> None:
-        if self._known is not None:
-            self._known.faults = await in_thread(partial(read_faults, self._known.fault_client))
+        if self._robot is not None:
+            self._robot.faults = await in_thread(partial(read_faults, self._robot.fault_client))
 
     async def _watch_faults(self) -> None:
         while True:
@@ -425,7 +425,7 @@ class ViewApp:
     async def _watch_world(self) -> None:
         """Update the objects of a simulated world while a page is open."""
         while True:
-            robot, moves = self._known, False
+            robot, moves = self._robot, False
             if robot is not None and self._pages and robot.state.true_pose is not None:
                 nodes = [(node.channel, node.node_id) for node in robot.info.nodes]
                 shapes = await in_thread(partial(shapes_of_world, nodes)) or robot.info.world
@@ -439,13 +439,13 @@ class ViewApp:
 
     async def _connect(self) -> None:
         """Connect to the robot, and retry until that succeeds; if `run` has started the view, try only once."""
-        while (met := await self._meet()) is None:
+        while (opened := await self._open_connection()) is None:
             if self._lifeline is not None:
-                self._say(self._lost)
+                self._report(self._lost)
                 self.server.stop()
                 return
             await asyncio.sleep(_RETRY_S)
-        connection, info = met
+        connection, info = opened
         self._connection, self._lost, self._last_message = connection, "", time.monotonic()
         self._controller_states = None
         self._read_info(info)
@@ -455,20 +455,20 @@ class ViewApp:
             asyncio.get_running_loop().add_reader(connection.fileno(), self._on_readable)
             self._on_readable()  # what came with an answer makes no descriptor readable
 
-    async def _meet(self) -> tuple[RobotConnection, RobotInfo] | None:
+    async def _open_connection(self) -> tuple[RobotConnection, RobotInfo] | None:
         try:
-            return await in_thread(partial(_meet, self.name), discard=lambda met: met[0].close())
+            return await in_thread(partial(_open_connection, self.name), discard=lambda opened: opened[0].close())
         except CanopenError as error:
             self._lost = str(error)
             return None
 
     def _read_info(self, info: RobotInfo) -> None:
         """Store the constant data of a robot; reload the pages if the robot's structure has changed."""
-        if self._known is not None and self._known.come_back(info):
+        if self._robot is not None and self._robot.resume(info):
             return
-        self._known = RobotView(info, self._publish)
-        for note in self._known.scene.notes:
-            self._say(note)
+        self._robot = RobotView(info, self._publish)
+        for note in self._robot.scene.notes:
+            self._report(note)
         for page in self._pages.values():
             page.reload()
 
@@ -485,12 +485,12 @@ class ViewApp:
         """
         if self._lifeline is not None:
             connection.send(PublishEvent(kind="view", text=f"view: {self.rules.place}"))
-            self._say(f"view: {self.rules.place}")
+            self._report(f"view: {self.rules.place}")
         else:
-            self._say(f"view: {self.rules.url}")
+            self._report(f"view: {self.rules.url}")
 
     def _on_readable(self) -> None:
-        connection, robot = self._connection, self._known
+        connection, robot = self._connection, self._robot
         if connection is None or robot is None:
             return
         try:
@@ -508,7 +508,7 @@ class ViewApp:
             return
         self._leave()
         self._lost = why
-        self._say(why)
+        self._report(why)
         if self._lifeline is not None:
             self.server.stop()
         else:
@@ -521,7 +521,7 @@ class ViewApp:
             connection.close()
 
 
-def _meet(name: str) -> tuple[RobotConnection, RobotInfo]:
+def _open_connection(name: str) -> tuple[RobotConnection, RobotInfo]:
     """Connect to the robot and request its constant data; blocks."""
     connection = RobotConnection(name)
     try:

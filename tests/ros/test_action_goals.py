@@ -51,6 +51,6 @@ def test_one_that_cannot_be_told_from_others_is_gone_with_the_last_of_them():
 def test_he_is_told_at_the_rate_of_the_verdict():
     followed = goal()
     followed.verdict = GripperVerdict(accepted=True, feedback_rate=10.0)
-    told = [time for time in range(100) if followed.wants_feedback(5.0 + time / 100)]
+    told = [time for time in range(100) if followed.feedback_due(5.0 + time / 100)]
     assert len(told) == 10
-    assert followed.wants_feedback(1.0), "the clock was set back"
+    assert followed.feedback_due(1.0), "the clock was set back"

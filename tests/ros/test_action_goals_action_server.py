@@ -9,7 +9,7 @@ pytestmark = pytest.mark.ros
 SCENE = """
 import time, uuid
 from canopen_control.ros import rcl
-from canopen_control.ros.action_goals import ActionServerWithGoals
+from canopen_control.ros.action_goals import AsyncActionServer
 from canopen_control.ros.participants import ActionClients
 from canopen_control.ros.interfaces import interface
 from canopen_control.ros.spinner import Spinner
@@ -19,7 +19,7 @@ Follow = interface("control_msgs/action/FollowJointTrajectory")
 context, node = rcl.start("server", "", [])
 errors, requests, cancelled, lost = [], [], [], []
 spinner = Spinner(node, context, errors.append)
-server = ActionServerWithGoals(node, Follow, "follow", requests.append, cancelled.append, lost.append)
+server = AsyncActionServer(node, Follow, "follow", requests.append, cancelled.append, lost.append)
 client = ActionClient(node, Follow, "follow")
 spinner.start()
 assert client.wait_for_server(20)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from support import endpoints
 
 from canopen_control.ros import controller_nodes
-from canopen_control.ros.controller_nodes import descriptor_of, matches, value_of, wanted_by
+from canopen_control.ros.controller_nodes import descriptor_of, matches, requested_value, value_of
 from canopen_control.rpc.messages.parameters import ParameterReading, plain_value
 
 pytestmark = pytest.mark.ros
@@ -36,7 +36,9 @@ def parameter(name, value):
 @given(st.sampled_from(sorted(KINDS)).flatmap(lambda kind: st.tuples(st.just(kind), KINDS[kind])))
 def test_what_is_told_to_ros_and_set_again_is_the_same(value):
     kind, plain = value
-    came = wanted_by(parameter("a.b", value_of(ParameterReading(name="a.b", kind=kind, value=plain_value(plain)))))
+    came = requested_value(
+        parameter("a.b", value_of(ParameterReading(name="a.b", kind=kind, value=plain_value(plain))))
+    )
     assert (came.name, came.kind, came.value) == ("a.b", kind, plain_value(plain))
 
 

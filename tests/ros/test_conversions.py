@@ -10,14 +10,14 @@ from support.ros import CONTROLLERS
 from support.samples import controllers_of
 
 from canopen_control.ros.conversions import (
+    command_refusal,
     diagonal,
-    frames_with_a_place,
     joint_arrays,
+    located_frames,
     positions_of,
     seconds_of,
     stamp_of,
     transform_of,
-    wrong,
 )
 from canopen_control.rpc.messages.samples import JointStatesSample, OdometrySample, PoseSample
 from canopen_control.rpc.messages.state import JointReading, StateSample
@@ -102,7 +102,7 @@ def test_a_controller_has_the_width_that_it_claims_where_nothing_else_is_known()
     ],
 )
 def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
-    refusal = wrong(values, VIEWS["forward"])
+    refusal = command_refusal(values, VIEWS["forward"])
     if sentence is None:
         assert refusal is None
     else:
@@ -110,7 +110,7 @@ def test_a_command_that_the_robot_would_refuse_is_told_why(values, sentence):
 
 
 def test_a_command_for_a_controller_that_is_not_active_is_told():
-    assert wrong([1.0, 2.0], VIEWS["base"]) == "base is inactive; activate it before commanding it"
+    assert command_refusal([1.0, 2.0], VIEWS["base"]) == "base is inactive; activate it before commanding it"
 
 
 def test_a_transform_is_told_of_what_is_known_and_wanted_alone():
@@ -130,7 +130,7 @@ def test_a_transform_is_told_of_what_is_known_and_wanted_alone():
     assert moved.pose.rotation == (0.9, 0.1, 0.2, 0.3)
     assert [transform_of(each) for each in (lost, silent, off, nowhere)] == [None] * 4
     samples = dict(enumerate((odometry, pose, lost, silent, off, nowhere)))
-    assert frames_with_a_place(StateSample(samples={str(key): each for key, each in samples.items()})) == {
+    assert located_frames(StateSample(samples={str(key): each for key, each in samples.items()})) == {
         "base",
         "gps",
     }

@@ -27,7 +27,7 @@ definition.DEFINITIONS.update(told)
 ENDPOINTS = """
 from canopen_control.ros import action_goals
 from canopen_control.ros import controller_endpoints
-action_goals.ActionServerWithGoals = lambda *args, **more: None  # which needs a node
+action_goals.AsyncActionServer = lambda *args, **more: None  # which needs a node
 from canopen_control.ros.sample_topics import SAMPLE_TOPICS
 from canopen_control.rpc.messages.samples import kind_of
 from canopen_control.rpc.messages.state import ControllerReading

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.ros import eventually
 
 from canopen_control.errors import RemoteError
-from canopen_control.ros.session import Mailbox, RosTime, wants_sim_time
+from canopen_control.ros.session import Mailbox, RosTime, uses_sim_time
 from canopen_control.rpc.messages.parameters import ParameterReading
 from canopen_control.rpc.messages.samples import ImuSample, JointStatesSample, OdometrySample
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
@@ -122,7 +122,7 @@ class Answers:
 
 @pytest.mark.parametrize(("client", "wanted"), [(Answers(True), True), (Answers(False), False), (Answers(), False)])
 def test_the_controller_manager_of_the_file_says_whether_stamps_are_simulated(client, wanted):
-    assert wants_sim_time(client) is wanted
+    assert uses_sim_time(client) is wanted
 
 
 def test_a_controller_that_comes_anew_is_stamped_anew():

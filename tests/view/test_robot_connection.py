@@ -14,7 +14,7 @@ from canopen_control.rpc.messages.robot import CommandController, PublishEvent, 
 from canopen_control.rpc.messages.state import RobotEvent, StateSample
 from canopen_control.rpc.messages.trajectory import SendTrajectory, TrajectoryHeartbeat
 from canopen_control.view.robot_connection import (
-    LET_GO_NS,
+    HOLD_TIMEOUT_NS,
     DeadMan,
     RobotConnection,
     in_thread,
@@ -58,15 +58,15 @@ def test_a_held_button_sends_again_and_again(man, sent):
     assert man.hold("page 1", FORWARD_OF_DEAD_MAN, 0)
     assert man.hold("page 1", FORWARD_OF_DEAD_MAN, 50 * MS)
     assert sent == [MOVE, MOVE]
-    assert man.deadline == 50 * MS + LET_GO_NS
+    assert man.deadline == 50 * MS + HOLD_TIMEOUT_NS
 
 
 def test_silence_ends_the_motion_once(man, sent):
     man.hold("page 1", FORWARD_OF_DEAD_MAN, 0)
-    man.tick(LET_GO_NS - 1)
+    man.tick(HOLD_TIMEOUT_NS - 1)
     assert sent == [MOVE]
-    man.tick(LET_GO_NS)
-    man.tick(2 * LET_GO_NS)
+    man.tick(HOLD_TIMEOUT_NS)
+    man.tick(2 * HOLD_TIMEOUT_NS)
     assert sent == [MOVE, REST]
     assert (man.driver, man.deadline) == (None, None)
 
@@ -83,7 +83,7 @@ def test_one_page_drives_at_a_time(man, sent):
     man.hold("page 1", FORWARD_OF_DEAD_MAN, 0)
     assert not man.hold("page 2", FORWARD_OF_DEAD_MAN, 10 * MS)
     assert sent == [MOVE]
-    assert man.hold("page 2", FORWARD_OF_DEAD_MAN, 10 * MS + LET_GO_NS)  # the first has let go by then
+    assert man.hold("page 2", FORWARD_OF_DEAD_MAN, 10 * MS + HOLD_TIMEOUT_NS)  # the first has let go by then
     assert sent == [MOVE, REST, MOVE]
     assert man.driver == "page 2"
 
@@ -99,11 +99,13 @@ def test_an_arm_is_sent_its_way_once_and_cancelled_when_it_is_let_go(man, sent):
     there, further = (trajectory_motion("arm", ["a"], [to], 2.0) for to in (1.0, 1.5))
     for number, motion in enumerate((there, there, further)):
         man.hold("page 1", motion, number * 50 * MS)
-    man.tick(100 * MS + LET_GO_NS)
+    man.tick(100 * MS + HOLD_TIMEOUT_NS)
     assert sent == [there.moving, TrajectoryHeartbeat(), further.moving, further.resting]
     assert isinstance(sent[0], SendTrajectory)
     assert sent[0].dead_man
-    assert sent[0].heartbeat * 1e9 > LET_GO_NS  # the page's silence ends it in order; that of this process, the robot
+    assert (
+        sent[0].heartbeat * 1e9 > HOLD_TIMEOUT_NS
+    )  # the page's silence ends it in order; that of this process, the robot
     man.hold("page 1", further, 10**12)
     assert sent[-1] == further.moving  # after it was let go of, it is sent anew
 

@@ -10,10 +10,10 @@ from canopen_control.view.robot_view import RobotView
 def test_a_robot_that_comes_back_goes_on_and_another_one_does_not():
     view = robot()
     view.take(state())
-    assert view.come_back(info(state="starting"))
+    assert view.resume(info(state="starting"))
     assert view.state.state == "starting"
     assert view.history.rows()
-    assert not view.come_back(info(joints={"other": {}}))
+    assert not view.resume(info(joints={"other": {}}))
 
 
 def test_only_what_has_moved_is_sent():

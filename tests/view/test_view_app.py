@@ -282,7 +282,7 @@ def test_a_page_is_told_what_was_then_what_is(robot, play):
         await until(lambda: len(page.shown) > 2)
 
     play(act)
-    assert page.sent[0]["plots"]["anew"]
+    assert page.sent[0]["plots"]["replace"]
     assert len(page.sent[0]["plots"]["rows"]) > 3
     assert "angles" in page.sent[1]["scene"]
     assert page.shown[-1].banner.words == "running"
@@ -310,7 +310,7 @@ def test_a_held_button_drives_until_it_is_silent(robot, play):
         begin = time.monotonic()
         await until(lambda: command(robot) == 0.0)
         assert time.monotonic() - begin < 0.4
-        await until(lambda: app._letting_go is None)
+        await until(lambda: app._hold_timer is None)
 
     play(act)
 
@@ -404,7 +404,7 @@ def test_another_robot_of_the_same_name_makes_pages_anew(robot, play):
     async def act(app):
         await connected(app)
         app._page_opened(page)
-        app._known.come_back = lambda _welcome: False
+        app._robot.resume = lambda _welcome: False
         app._drop("it was another one")
         await until(lambda: page.loads)
 

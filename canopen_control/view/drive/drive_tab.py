@@ -33,8 +33,8 @@ _SHOWN: Final = 200  # of lines and rows
 class WorkBar:
     """Progress bar for the newest job that a tab of any page has started at a node."""
 
-    def __init__(self, desk: NodeJobs, tab: str) -> None:
-        self._desk, self._tab = desk, tab
+    def __init__(self, node_jobs: NodeJobs, tab: str) -> None:
+        self._node_jobs, self._tab = node_jobs, tab
         self._words = Html()
         self._bar = ui.linear_progress(0.0, show_value=False).props("instant-feedback rounded size=10px")
         with ui.element("div").classes("cc-row"):
@@ -45,13 +45,13 @@ class WorkBar:
 
     def show(self) -> None:
         """Update the progress of the job, or show the result."""
-        work = self._desk.work
+        work = self._node_jobs.work
         mine = work is not None and work.job.tab == self._tab
-        goes_on = work is not None and not work.over
-        self._bar.visible = goes_on and mine
-        self._end.visible = work is not None and goes_on and mine and work.job.can_end
+        running = work is not None and not work.over
+        self._bar.visible = running and mine
+        self._end.visible = work is not None and running and mine and work.job.can_end
         self._save.visible = mine and work is not None and work.over and work.file is not None
-        if work is None or (not mine and not goes_on):
+        if work is None or (not mine and not running):
             return
         if not mine:
             self._words.show(sentence(f"{work.title} is still running; wait until this has ended.", IDLE))
@@ -65,11 +65,11 @@ class WorkBar:
         self._outcome.show(outcome(work))
 
     def _ask_end(self) -> None:
-        if self._desk.work is not None:
-            self._desk.work.end()
+        if self._node_jobs.work is not None:
+            self._node_jobs.work.end()
 
     def _download(self) -> None:
-        work = self._desk.work
+        work = self._node_jobs.work
         if work is not None and work.file is not None:
             name, data = work.file
             ui.download.content(data, name)
@@ -140,16 +140,16 @@ class DriveTabContext:
     """Context of a tab, with the page and the node's jobs, which all pages share."""
 
     panel: PanelContext
-    desk: NodeJobs
+    node_jobs: NodeJobs
 
     @property
     def place(self) -> NodePlace:
         """Node ID, EDS, axes and joints of the node."""
-        return self.desk.place
+        return self.node_jobs.place
 
     @property
     def node(self) -> str:
-        return self.desk.place.name
+        return self.node_jobs.place.name
 
     def reading(self, content: PageContent) -> NodeReading | None:
         """Return the node's state as the robot reports it; None without a connection."""

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 _NO_EDS: Final = "The objects of this node are unknown, because bus.yml gives no EDS for it."
 _READING: Final = "Reading the EDS ..."
-_ANEW: Final = 25  # showings
+_FULL_UPDATE: Final = 25  # showings
 
 
 class ObjectsTab:
@@ -71,7 +71,7 @@ class ObjectsTab:
     async def _begin(self) -> None:
         """Read the EDS on a thread, then create the tree."""
         try:
-            od = await in_thread(self._context.desk.dictionary)
+            od = await in_thread(self._context.node_jobs.dictionary)
         except CanopenError as error:
             self._message.show(sentence(str(error), BAD))
             return
@@ -89,25 +89,25 @@ class ObjectsTab:
 
     def show(self, content: PageContent) -> None:
         """Show the values read since the last call, and whether an edit can be undone."""
-        desk = self._context.desk
+        node_jobs = self._context.node_jobs
         if self._is_left:
             self._is_left = False
             self._watch()
         if self._tree is not None and self._list is not None and self._has_addresses:
             self._turns += 1
-            if not self._turns % _ANEW:  # a browser that was away for a moment has not heard all
+            if not self._turns % _FULL_UPDATE:  # a browser that was away for a moment has not heard all
                 self._show_values()
-            if news := self._list.news(desk.live):
+            if news := self._list.news(node_jobs.live):
                 self._tree.values(news)
-            lost = desk.lost if self._addresses and not content.lost else ""
+            lost = node_jobs.lost if self._addresses and not content.lost else ""
             self._message.show(sentence(lost, BAD))
-        last = desk.history.last
+        last = node_jobs.history.last
         self._undo.set_enabled(last is not None and self._context.panel.teleop and not content.lost)
         self._last.show(sentence(f"last write: {last.words}" if last is not None else "nothing has been written yet"))
 
     def leave(self) -> None:
         self._is_left = True
-        self._reader.watch(self._page, self._context.desk, ())
+        self._reader.watch(self._page, self._context.node_jobs, ())
 
     # ------------------------------------------------------------------------------------ events of the tree
 
@@ -120,11 +120,11 @@ class ObjectsTab:
 
     def _show_values(self) -> None:
         if self._tree is not None and self._list is not None:
-            self._tree.values(self._list.known(self._context.desk.live, self._addresses))
+            self._tree.values(self._list.known(self._context.node_jobs.live, self._addresses))
 
     def _watch(self) -> None:
         entries = self._list.entries_with_mode(self._addresses) if self._list is not None else []
-        self._reader.watch(self._page, self._context.desk, entries)
+        self._reader.watch(self._page, self._context.node_jobs, entries)
 
     def search(self, text: str) -> None:
         if self._list is not None and self._tree is not None:
@@ -139,18 +139,18 @@ class ObjectsTab:
         if entry is None or self._tree is None or not self._context.panel.teleop:
             return  # not requested by this page
         try:
-            edit = await self._context.desk.write(entry, text)
+            edit = await self._context.node_jobs.write(entry, text)
         except CanopenError as error:
             self._tree.answer(address, str(error), good=False)
         else:
             self._tree.answer(address, f"written: {edit.words}", good=True)
-        self._reader.soon(self._context.desk, entry)
+        self._reader.soon(self._context.node_jobs, entry)
 
     async def _take_back(self) -> None:
         if not self._context.panel.teleop:
             return
         try:
-            edit = await self._context.desk.undo()
+            edit = await self._context.node_jobs.undo()
         except CanopenError as error:
             self._last.show(sentence(str(error), BAD))
             ui.notify(str(error), type="negative", position="top", multi_line=True, close_button="OK")
@@ -158,7 +158,7 @@ class ObjectsTab:
         if self._tree is not None:
             self._tree.answer(address_text(edit.entry.address), f"undone: {edit.words}", good=True)
         self._last.show(sentence(f"undone: {edit.words}", GOOD))
-        self._reader.soon(self._context.desk, edit.entry)
+        self._reader.soon(self._context.node_jobs, edit.entry)
 
 
 def _product(od: ObjectDictionary) -> str:
@@ -215,7 +215,7 @@ class StatusTab:
 
     async def _read(self) -> None:
         try:
-            errors = await self._context.desk.ask(error_history)
+            errors = await self._context.node_jobs.ask(error_history)
         except ConfigError as error:  # a drive need not have one
             self._errors.show(sentence(str(error)))
             return
@@ -329,7 +329,7 @@ class DriveView:
 
     def _make_head(self, nodes: list[str]) -> None:
         with ui.element("div").classes("cc-drive-head"):
-            names = {name: f"{name} · node {self._context.robot.desk(name).place.node_id}" for name in nodes}
+            names = {name: f"{name} · node {self._context.robot.node_jobs(name).place.node_id}" for name in nodes}
             self._choice = ui.select(names, value=self._node or None, on_change=self._chosen)
             self._choice.props('dense options-dense outlined aria-label="node"').classes("cc-node")
             self._state = Html("cc-node-state")
@@ -390,7 +390,7 @@ class DriveView:
         """Show the chosen tab of the chosen node; the tab is created if necessary."""
         if self._key not in self._tabs and self._node:
             slot = next(tab for tab in TABS if tab.key == self._key)
-            context = DriveTabContext(self._context, self._context.robot.desk(self._node))
+            context = DriveTabContext(self._context, self._context.robot.node_jobs(self._node))
             with self._body, ui.element("div").classes(f"cc-tab cc-t-{slot.key}") as place:
                 self._places[slot.key], self._tabs[slot.key] = place, slot.make(context)
         for key, place in self._places.items():

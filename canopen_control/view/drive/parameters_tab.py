@@ -49,11 +49,11 @@ class ReleasePanel:
         self._context = context
         self._words = Html()
         with ui.element("div").classes("cc-row cc-acts"):
-            self._take = ui.button("Take out of the robot", color="blue-grey-8", on_click=self._take_out)
-            self._give = ui.button("Return to the robot", color="green-8", on_click=self._give_back)
-        self._take.props("unelevated dense")
-        self._give.props("unelevated dense")
-        self._take.visible = self._give.visible = False
+            self._take_out_button = ui.button("Take out of the robot", color="blue-grey-8", on_click=self._take_out)
+            self._return_button = ui.button("Return to the robot", color="green-8", on_click=self._give_back)
+        self._take_out_button.props("unelevated dense")
+        self._return_button.props("unelevated dense")
+        self._take_out_button.visible = self._return_button.visible = False
 
     def show(self, content: PageContent) -> None:
         reading = self._context.reading(content)
@@ -61,10 +61,10 @@ class ReleasePanel:
         self._words.show(sentence(words, tone))
         out = reading is not None and reading.taken_out
         powered = reading is not None and any(axis.state in _TORQUE for axis in reading.axes)
-        free = self._context.panel.teleop and reading is not None and not self._context.desk.busy
-        self._take.visible, self._give.visible = not out, out
-        self._take.set_enabled(free and not powered)
-        self._give.set_enabled(free)
+        free = self._context.panel.teleop and reading is not None and not self._context.node_jobs.busy
+        self._take_out_button.visible, self._return_button.visible = not out, out
+        self._take_out_button.set_enabled(free and not powered)
+        self._return_button.set_enabled(free)
 
     async def _take_out(self) -> None:
         await self._ask("preop", "not taken out")
@@ -114,7 +114,7 @@ class FileChoice(Generic[T]):
         self.name = ""
         self._most, self._too_long, self._read, self._words = most, too_long, read, words
         self.upload = FileUpload(label, self._take, lambda: self._refuse(too_long), most)
-        self._told = Html()
+        self._message = Html()
 
     async def _take(self, event: UploadEventArguments) -> None:
         self.upload.reset()
@@ -128,11 +128,11 @@ class FileChoice(Generic[T]):
             self._refuse(str(error))
             return
         self.value = value
-        self._told.show(sentence(f"{name}: {self._words(value)}", IDLE))
+        self._message.show(sentence(f"{name}: {self._words(value)}", IDLE))
 
     def _refuse(self, why: str) -> None:
         self.value = None
-        self._told.show(sentence(f"Not read. {why}", BAD))
+        self._message.show(sentence(f"Not read. {why}", BAD))
 
 
 # Firmware tab: choice of a program, download with rate and remaining time, and result.
@@ -151,12 +151,12 @@ class FirmwareTab:
     """Tab that starts a firmware download as the node's job, and shows its progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
-        self._context, self._desk = context, context.desk
+        self._context, self._node_jobs = context, context.node_jobs
         self._image: FileChoice[bytes] | None = None
         self._load: ui.button | None = None
         with section("Now"):
             self._release = ReleasePanel(context)
-            self._bar = WorkBar(self._desk, FIRMWARE.tab)
+            self._bar = WorkBar(self._node_jobs, FIRMWARE.tab)
         with section("Program"):
             ui.html(f"<p class='cc-note'>{_WHAT}</p>", sanitize=False)
             if context.panel.teleop:
@@ -182,7 +182,10 @@ class FirmwareTab:
         self._bar.show()
         if self._load is not None:
             self._load.set_enabled(
-                not content.lost and not self._desk.busy and self._image is not None and self._image.value is not None
+                not content.lost
+                and not self._node_jobs.busy
+                and self._image is not None
+                and self._image.value is not None
             )
 
     def leave(self) -> None:
@@ -197,7 +200,7 @@ class FirmwareTab:
             show_notice("Not started", str(error))
             return
         work = JobRun(FIRMWARE, f"Loading {self._image.name} into {self._context.node}")
-        refused = self._desk.begin(work, partial(load_program, image=image, options=options))
+        refused = self._node_jobs.begin(work, partial(load_program, image=image, options=options))
         if refused is not None:
             show_notice("Not started", refused)
         self._bar.show()
@@ -218,12 +221,12 @@ class ParametersTab:
     """Tab that starts the parameter jobs of the node, and shows their progress."""
 
     def __init__(self, context: DriveTabContext) -> None:
-        self._context, self._desk = context, context.desk
+        self._context, self._node_jobs = context, context.node_jobs
         self._writers: list[ui.button] = []
         writes = context.panel.teleop
         with section("Now"):
             self._release = ReleasePanel(context)
-            self._bar = WorkBar(self._desk, RESTORE.tab)
+            self._bar = WorkBar(self._node_jobs, RESTORE.tab)
         with ui.element("div").classes("cc-tab-columns"):
             with section("Backup"):
                 ui.html(f"<p class='cc-note'>{_BACKUP}</p>", sanitize=False)
@@ -263,7 +266,7 @@ class ParametersTab:
     def show(self, content: PageContent) -> None:
         self._release.show(content)
         self._bar.show()
-        free = not content.lost and not self._desk.busy
+        free = not content.lost and not self._node_jobs.busy
         self._backup.set_enabled(free)
         self._diff.set_enabled(free and self._file.value is not None)
         for button in self._writers:
@@ -277,13 +280,13 @@ class ParametersTab:
     # ------------------------------------------------------------------------------------ what the user does
 
     def _begin(self, job: Job, title: str, function: Callable[[NodeSession, JobRun], str]) -> None:
-        refused = self._desk.begin(JobRun(job, title), function)
+        refused = self._node_jobs.begin(JobRun(job, title), function)
         if refused is not None:
             ui.notify(refused, type="negative", position="top")
         self._bar.show()
 
     def _begin_backup(self) -> None:
-        reached = Reached(robot=self._desk.robot)
+        reached = Reached(robot=self._node_jobs.robot)
         self._begin(BACKUP, f"Reading {self._context.node}", partial(run_backup, reached=reached))
 
     def _begin_diff(self) -> None:
@@ -297,12 +300,12 @@ class ParametersTab:
 
     def _begin_clone(self) -> None:
         if self._context.panel.teleop:
-            source = self._context.panel.robot.desk(str(self._source.value))
+            source = self._context.panel.robot.node_jobs(str(self._source.value))
             clone = partial(run_clone, source=source.session(), options=self._options())
             self._begin(CLONE, f"Cloning {source.place.name} into {self._context.node}", clone)
 
     def _options(self) -> RestoreOptions:
-        options: RestoreOptions = self._form.options(reached=Reached(robot=self._desk.robot))
+        options: RestoreOptions = self._form.options(reached=Reached(robot=self._node_jobs.robot))
         return options
 
 

@@ -52,7 +52,7 @@ class ScopeTab:
     """Tab that starts a scope of the node and shows its captures; the scope continues when the page is closed."""
 
     def __init__(self, context: DriveTabContext) -> None:
-        self._context, self._desk, self._client = context, context.desk, ui.context.client
+        self._context, self._node_jobs, self._client = context, context.node_jobs, ui.context.client
         self._shown: NamedShot | None = None
         self._overlay: NamedShot | None = None
         self._last_shown: tuple[ScopeRun | None, int] = (None, 0)
@@ -113,7 +113,7 @@ class ScopeTab:
     async def _list_signals(self) -> None:
         """Fill the choice of signals with the numeric objects of the node and the joints of the robot."""
         try:
-            od = await in_thread(self._desk.dictionary)
+            od = await in_thread(self._node_jobs.dictionary)
         except CanopenError as error:
             self._state.show(sentence(str(error), BAD))
             return
@@ -124,7 +124,7 @@ class ScopeTab:
         offered |= {
             f"{joint}:{name}": f"{joint} {name}" for joint in joints for name in ("position", "velocity", "command")
         }
-        run = self._desk.scope
+        run = self._node_jobs.scope
         first = [f"{self._context.node}:0x{index:04X}:00" for index in _FIRST]
         chosen = list(run.texts) if run is not None else [signal for signal in first if signal in offered]
         with self._client:
@@ -147,15 +147,15 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ calls of the frame
 
     def show(self, content: PageContent) -> None:
-        run = self._desk.scope
-        goes_on = run is not None and not run.over
+        run = self._node_jobs.scope
+        running = run is not None and not run.over
         for button in (self._single, self._rolling):
-            button.set_enabled(not goes_on and not content.lost)
-        self._end.set_enabled(goes_on)
+            button.set_enabled(not running and not content.lost)
+        self._end.set_enabled(running)
         if run is None:
             return
-        tone = IDLE if goes_on else GOOD if run.good else BAD
-        self._state.show(sentence(run.words if not goes_on else f"{run.words}; {run.captures} taken", tone))
+        tone = IDLE if running else GOOD if run.good else BAD
+        self._state.show(sentence(run.words if not running else f"{run.words}; {run.captures} taken", tone))
         if (run, run.captures) != self._last_shown and run.shots:
             self._last_shown = run, run.captures
             self._draw(run.shots[-1])
@@ -166,14 +166,14 @@ class ScopeTab:
     # ------------------------------------------------------------------------------------ what the user does
 
     def _begin(self, *, rolling: bool) -> None:
-        if self._desk.scope is not None and not self._desk.scope.over:
+        if self._node_jobs.scope is not None and not self._node_jobs.scope.over:
             return
         try:
-            self._desk.scope = ScopeRun(self._desk, self._signals.value or [], self._options(rolling=rolling))
+            self._node_jobs.scope = ScopeRun(self._node_jobs, self._signals.value or [], self._options(rolling=rolling))
         except ConfigError as error:
             self._state.show(sentence(str(error), BAD))
             return
-        self._desk.scope.start()
+        self._node_jobs.scope.start()
 
     def _options(self, *, rolling: bool) -> ScopeOptions:
         kind = str(self._trigger.value)
@@ -183,8 +183,8 @@ class ScopeTab:
         return ScopeOptions(_RATE, length, trigger, before, rolling=rolling)
 
     def _end_it(self) -> None:
-        if self._desk.scope is not None:
-            self._desk.scope.end()
+        if self._node_jobs.scope is not None:
+            self._node_jobs.scope.end()
 
     def _keep_overlay(self) -> None:
         self._overlay = self._shown
@@ -253,7 +253,7 @@ class ScopeTab:
         ui.download.content(base64.b64decode(data), f"{self._context.node}.png")
 
     async def _save_bag(self) -> None:
-        run, named = self._desk.scope, self._shown
+        run, named = self._node_jobs.scope, self._shown
         if run is None or named is None:
             return
 

@@ -48,7 +48,7 @@ class TuneTab:
     """Tab that starts tuning runs of a node, and shows the last result, from any page."""
 
     def __init__(self, context: DriveTabContext) -> None:
-        self._context, self._desk = context, context.desk
+        self._context, self._node_jobs = context, context.node_jobs
         self._here = jobs.PagePresence()
         self._drawn: jobs.TuneFound | None = None
         self._mine = False
@@ -63,7 +63,7 @@ class TuneTab:
                 self._make_gains()
         with section("Now"):
             self._refused = Html()
-            self._bar = WorkBar(self._desk, TUNE.tab)
+            self._bar = WorkBar(self._node_jobs, TUNE.tab)
             self._lines = Html("cc-wide")
         with ui.element("section").classes("cc-panel") as self._picture:
             self._chart = ui.echart({}).classes("cc-scope-chart")
@@ -123,8 +123,8 @@ class TuneTab:
     def show(self, content: PageContent) -> None:
         self._period = content.state.cycle.period_s or self._period
         self._bar.show()
-        free = not content.lost and not self._desk.busy and self._context.panel.teleop
-        tuned = self._desk.tuned
+        free = not content.lost and not self._node_jobs.busy and self._context.panel.teleop
+        tuned = self._node_jobs.tuned
         no_run = self._why_not(content)
         no_gains = self._why_no_gains(content)
         self._run.set_enabled(free and not no_run)
@@ -132,10 +132,10 @@ class TuneTab:
         self._apply.set_enabled(free and not no_gains and tuned is not None and tuned.gains is not None)
         self._no_run.show(sentence(no_run))
         self._no_gains.show(sentence(no_gains))
-        if self._mine and not self._desk.busy:
+        if self._mine and not self._node_jobs.busy:
             self._mine = False
             self._presence.switch(on=False)
-        if tuned is not None and tuned is not self._drawn and tuned.lines and not self._desk.busy:
+        if tuned is not None and tuned is not self._drawn and tuned.lines and not self._node_jobs.busy:
             self._drawn = tuned
             self._draw(tuned)
 
@@ -145,7 +145,7 @@ class TuneTab:
             return ""  # the page shows that
         if content.state.latched:
             return "STOP is latched: release it before a drive is moved."
-        return jobs.refusal(content.controllers, self._context.place, int(self._axis.value), self._desk.robot)
+        return jobs.refusal(content.controllers, self._context.place, int(self._axis.value), self._node_jobs.robot)
 
     def _why_no_gains(self, content: PageContent) -> str:
         reading = self._context.reading(content)
@@ -154,7 +154,7 @@ class TuneTab:
 
     def leave(self) -> None:
         """Hide the tab, which ends a run that this page has started."""
-        work = self._desk.work
+        work = self._node_jobs.work
         if self._mine and work is not None and work.job is TUNE:
             work.end()
         self._mine = False
@@ -206,16 +206,16 @@ class TuneTab:
         here = self._here
 
         def run(session: NodeSession, work: JobRun) -> str:
-            with RobotClient.connect(self._desk.robot, _TIMEOUT_S) as client:
+            with RobotClient.connect(self._node_jobs.robot, _TIMEOUT_S) as client:
                 text = jobs.tune(session, work, client, result, here)
-            self._desk.tuned = result
+            self._node_jobs.tuned = result
             return text
 
         self._mine = self._start("Tuning", "hundredths of a second", run)
         self._presence.switch(on=self._mine)
 
     def _begin_apply(self) -> None:
-        tuned = self._desk.tuned
+        tuned = self._node_jobs.tuned
         if not self._context.panel.teleop or tuned is None or tuned.gains is None:
             return
         try:
@@ -237,7 +237,7 @@ class TuneTab:
             self._start("Reverting gains", "objects", revert)
 
     def _start(self, title: str, unit: str, function: Any) -> bool:  # noqa: ANN401 - takes a session and the work
-        refused = self._desk.begin(JobRun(TUNE, f"{title} of {self._context.node}", unit), function)
+        refused = self._node_jobs.begin(JobRun(TUNE, f"{title} of {self._context.node}", unit), function)
         self._refused.show("" if refused is None else sentence(refused, BAD))
         self._bar.show()
         return refused is None

@@ -39,9 +39,9 @@ class SceneChange(TypedDict, total=False):
 
 
 class PlotRows(TypedDict, total=False):
-    """New rows of the plots; with `anew` the rows replace all earlier rows."""
+    """New rows of the plots; with `replace` the rows replace all earlier rows."""
 
-    anew: bool
+    replace: bool
     rows: list[Row]
 
 

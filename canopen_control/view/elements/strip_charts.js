@@ -39,7 +39,7 @@ export default {
   },
   methods: {
     take(news) {
-      if (news.anew) this.rows = [];
+      if (news.replace) this.rows = [];
       for (const row of news.rows) {
         if (this.rows.length && row[0] < this.rows[this.rows.length - 1][0]) this.rows = [];
         this.rows.push(row);

@@ -106,8 +106,8 @@ def test_a_tab_that_is_left_is_told_and_stays():
 
 def test_another_node_has_tabs_of_its_own(monkeypatch):
     context = FakeContext()
-    desk = context.robot.desk("left_drive")
-    context.robot._desks["io"] = type(desk)("pair", desk.place)
+    desk = context.robot.node_jobs("left_drive")
+    context.robot._node_jobs["io"] = type(desk)("pair", desk.place)
 
     async def act(user, view):
         switch(user, "drive")

@@ -67,7 +67,7 @@ def test_what_is_in_sight_is_read_until_the_tab_is_left(sent):
 
 def test_values_are_sent_once_the_tree_is_there(sent):
     async def act(user, tab, page):
-        tab._context.desk.keep(LiveObject(SPEED, 500))
+        tab._context.node_jobs.keep(LiveObject(SPEED, 500))
         tab.show(page.content())
         before = list(sent)
         user.find(kind=ObjectTree).trigger("seen", ["0x6081:00"])
@@ -100,7 +100,7 @@ def test_a_write_is_answered_at_its_object_and_can_be_undone(sent):
         words = html(user)
         user.find("Undo").click()
         await settle(lambda: len(sent) > 1)
-        return words, tab._context.desk.stub.written, page.robot.live_reader.written
+        return words, tab._context.node_jobs.stub.written, page.robot.live_reader.written
 
     words, written, soon = played(act)
     assert sent[0] == ("answer", "0x6081:00", "written: 0x6081:00 Profile velocity: 0 -> 1234", True)
@@ -115,11 +115,11 @@ def test_a_refusal_is_told_at_its_object(sent):
         for text in ("99999999999", "fast"):
             user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": text})
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6041:00", "text": "1"})
-        tab._context.desk.stub.refused[0x6083, 0] = 0x08000022
-        tab._context.desk.stub.objects[0x6083, 0] = bytes(4)
+        tab._context.node_jobs.stub.refused[0x6083, 0] = 0x08000022
+        tab._context.node_jobs.stub.objects[0x6083, 0] = bytes(4)
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6083:00", "text": "1"})
         await settle(lambda: len(sent) == 4)
-        return tab._context.desk.stub.written
+        return tab._context.node_jobs.stub.written
 
     assert played(act) == []
     told = {each[1]: each[2] for each in sent}
@@ -132,7 +132,7 @@ def test_a_page_that_only_looks_writes_nothing_whatever_it_is_told(sent):
     async def act(user, tab, page):
         user.find(kind=ObjectTree).trigger("write", {"address": "0x6081:00", "text": "1234"})
         await settle(turns=5)
-        return tab._context.desk.stub.written, seen(ui.button)[0].enabled, tab._tree._props["writes"]
+        return tab._context.node_jobs.stub.written, seen(ui.button)[0].enabled, tab._tree._props["writes"]
 
     assert played(act, teleop=False) == ([], False, False)
 

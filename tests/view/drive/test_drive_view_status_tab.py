@@ -51,7 +51,7 @@ def test_it_shows_the_errors_that_the_drive_remembers():
 
 def test_a_node_that_does_not_answer_is_told():
     async def act(user, tab):
-        tab._context.desk.stub.error = SdoTimeout(3, 0x1003, 0, 0.5)
+        tab._context.node_jobs.stub.error = SdoTimeout(3, 0x1003, 0, 0.5)
         user.find("Read again").click()
         await settle(turns=10)
         return html(user)

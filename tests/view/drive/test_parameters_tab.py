@@ -38,7 +38,7 @@ def dcf(desk):
 
 def played(act, desk=None, other=None, **how):
     page, desk = FakeContext(**how), desk or desk_of()
-    page.robot._desks = {desk.place.name: desk, **({other.place.name: other} if other is not None else {})}
+    page.robot._node_jobs = {desk.place.name: desk, **({other.place.name: other} if other is not None else {})}
 
     async def begin(user, tab):
         tab.show(page.content())
@@ -50,9 +50,9 @@ def played(act, desk=None, other=None, **how):
 async def press(user, label, tab, page):
     tab.show(page.content())
     user.find(label).click()
-    await settle(lambda: tab._desk.work is not None and tab._desk.work.over, turns=300)
+    await settle(lambda: tab._node_jobs.work is not None and tab._node_jobs.work.over, turns=300)
     tab.show(page.content())
-    return tab._desk.work
+    return tab._node_jobs.work
 
 
 def test_a_backup_is_made_and_can_be_saved():
@@ -143,7 +143,7 @@ def test_a_page_that_only_looks_may_back_up_and_compare():
 
 def test_nothing_else_begins_beside_it():
     async def act(user, tab, page):
-        tab._desk.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
+        tab._node_jobs.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
         user.find("Back up").click()
         await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait until this has ended")
         tab.show(page.content())

@@ -47,7 +47,7 @@ def test_a_program_is_chosen_and_loaded(loaded):
         tab._form.inputs["expected"].value = "0x1A"
         tab.show(page.content())
         user.find("Load into the drive").click()
-        await settle(lambda: tab._desk.work is not None and tab._desk.work.over)
+        await settle(lambda: tab._node_jobs.work is not None and tab._node_jobs.work.over)
         tab.show(page.content())
         return before, html(user), buttons()
 
@@ -89,7 +89,7 @@ def test_nothing_begins_beside_other_work(loaded):
     async def act(user, tab, page):
         await upload(user, "a.bin", b"image")
         tab.show(page.content())
-        tab._desk.work = JobRun(RESTORE, "Restoring a.dcf")
+        tab._node_jobs.work = JobRun(RESTORE, "Restoring a.dcf")
         user.find("Load into the drive").click()
         await user.should_see("left_drive is busy: Restoring a.dcf")
 

@@ -21,7 +21,7 @@ def played(act, new=None, **how):
         panel.show(page.content(new))
         return await act(user, page)
 
-    return visited(lambda: ReleasePanel(DriveTabContext(page, page.robot.desk("left_drive"))), begin)
+    return visited(lambda: ReleasePanel(DriveTabContext(page, page.robot.node_jobs("left_drive"))), begin)
 
 
 async def look(user, _page):

@@ -59,10 +59,10 @@ def test_a_run_begins_only_once_it_is_confirmed_and_as_it_was_confirmed():
     async def act(user, tab, page):
         tab._speed.value = 2.0
         user.find("Run ...").click()
-        words, before = html(user), len(tab._desk.begun)
+        words, before = html(user), len(tab._node_jobs.begun)
         tab._speed.value = 5.0
         user.find("Start the motion").click()
-        await settle(lambda: bool(tab._desk.begun))
+        await settle(lambda: bool(tab._node_jobs.begun))
         tab._begin()
         return words, before, tab._presence._props["on"]
 
@@ -76,9 +76,9 @@ def test_a_page_that_is_left_ends_its_run():
     async def act(user, tab, page):
         user.find("Run ...").click()
         user.find("Start the motion").click()
-        await settle(lambda: bool(tab._desk.begun))
+        await settle(lambda: bool(tab._node_jobs.begun))
         tab.leave()
-        return tab._desk.work._ending.is_set(), tab._presence._props["on"]
+        return tab._node_jobs.work._ending.is_set(), tab._presence._props["on"]
 
     assert played(act)[0] == (True, False)
 
@@ -99,7 +99,7 @@ def test_a_page_that_only_looks_moves_and_sets_nothing():
     async def act(user, tab, page):
         tab._ask()
         tab._begin()
-        tab._desk.tuned = found(gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0))
+        tab._node_jobs.tuned = found(gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0))
         tab._begin_apply()
         tab._begin_revert()
         tab.show(page.content())
@@ -110,7 +110,7 @@ def test_a_page_that_only_looks_moves_and_sets_nothing():
 
 def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn():
     async def act(user, tab, page):
-        tab._desk.tuned = found(
+        tab._node_jobs.tuned = found(
             gains=CascadeGains(1.0, 0.1, 2.0, 60.0, 1.0),
             bode=Bode((BodePoint(1.0, 0.0, -5.0, 1.0), BodePoint(10.0, -3.0, -60.0, 0.99))),
         )
@@ -120,7 +120,7 @@ def test_what_was_found_is_shown_and_its_gains_are_set_with_the_units_of_a_turn(
         refused = html(user)
         tab._form.inputs["counts"].value = "65536"
         user.find("Set the gains").click()
-        await settle(lambda: bool(tab._desk.begun))
+        await settle(lambda: bool(tab._node_jobs.begun))
         return lines, refused, tab._chart.options["series"][0]["name"], tab._bode.options["series"][1]["data"]
 
     (lines, refused, first, phase), begun = played(act)
@@ -152,7 +152,7 @@ def test_of_a_drive_with_several_axes_one_is_chosen_and_named():
         user.find("Run ...").click()
         words = html(user)
         user.find("Start the motion").click()
-        await settle(lambda: bool(tab._desk.begun))
+        await settle(lambda: bool(tab._node_jobs.begun))
         return shown, words, tab._plan().axis
 
     (shown, words, axis), _ = played(act, joints=("shoulder", "elbow"))

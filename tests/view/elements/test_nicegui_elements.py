@@ -46,12 +46,12 @@ def test_a_held_button_says_so_and_a_foreign_word_is_nothing():
 
 
 def test_a_held_button_speaks_often_enough_for_the_dead_man():
-    from canopen_control.view.robot_connection import LET_GO_NS
+    from canopen_control.view.robot_connection import HOLD_TIMEOUT_NS
 
     async def act(_user, buttons):
         return buttons.props["period"]
 
-    assert visited(lambda: HoldButtons([], print, print), act) * 1e6 * 3 <= LET_GO_NS
+    assert visited(lambda: HoldButtons([], print, print), act) * 1e6 * 3 <= HOLD_TIMEOUT_NS
 
 
 def test_it_is_given_its_tree():
