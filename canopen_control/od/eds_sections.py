@@ -50,7 +50,7 @@ class Pair(NamedTuple):
 
 @dataclass(slots=True)
 class Section:
-    """Section of an EDS or DCF file.
+    """One [section] of an EDS or DCF file, with its keys and their lines.
 
     `values` contains the texts by lower-case key, `written` by the key as in the file, both in the order of the file.
     """

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 
 class Severity(enum.Enum):
-    """Severity of an issue."""
+    """Severity of an issue, from a lost value (ERROR) to a harmless deviation (NOTE)."""
 
     ERROR = "error"
     WARNING = "warning"

@@ -76,7 +76,7 @@ def _is_boot(node: VirtualNode, frame: CanFrame) -> bool:
 
 
 def _booted(hooks: QuirkHooks) -> Callable[[], int]:
-    """Return a getter of the time of the last boot-up message in ns, a very early time before the first."""
+    """Return a getter for the time of the last boot-up message in ns (a very early time if none was sent)."""
     times = [-(1 << 62)]
 
     def outgoing(node: VirtualNode, frame: CanFrame, now: int) -> Sent:

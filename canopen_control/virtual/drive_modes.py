@@ -160,7 +160,7 @@ class CyclicPosition(StreamMode):
         super().start(now)
 
     def take(self, now: int) -> None:
-        """Apply a set-point of an RPDO, even if unchanged, when the drive extrapolates or recovers SYNC."""
+        """Apply a set-point of an RPDO, even if unchanged while the drive extrapolates or recovers SYNC."""
         self._unseen += 1
         if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None

@@ -169,7 +169,7 @@ def find_fault(name: str) -> Fault:
 
 
 def parse_fault(text: str) -> tuple[Fault, int]:
-    """Parse ``name``, ``name@2.5`` or ``name@2.5s`` into fault and delay in ns; raise ConfigError."""
+    """Parse ``name``, ``name@2.5`` or ``name@2.5s`` into fault and delay in ns; raise ConfigError if invalid."""
     name, at, seconds = text.partition("@")
     delay = 0.0
     if at:

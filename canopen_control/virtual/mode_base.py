@@ -328,7 +328,7 @@ class Mode:
 
 
 class ModeGate:
-    """Gate in front of the modes of one axis; set-points are ignored while `closed_by` is not empty.
+    """Block of the set-points of one axis, active while `closed_by` is not empty.
 
     `brake_ns` is the time after an enable for which the brake keeps the gate closed.
     A controlword is passed to the mode only if every filter in `takes` (word, previous word, time) returns True.

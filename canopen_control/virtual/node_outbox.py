@@ -245,7 +245,7 @@ class NodeClock:
 
 
 class NodeOutbox:
-    """Outbox for the frames and events of a node's services, limited in size.
+    """Frames and events of a node's services that wait to be sent, limited in number.
 
     `happened` are the waiting events, for a check that does not remove them.
     """

@@ -294,7 +294,7 @@ class PdoRecords:
 
 
 class RpdoInput:
-    """Input of a node's RPDOs, where faults can delay or drop frames.
+    """Injected delay and loss of the RPDOs that a node receives.
 
     Injection points: `delay_ns`, and `lost` = n, which drops every n-th RPDO (0: none). `delayed` are the delayed
     frames with the times at which they are passed on; `received` counts the received RPDOs.

@@ -36,7 +36,7 @@ class Plant(Protocol):
         """Move along the demand, as controlled by the position and velocity loops of a drive."""
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:
-        """Move by a torque in per mille of the rated torque; the torque is the velocity of the curve `torque`."""
+        """Move by a torque in per mille of the rated torque, given as the velocity of the curve `torque`."""
 
     def release(self, start_ns: int, end_ns: int) -> None:
         """Move without power, and clear the feed-forward."""

@@ -34,7 +34,7 @@ FAST, SLOW = 1, 2  # subindices of 0x6099
 
 
 class HomingMethod(NamedTuple):
-    """Homing method: the switch edge to find, the direction of the last pass, and whether an index pulse is home.
+    """Rule of a homing method: switch edge to find, direction of the last pass, and whether an index pulse is home.
 
     `edge` is the name of an attribute of `Switches`, "" for none.
     """

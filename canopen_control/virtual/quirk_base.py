@@ -47,7 +47,7 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """Strength of a quirk: unit, default and bounds; `whole` means that only integers are valid."""
+    """Parameter of a quirk: unit, default and bounds; `whole` means that only integers are valid."""
 
     unit: str
     default: float
@@ -57,12 +57,12 @@ class Strength:
 
 
 def in_seconds(default: float, high: float = 60.0) -> Strength:
-    """Return a strength in s, from 1 ms to `high`."""
+    """Return a quirk parameter in s, from 1 ms to `high`."""
     return Strength("s", default, 0.001, high)
 
 
 def whole(unit: str, default: float, low: float, high: float) -> Strength:
-    """Return an integer strength."""
+    """Return an integer quirk parameter."""
     return Strength(unit, default, low, high, whole=True)
 
 

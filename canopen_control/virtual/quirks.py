@@ -116,7 +116,7 @@ def quirks_of(personality: Personality) -> list[str]:
 
 
 class QuirkSwitches:
-    """Quirk switches of `node`.
+    """Active quirks of `node`, which can be switched on and off.
 
     Switching a quirk undoes the hooks of all quirks, and then hooks the active quirks in the order of `QUIRKS`.
     """

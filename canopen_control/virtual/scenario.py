@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Payload:
-    """Payload on a link in a scenario step, see `AddPayload`."""
+    """Keys of a payload on a link in a scenario step, see `AddPayload`."""
 
     mass: float
     on: str = ""
@@ -69,7 +69,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Push:
-    """Push of a link in a scenario step, see `PushRobot`."""
+    """Keys of a push of a link in a scenario step, see `PushRobot`."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -158,7 +158,7 @@ def nanoseconds_of(value: float | str) -> int:
 
 @dataclass(frozen=True)
 class ScenarioStep(WorldEvent):
-    """Step of a scenario file.
+    """Entry of `steps` in a scenario file.
 
     `do`, `target`, `name`, `values`, `times` and `when` are used only in simulations of robots.
     """

@@ -371,7 +371,7 @@ class ShaftWorld(World, Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """Coupling between a motor and an encoder: counts per motor turn, gear ratio and direction.
+    """Gear between a motor and an encoder: counts per motor turn, gear ratio and direction.
 
     With a `lead` the encoder is linear, and `lead` is the distance in m for each turn behind the gear.
     """

@@ -63,7 +63,7 @@ def clamp(value: float, bits: int = 32) -> int:
 
 
 class Statusword:
-    """Statusword (0x6041) of one axis.
+    """Composer of the statusword 0x6041 of one axis from state, mode, limits and injected bits.
 
     Injection points: `remote` (bit 9), `warning` (bit 7), and the bits `forced` and `suppressed`. `changes` are
     functions of quirks that are applied to the statusword.

@@ -236,7 +236,7 @@ PROTOCOL_ERRORS = 0x82  # high byte of the EMCY codes of PDO and SYNC errors
 
 
 class Timed(Protocol):
-    """Service with timers."""
+    """Service with timers, which the node advances."""
 
     def next_deadline(self) -> int | None:
         """Return the time in ns at which `tick` is due next, None if no timer runs."""
