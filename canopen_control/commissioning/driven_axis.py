@@ -54,10 +54,10 @@ def error_history(node: NodeSession) -> list[str]:
     if count is None:
         raise ConfigError(f"{node} has no error history (0x1003)")
     codes = (node.number(_HISTORY[0], subindex) for subindex in range(1, min(count, _MOST_ERRORS) + 1))
-    return [f"{code_text(code & 0xFFFF)}{_own(code)}" for code in codes if code]
+    return [f"{code_text(code & 0xFFFF)}{_additional_text(code)}" for code in codes if code]
 
 
-def _own(code: int) -> str:
+def _additional_text(code: int) -> str:
     """Return the manufacturer-specific upper half of an error history entry as text, or "" if that half is 0."""
     return f", additional information 0x{code >> 16:04X}" if code >> 16 else ""
 
@@ -195,14 +195,14 @@ class DriveCurrent:
         self.value: float | None = None
         self._drive = drive
         self._currents = [*CURRENTS]
-        self._asked_ns = 0
+        self._read_ns = 0
 
     def ask(self, client: RobotClient) -> None:
         """Read the current if `CURRENT_S` has elapsed; an object that the drive has refused is not read again."""
         now = time.monotonic_ns()
-        if not self._currents or now - self._asked_ns < CURRENT_S * 1e9:
+        if not self._currents or now - self._read_ns < CURRENT_S * 1e9:
             return
-        self._asked_ns = now
+        self._read_ns = now
         index, subindex = self._currents[0]
         try:
             data = client.ask(SdoRead(node=self._drive.node, index=index, subindex=subindex), 1.0).data

@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 
 TRUSTED: Final = 0.9
-HIGHEST: Final = 1.0 / 3.0  # of the sampling rate
-_FEWEST: Final = 100  # samples
-_BINS: Final = 5  # of a band, at least
-_SHARE: Final = 0.06  # of its frequency, a band
+HIGHEST: Final = 1.0 / 3.0  # highest frequency of a point, as a fraction of the sampling rate
+_FEWEST: Final = 100  # minimum number of samples
+_BINS: Final = 5  # minimum number of bins in a band
+_SHARE: Final = 0.06  # width of a band as a fraction of its frequency
 _ROWS: Final = 16
 _BAR: Final = 40
-_LEAST_SPAN: Final = 3.0  # dB, of the bars: what noise does to a flat response is not a picture
+_LEAST_SPAN: Final = 3.0  # minimum range of the bars in dB, so that noise on a flat response is not magnified
 
 
 @dataclass(frozen=True, slots=True)

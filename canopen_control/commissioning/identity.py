@@ -80,7 +80,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class KnownEds:
-    """EDS file with the identity that it contains."""
+    """EDS file with the identity in its objects or in [DeviceInfo]."""
 
     path: Path
     vendor_id: int
@@ -126,7 +126,7 @@ def vendor_and_product(path: Path) -> tuple[int, int]:
 
 
 def eds_number(od: ObjectDictionary, subindex: int) -> int:
-    """Return a number of 0x1018 in an EDS: the default, else the one in [DeviceInfo], or 0 without the subindex."""
+    """Return a number of 0x1018 in an EDS: its default, else the value in [DeviceInfo], or 0 without the subindex."""
     if (entry := od.get(0x1018, subindex)) is None:
         return 0
     info = {1: od.device.vendor_number, 2: od.device.product_number, 3: od.device.revision_number}

@@ -24,9 +24,9 @@ HELP: Final = """\
   down, left (k .. m)  backward                           any other key stops; Ctrl-C ends"""
 _FORWARD: Final = frozenset(("up", "right", "i", "l"))
 _BACKWARD: Final = frozenset(("down", "left", ",", "j"))
-_SETTLED: Final = 0.002  # of a turn, a target is reached
-_TURNED: Final = 0.02  # of what was commanded: less is the play of a shaft that is held
-_COUNTS: Final = 2.0  # of the position: fewer are the noise of one that stands
+_SETTLED: Final = 0.002  # fraction of a turn within which a target counts as reached
+_TURNED: Final = 0.02  # fraction of the commanded distance; a blocked shaft with backlash moves less
+_COUNTS: Final = 2.0  # position counts; the noise at standstill is less
 
 
 class JogKind(Enum):
@@ -58,15 +58,15 @@ class JogEnd(Enum):
 
 @dataclass(frozen=True, slots=True)
 class JogLimits:
-    """Limits of `speed` in rad/s, `travel` in rad in each direction, and `current` in per mille of the rated one."""
+    """Limits of `speed` in rad/s, `travel` in rad per direction, and `current` in per mille of the rated current."""
 
     speed: float
     travel: float
     current: float
 
 
-MAX_SPEED: Final = math.tau  # rad/s, unless options say otherwise
-_MAX_TRAVEL: Final = 10.0 * math.tau  # rad
+MAX_SPEED: Final = math.tau  # default in rad/s
+_MAX_TRAVEL: Final = 10.0 * math.tau  # default in rad
 
 
 def limits_of(options: MotionOptions, scale: JogScale, speed: float = MAX_SPEED) -> JogLimits:

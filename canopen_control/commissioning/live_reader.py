@@ -81,9 +81,9 @@ class NodeObjects:
             self.live[live.entry.address] = self._news, live
 
 
-_LATER_S: Final = 10.0  # until an object that the node refused is read again
-_LOST_S: Final = 2.0  # after a missing answer, or without a robot
-_IDLE_S: Final = 0.2  # while nothing is due
+_LATER_S: Final = 10.0  # interval for objects that the node refuses
+_LOST_S: Final = 2.0  # pause after a missing answer, or without a robot
+_IDLE_S: Final = 0.2  # pause while no object is due
 
 
 class LiveReader:
@@ -118,7 +118,7 @@ class LiveReader:
         """Poll until no screen shows objects; runs on the reader's thread."""
         try:
             self._read_all()
-        except BaseException:  # the next user starts it again
+        except BaseException:  # the next call of `watch` starts a new thread
             with self._lock:
                 self._thread = None
             raise

@@ -206,8 +206,8 @@ def is_abort(error: CanopenError) -> bool:
 # SDO transfers with one node of a running robot: all go through the robot, the only client of the node's SDO server.
 
 
-TIMEOUT_S: Final = 15.0  # with a robot that has other requests for the node waiting
-_BYTES_PER_S: Final = 1_000  # of the slowest transfer worth waiting for
+TIMEOUT_S: Final = 15.0  # the robot may have queued other requests for the node
+_BYTES_PER_S: Final = 1_000  # rate of the slowest transfer for which the timeout allows
 _WATCH_S: Final = 2.0
 
 

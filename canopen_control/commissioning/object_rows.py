@@ -83,7 +83,7 @@ def unit_of(od: ObjectDictionary, index: int, subindex: int) -> str:
     base, axis = objects.axis_of(index)
     unit = _UNITS.get(base, "")
     if subindex == 0 and (index, 1) in od:
-        return ""  # how many there are
+        return ""  # the number of subindices
     if unit in _IN_REVOLUTIONS:
         entry = od.get(objects.axis_index(objects.SI_UNIT_VELOCITY, axis))
         value = None if entry is None else entry.value
@@ -117,8 +117,8 @@ _ALIASES: dict[str, DataType] = {
 TYPE_NAMES = ", ".join(_ALIASES)
 _WORDS = {"true": 1, "false": 0}
 _TEXTS = (DataType.VISIBLE_STRING, DataType.UNICODE_STRING)
-_NUMBER_BYTES = 8  # up to which bytes without a type are read as a number
-_TEXT_BYTES = 3  # from which they are shown as a text too, where they are one
+_NUMBER_BYTES = 8  # maximum length of bytes without a type that are shown as a number
+_TEXT_BYTES = 3  # minimum length of printable bytes that are also shown as text
 _SHOWN_BYTES = 64
 
 

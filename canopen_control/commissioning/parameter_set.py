@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 
 
 _MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
-_MOST_MAPPED: Final = 64  # above it a count stands for an MPDO
-_NO_TRANSFER: Final = 0b11  # of ObjFlags: refuse the write of a download, the read of a scan
+_MOST_MAPPED: Final = 64  # a higher count identifies an MPDO (CiA 301, 7.5.2.36)
+_NO_TRANSFER: Final = 0b11  # ObjFlags: not written in a download, not read in a scan (CiA 306-1)
 _COMMANDS: Final = frozenset((0x1003, 0x1010, 0x1011, 0x1013, *range(0x1023, 0x1027), 0x1F25, 0x1F82, 0x1F83))
 _PROGRAM: Final = range(0x1F50, 0x1F59)  # CiA 302-3
 _DRIVE_COMMANDS: Final = (MOTION | {TOUCH_PROBE_FUNCTION}) - {MODES_OF_OPERATION}
@@ -72,7 +72,7 @@ _VENDOR_OWN: Final = {0x286: dict.fromkeys((0x2704, 0x2705, 0x2706), "is the nod
 _MANUFACTURER: Final = range(0x2000, 0x6000)
 _OWN_NAMES: Final = re.compile(r"node[ _-]?id\b|baud|bit[ _-]?rate|serial[ _-]?(number|no\b|nr\b)", re.IGNORECASE)
 _EMCY: Final = (0x1014, 0)
-_NODE_BITS: Final = 0x7F  # of an identifier of the predefined connection set
+_NODE_BITS: Final = 0x7F  # node id in an identifier of the predefined connection set (CiA 301, 7.3.3)
 _IDENTIFIER: Final = 0x1FFF_FFFF
 
 
@@ -197,7 +197,7 @@ def same_value(entry: Entry, a: Value, b: Value) -> bool:
         return a & ~NO_RTR_BIT == b & ~NO_RTR_BIT
     try:
         return a == b or encode(a, entry.data_type) == encode(b, entry.data_type)
-    except ValueError:  # of two files that do not agree about the type
+    except ValueError:  # two files with different data types
         return False
 
 
@@ -230,7 +230,7 @@ def _section(parameters: ParameterSet, date: str) -> dict[str, str]:
     lines |= {key: f"0x{value:08X}" for key, value in numbers.items() if value is not None}
     lines |= {key: getattr(identity, name) for key, name in _NAMES.items() if getattr(identity, name)}
     empty = [address for address, value in sorted(parameters.values.items()) if value in ("", b"")]
-    if empty:  # a ParameterValue of nothing reads as none
+    if empty:  # an empty ParameterValue would be read as a missing one
         lines["Empty"] = " ".join(f"{index:04X}:{subindex:02X}" for index, subindex in empty)
     return lines
 
@@ -326,13 +326,13 @@ def _get(lines: Mapping[str, str], name: str) -> str:
 
 def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceIdentity:
     """Return the identity in the [Backup] section; missing or invalid numbers are taken from the objects."""
-    held = _identity_of(od)
+    in_objects = _identity_of(od)
 
     def number(key: str, name: str) -> int | None:
         try:
             return parse_number(_get(lines, key)).value
         except ValueError:
-            value: int | None = getattr(held, name)
+            value: int | None = getattr(in_objects, name)
             return value
 
     return DeviceIdentity.of((number(*pair) for pair in _NUMBERS.items()), (_get(lines, key) for key in _NAMES))
@@ -342,11 +342,11 @@ def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
     """Return the identity in the objects of a file, with None for a number that is missing or 0."""
     entries = (od.get(*OBJECTS[name]) for name in _NUMBERS.values())
     values = (None if entry is None else entry.value for entry in entries)
-    found = DeviceIdentity.of(value if isinstance(value, int) and value else None for value in values)
+    identity = DeviceIdentity.of(value if isinstance(value, int) and value else None for value in values)
     return replace(
-        found,
-        vendor_id=found.vendor_id or od.device.vendor_number or None,
-        product_code=found.product_code or od.device.product_number or None,
+        identity,
+        vendor_id=identity.vendor_id or od.device.vendor_number or None,
+        product_code=identity.product_code or od.device.product_number or None,
     )
 
 

@@ -36,22 +36,22 @@ if TYPE_CHECKING:
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
 STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
 _STOPPED: Final = (STOP, CLEAR)
-_RESETTING: Final = (STOP, START)  # what a node may answer by a reset
-_BUSY_S: Final = 30.0  # what erasing or writing a flash may take
+_RESETTING: Final = (STOP, START)  # commands at which a node may reset
+_BUSY_S: Final = 30.0  # maximum time to erase or write a flash
 _POLL_S: Final = 0.1
-_SOON_S: Final = 0.01  # delay before the first poll of a flash; it doubles each time
-_UNTOLD_S: Final = 1.0  # for a flash without a busy bit
+_FIRST_POLL_S: Final = 0.01  # delay before the first poll of a flash; it doubles each time
+_NO_STATUS_S: Final = 1.0  # pause for a flash without a busy bit (no 0x1F57)
 _SILENCE_S: Final = 1.0  # time lost by a missing answer
-_QUICK_S: Final = 0.15  # for an answer of a node that may be resetting: a boot-loader waits for half a second
-_QUICK_ROUNDS: Final = 4  # of so many rounds the last one waits as long as ever
-_FLASH_S: Final = 10.0  # for an answer of a node that erases or writes its flash before it gives one
-_DEVICE_FILE: Final = b"[fileinfo]"  # what every EDS and DCF has
-_TEXT: Final = (b"[", b";")  # what they begin with
-_EPOCH: Final = datetime.date(1984, 1, 1)  # of 0x1F52, as of 0x1020
+_QUICK_S: Final = 0.15  # timeout while a node may be resetting: some boot-loaders wait for only 0.5 s
+_QUICK_ROUNDS: Final = 4  # every fourth attempt has the normal timeout
+_FLASH_S: Final = 10.0  # timeout of a node that erases or writes its flash before it answers
+_DEVICE_FILE: Final = b"[fileinfo]"  # section of every EDS and DCF (CiA 306-1)
+_TEXT: Final = (b"[", b";")  # first characters of an EDS or DCF
+_EPOCH: Final = datetime.date(1984, 1, 1)  # day 0 of 0x1F52, as of 0x1020 (CiA 301, 7.5.2.23)
 _MOST_DAYS: Final = 0xFFFF
 _DAY_MS: Final = 86_400_000
-_LOOK_S: Final = 0.2  # between two looks at the progress
-_SILENT: Final = -1  # instead of a number; as 0x1F57 it is busy
+_REPORT_S: Final = 0.2  # interval of progress reports
+_SILENT: Final = -1  # instead of a number if the node is silent; bit 0 of it means busy in 0x1F57
 _ERRORS: Final = {
     1: "no valid program",
     2: "unknown data format",
@@ -156,7 +156,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
     """
     refuse_no_program(image)
     number = options.number
-    yield from _ask(number, progress)
+    yield from _read_present(number, progress)
     yield DownloadOrder(DownloadAct.PRE_OPERATIONAL)
     while True:
         progress.tries += 1
@@ -183,7 +183,7 @@ def program_download(image: bytes, options: ProgramOptions, progress: DownloadPr
     progress.step = DownloadStep.DONE
 
 
-def _ask(number: int, progress: DownloadProgress) -> Sequence:
+def _read_present(number: int, progress: DownloadProgress) -> Sequence:
     progress.step = DownloadStep.ASKING
     outcome = yield DownloadOrder(DownloadAct.READ, CONTROL, number)
     if outcome.error is not None:
@@ -244,11 +244,11 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
 
 def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
     """Wait until the flash is not busy; return the error as text, or "" without an error or without 0x1F57."""
-    seconds, pause = _BUSY_S, _SOON_S
+    seconds, pause = _BUSY_S, _FIRST_POLL_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
         if status is None:
-            yield DownloadOrder(DownloadAct.PAUSE, seconds=_UNTOLD_S)
+            yield DownloadOrder(DownloadAct.PAUSE, seconds=_NO_STATUS_S)
             return ""
         if not status & 1:
             return flash_text(status)
@@ -408,7 +408,7 @@ def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size
             done, total = session.transfers.progress()
             run.show(done, total or size)
 
-    with periodic_call(report, _LOOK_S, name="firmware progress"):
+    with periodic_call(report, _REPORT_S, name="firmware progress"):
         yield
 
 
@@ -425,7 +425,7 @@ def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
             return DownloadAnswer(_transferred(session, order))
         if order.act is DownloadAct.PAUSE:
             session.transfers.pause(order.seconds)
-        elif not session.robot:  # whose robot it is has taken it out of operation
+        elif not session.robot:  # in a robot, the node was taken out and is PRE-OPERATIONAL already
             session.transfers.command(NmtCommand.ENTER_PRE_OPERATIONAL)
     except CanopenError as error:
         if not _is_answer(error):

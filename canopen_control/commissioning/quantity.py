@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-LONGEST_S: Final = 1e9  # some thirty years
+LONGEST_S: Final = 1e9  # about thirty years
 
 
 def whole_between(low: int, high: int, noun: str) -> Callable[[str], int]:

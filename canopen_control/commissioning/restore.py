@@ -182,7 +182,7 @@ def _mapping_writes(
 
 SAVE: Final = b"save"
 _STORE: Final = (0x1010, 1)
-_STORE_S: Final = 15.0  # what writing a flash may take
+_STORE_S: Final = 15.0  # maximum time to write a flash
 _POLL_S: Final = 0.2
 
 
@@ -251,7 +251,7 @@ class Restore:
             self.keep_held(self.held)
         self.step = RestoreStep.WRITING
         failed = self._write(groups)
-        self._prove({group.name: why for group, why in failed})
+        self._verify({group.name: why for group, why in failed})
         if self.refused and not keep and self.written:
             self._undo()
         self.step = RestoreStep.DONE
@@ -284,7 +284,7 @@ class Restore:
                 return reason_of(error)
         return None
 
-    def _prove(self, failed: Mapping[str, str]) -> None:
+    def _verify(self, failed: Mapping[str, str]) -> None:
         """Read all values back, and add values that the node refused or changed to `refused`."""
         self.step = RestoreStep.VERIFYING
         values, left_out = read_values(self.session, [self.od[address] for address in self.held])
@@ -463,7 +463,7 @@ def unfinished_words(session: NodeSession, reached: Reached) -> str:
 # written configuration.
 
 
-_SHOWN: Final = 8  # of what was written, where a restore was interrupted, and of what is never written
+_SHOWN: Final = 8  # maximum number of names in a message
 
 
 @dataclass(frozen=True, slots=True)

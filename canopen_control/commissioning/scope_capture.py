@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.scope_signals import Signal
 
 
-MOST: Final = 1_000_000  # samples of one shot; older ones are dropped
+MOST: Final = 1_000_000  # maximum number of samples in a capture; older samples are dropped
 
 Row = tuple[float, tuple[float | None, ...]]
 
@@ -46,7 +46,7 @@ class Condition(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """Trigger condition on the signals at `places`; for a fault these are statuswords, and `level` is unused."""
+    """Trigger condition on the signals at `places`, or on statuswords (without `level`) for a fault."""
 
     condition: Condition
     places: tuple[int, ...]
@@ -186,7 +186,7 @@ class ScopeState(Enum):
 
 
 class ScopeCapture:
-    """Capture memory for `length` s, with `before` s of them before the trigger.
+    """Capture memory for `length` s, of which `before` s precede the trigger.
 
     Without a trigger a capture begins with the first sample. The scope is done after `shots` captures, if not None.
     """
@@ -199,7 +199,7 @@ class ScopeCapture:
         self.state = ScopeState.WAITING
         self._trigger, self._length, self._before, self._shots_left = trigger, length, before, shots
         self._rows: deque[Row] = deque(maxlen=MOST)
-        self._begin: float | None = None  # of the part behind the trigger
+        self._begin: float | None = None  # time of the trigger, or of the first sample without a trigger
         self._newest = -math.inf
         self._last: tuple[float | None, ...] | None = None
         self._shots: list[Shot] = []

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from canopen_control.commissioning.scope_signals import ScopeSource, Signal
 
 
-KEPT: Final = 8  # shots
-_LOOK_S: Final = 0.1
+KEPT: Final = 8  # maximum number of stored captures
+_SAMPLE_S: Final = 0.1
 _TIMEOUT_S: Final = 2.0
 
 
@@ -94,7 +94,7 @@ class Scope:
         A capture in progress is then completed with the samples so far; samples before a trigger are dropped.
         """
         while not (self.capture.done or ended()):
-            for moment, row in self._source.samples(_LOOK_S):
+            for moment, row in self._source.samples(_SAMPLE_S):
                 self.capture.feed(moment, row)
                 if self.capture.done:
                     break

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # running robot no faster than `READS_PER_S` in total, so that the scope does not delay the robot's own requests.
 
 
-_EVERY_CYCLE: Final = 1000.0  # Hz
+_EVERY_CYCLE: Final = 1000.0  # rate in Hz at which every cycle is reported
 
 
 class ScopeSource(Protocol):

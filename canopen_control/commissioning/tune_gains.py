@@ -126,7 +126,7 @@ def _write(session: NodeSession, values: Mapping[Address, Value]) -> None:
 
 LOOP_DELAY_S: Final = 0.0005
 """Dead time in s of the velocity loop inside a drive, unless another value is known."""
-_POSITION_SHARE: Final = 4.0  # the position loop is so much slower
+_POSITION_SHARE: Final = 4.0  # ratio of the bandwidths of the velocity loop and the position loop
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,14 +203,14 @@ def phase_margin(plant: PlantModel, gains: CascadeGains, delay: float = LOOP_DEL
 # per mille s^2/rad (or kg m^2).
 
 
-_MOST_DELAY: Final = 4.0  # cycles
-_STEPS: Final = 4  # of a cycle
-_STANDING: Final = 0.05  # of the greatest speed, below which it stands
+_MOST_DELAY: Final = 4.0  # longest dead time in cycles
+_STEPS: Final = 4  # steps of the dead time per cycle
+_STANDING: Final = 0.05  # fraction of the highest speed that counts as standstill
 _FEWEST: Final = 50
-_VISCOUS, _COULOMB = 1, 2  # their columns
+_VISCOUS, _COULOMB = 1, 2  # columns of the friction coefficients
 _MODELS: Final = ([0, 1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 3])
 """Columns that are fitted: all, and subsets without a friction that would be negative; the last has no friction."""
-_TRUSTED: Final = 0.7  # of the changes of speed that the model has to explain
+_TRUSTED: Final = 0.7  # minimum fraction of the speed changes that the model must explain
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,7 +319,10 @@ _OF_SHAFT: Final = (LoopGain.VELOCITY_P, LoopGain.VELOCITY_I)
 
 
 def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
-    """Parse `velocity_p=0x3210:01*0.001`, where 0.001 is the gain for a raw value of 1; raise ConfigError."""
+    """Parse `velocity_p=0x3210:01*0.001`, where 0.001 is the gain for a raw value of 1.
+
+    Raise ConfigError for other texts.
+    """
     match = _GAIN.fullmatch(text.strip())
     if match is None or match[1].lower() not in GAIN_NAMES:
         raise ConfigError(
@@ -338,7 +341,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return the gain objects of a drive, those in `named` first; raise ConfigError if some are unknown.
+    """Return the gain objects of a drive, where `named` replaces known objects; raise ConfigError if some are unknown.
 
     Scales in `named` refer to the shaft; `units_per_rad` is the number of user units per rad.
     """

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 GONE_S: Final = 1.0
 SCALE: Final = JogScale(math.tau, is_known=True, of_joint=True)  # a robot's joints are in rad
-_DECELERATION: Final = 20.0  # rad/s^2
+_DECELERATION: Final = 20.0  # assumed deceleration of a stop in rad/s^2
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ def tune(session: NodeSession, run: JobRun, client: RobotClient, result: TuneFou
     if request.test is TuneTest.BODE:
         result.bode = bode_of(record, request)
     if request.test is TuneTest.IDENTIFY:
-        with contextlib.suppress(ConfigError):  # the lines say why
+        with contextlib.suppress(ConfigError):  # the lines contain the reason
             result.gains = proposed(identified(record), request)
     lost = f"; {record.lost} of {record.lost + len(record.samples)} cycles were lost" if record.lost else ""
     return f"{session.name}: {request.test.value} done, stopped and disabled{lost}"

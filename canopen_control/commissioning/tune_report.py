@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 # dead time of the bus; between two samples the response is interpolated linearly.
 
 
-BAND: Final = 0.02  # of the step
-_FEWEST: Final = 10  # samples behind the step
-_TAIL: Final = 5  # the last part of the record in which it is to stand
-_LEAST: Final = 0.2  # of the step has to arrive, else there is nothing to measure
+BAND: Final = 0.02  # settling band as a fraction of the step
+_FEWEST: Final = 10  # minimum number of samples after the step
+_TAIL: Final = 5  # the last fifth of the record gives the final value
+_LEAST: Final = 0.2  # minimum fraction of the step in the response
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +255,7 @@ def identified(record: TuneRecord) -> PlantModel:
     """Identify the plant from the measured torque if all samples have it, else from the commanded torque."""
     has_effort = all(sample.effort is not None for sample in record.samples)
     cycles = 1 + record.samples[-1].cycle - record.begin if record.samples else 0
-    speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # of a cycle that was lost
+    speeds, torques = [math.nan] * cycles, [math.nan] * cycles  # nan for a lost cycle
     for sample in record.samples:
         place = sample.cycle - record.begin
         speeds[place] = _speed(sample)

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 # and back as soon as half of the travel or of the speed limit is reached.
 
 
-STEERED: Final = 0.6  # of the peak of the excitation
-PEAK_S: Final = 0.1  # time for which the current may be higher, as at a step
+STEERED: Final = 0.6  # additional torque as a fraction of the peak of the excitation
+PEAK_S: Final = 0.1  # time for which the current may exceed its limit, as at a step
 _HALF: Final = 0.5
 
 
@@ -73,7 +73,7 @@ class TuneRecord:
     lost: int = 0
 
     def put(self, sample: TuneSample) -> None:
-        """Append a sample, unless its cycle is not after the last one."""
+        """Append a sample of a later cycle; other samples are ignored."""
         last = self.samples[-1] if self.samples else None
         if last is not None:
             if sample.cycle <= last.cycle:
@@ -105,8 +105,8 @@ class TuneMotion:
         self._excitation, self._begin, self._now = excitation, now, now
         self._deceleration = deceleration
         self._start: float | None = None
-        self._way, self._speed = math.nan, 0.0
-        self._pushed = 0.0
+        self._travelled, self._speed = math.nan, 0.0
+        self._push = 0.0
         self._too_much_since: int | None = None
 
     @property
@@ -116,7 +116,7 @@ class TuneMotion:
             return 0.0
         value = self._excitation.at((self._now - self._begin) * 1e-9)
         if self.kind is JogKind.TORQUE:
-            value += self._pushed * STEERED * self._excitation.peak
+            value += self._push * STEERED * self._excitation.peak
         return value
 
     @property
@@ -127,7 +127,7 @@ class TuneMotion:
     @property
     def travelled(self) -> float:
         """Travel of the shaft from the start in rad; nan if unknown."""
-        return self._way
+        return self._travelled
 
     def tick(self, now: int) -> None:
         """Advance the time; ends the run when the excitation is over."""
@@ -147,8 +147,8 @@ class TuneMotion:
         if position is not None and math.isfinite(position):
             if self._start is None:
                 self._start = position
-            self._way = position - self._start
-            if abs(self._way) + self._stopping() >= self.limits.travel:
+            self._travelled = position - self._start
+            if abs(self._travelled) + self._stopping() >= self.limits.travel:
                 self.end(JogEnd.TRAVEL)
         self._steer()
 
@@ -167,18 +167,18 @@ class TuneMotion:
 
     def _stopping(self) -> float:
         """Return the stopping distance in rad; 0 while the shaft moves towards the start."""
-        if not self._deceleration or self._speed * self._way <= 0.0:
+        if not self._deceleration or self._speed * self._travelled <= 0.0:
             return 0.0
         return self._speed * self._speed / (2.0 * self._deceleration)
 
     def _steer(self) -> None:
         """Choose the sign of the additional torque: alternating, and back beyond half of a limit."""
         elapsed = (self._now - self._begin) * 1e-9 / self._excitation.seconds
-        self._pushed = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
-        way, speed = self._way / self.limits.travel, self._speed / self.limits.speed
-        for share in (speed, 0.0 if math.isnan(way) else way):
+        self._push = -1.0 if 0.25 <= elapsed < 0.75 else 1.0
+        travel, speed = self._travelled / self.limits.travel, self._speed / self.limits.speed
+        for share in (speed, 0.0 if math.isnan(travel) else travel):
             if abs(share) > _HALF:
-                self._pushed = -math.copysign(1.0, share)
+                self._push = -math.copysign(1.0, share)
 
 
 _SOURCE: Final = "tune"
@@ -187,12 +187,12 @@ _REMEDIES: Final = {
     JogEnd.SPEED: "; use a weaker excitation, or raise --max-speed if that is safe",
     JogEnd.TRAVEL: "; use a shorter run (--for), or raise --max-travel if that is safe",
 }
-_WAIT_S: Final = 1.0  # for the first sample
-_SILENCE_S: Final = 0.3  # without a sample, after which nothing is commanded any more
+_WAIT_S: Final = 1.0  # timeout of the first sample
+_SILENCE_S: Final = 0.3  # time without a sample after which the run ends
 
 
 def _newest(client: RobotClient, timeout: float) -> Iterator[RobotPush]:
-    """Wait for the next message until a timeout, then yield that message and all queued ones."""
+    """Wait for the next message until a timeout, then yield all received messages."""
     for message in client.messages(timeout):
         yield message
         break
@@ -260,7 +260,7 @@ class TuneRun:
         client.ask(Subscribe(state_rate=1000.0, pdos=self._effort_unit is None))  # every cycle
         period = self._first(client)
         client.ask(AxisRequest(action="enable", node=node, joint=joint, source=_SOURCE), ENABLE_S)
-        for message in client.messages(0):  # of the time before: unchanged reasons are not reported again
+        for message in client.messages(0):  # queued messages from before the start
             if isinstance(message, ProcessData):
                 self._take_torque(message)
         now = time.monotonic_ns()
@@ -331,9 +331,6 @@ class TuneRun:
             motion.end(JogEnd.STATE)
 
 
-# Request for a tuning run: the test, its excitation within the limits, and the text that the user confirms.
-
-
 # Excitation signals for tuning and identification: step, logarithmic chirp, pseudo-random binary sequence (PRBS).
 #
 # Sans-IO: a signal is a function of the seconds since its start, in the unit of the command (rad/s, or per mille of the
@@ -342,7 +339,7 @@ class TuneRun:
 
 
 RAMP_S: Final = 0.2
-LEAD_S: Final = 0.3  # of standstill before a step, by which its beginning is known
+LEAD_S: Final = 0.3  # standstill before a step, which gives the initial value
 _TAPS: Final = {7: (7, 6), 8: (8, 6, 5, 4), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
 """Feedback taps of shift registers, by number of bits, that generate the longest possible sequence, 2**bits - 1."""
 
@@ -444,10 +441,10 @@ def _maximum_length(bits: int) -> tuple[int, ...]:
     return tuple(bits_out)
 
 
-_BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s, of a frequency response: it never turns round
+_BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s; the direction of rotation does not change
 _LOW_HZ: Final = 0.5
 _BEYOND: Final = 1.15
-_HOLD_CYCLES: Final = 5  # of a PRBS of torque
+_HOLD_CYCLES: Final = 5  # cycles per value of a torque PRBS
 _SHORTEST: Final = 2.0 * RAMP_S + LEAD_S + 0.2
 
 

@@ -31,11 +31,11 @@ KEPT = 20  # maximum number of frames of a check in the report
 MS = 1_000_000
 NS_PER_S = 1_000_000_000
 MAX_NODE_ID = 127
-_UNBOOTED, _UNBOOTED_S = 2, 1.0  # resets without a boot-up message, and the time to wait after further ones
+_UNBOOTED, _UNBOOTED_S = 2, 1.0  # after two resets without a boot-up message, wait for only 1 s
 
 
 class CheckFailed(Exception):
-    """Violation of a clause by the device: what was observed, and what was expected."""
+    """Violation of a clause, with the observed and the expected behaviour of the device."""
 
     def __init__(self, observed: str, expected: str) -> None:
         self.observed, self.expected = observed, expected
@@ -71,14 +71,14 @@ class CheckedNode:
     ) -> None:
         self.reactor, self.port, self.node_id, self.eds = reactor, port, node_id, eds
         self.timeout_s, self.bounds = timeout_s, bounds or MotionBounds()
-        self.state: NmtState | None = None  # as in the last heartbeat
+        self.state: NmtState | None = None  # in the last heartbeat
         self.notes: list[str] = []  # of the current check
         self.log: deque[str] = deque(maxlen=KEPT)
         self._unbooted = 0  # resets without a boot-up message
         self.last_seen_ns: dict[
             int, int
         ] = {}  # node ids with a boot-up or heartbeat, and the time of the last one in ns
-        self.rates: dict[int, int] = {}  # identifier to the most frames within a second
+        self.rates: dict[int, int] = {}  # highest number of frames per second, by identifier
         self._second, self._counts = 0, Counter[int]()
         self._client = SdoClient(node_id, timeout_ns=round(timeout_s * 1e9))
         self._frames: deque[tuple[int, CanFrame]] = deque(maxlen=100_000)

@@ -54,7 +54,7 @@ _add = DRIVE_CHECKS.add
 _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 _CONFIGURE, _MOTION = CheckTouch.CONFIGURE, CheckTouch.MOTION
 _POWER = "402-2, 6.3 (power state machine)"
-_QUICK_S = 0.3  # time that a master expects
+_QUICK_S = 0.3  # usual timeout of a master for a transition
 # Negative option codes are manufacturer-specific; the others are listed in CiA 402-2.
 _OPTION_CODES = {
     0x605A: range(9),
@@ -212,7 +212,7 @@ def _mode_at_once(node: CheckedNode) -> None:
     _each_mode(node, 0.1)
 
 
-def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
+def _accepted_modes(node: CheckedNode, modes: range) -> list[int]:
     accepted = []
     with node.operational(), node.kept(o.MODES_OF_OPERATION):
         for mode in modes:
@@ -229,7 +229,7 @@ def _taken_modes(node: CheckedNode, modes: range) -> list[int]:
 def _unknown_mode(node: CheckedNode) -> None:
     is_drive(node)
     modes = node.number(o.SUPPORTED_DRIVE_MODES)
-    accepted = [mode for mode in _taken_modes(node, range(1, 17)) if not modes >> (mode - 1) & 1]
+    accepted = [mode for mode in _accepted_modes(node, range(1, 17)) if not modes >> (mode - 1) & 1]
     expect(not accepted, f"0x6061 shows {', '.join(map(str, accepted))}", "abort 0x06090030, or an unchanged 0x6061")
 
 
@@ -238,7 +238,7 @@ def _own_modes(node: CheckedNode) -> None:
     is_drive(node)
     if node.number(o.SUPPORTED_DRIVE_MODES) >> 16:
         raise NotApplicable("0x6502 announces modes of the manufacturer")
-    accepted = _taken_modes(node, range(-10, 0))
+    accepted = _accepted_modes(node, range(-10, 0))
     expect(not accepted, f"mode {', '.join(map(str, accepted))} was accepted", "a bit in 16 to 31 of 0x6502")
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 DRIVES = 402  # low word of 0x1000
-STEP_S = 0.005  # between two uploads of an object
+STEP_S = 0.005  # interval of repeated uploads
 LIMIT_S = 10.0  # longest time of a transition, or of a change of mode
 _STANDING = (OperationMode.PV, OperationMode.PP, OperationMode.CSV, OperationMode.CSP)
 SOD, RTSO, ON, OE = State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
@@ -44,7 +44,7 @@ def statusword(node: CheckedNode) -> int:
 
 
 def expect_bits(node: CheckedNode, mask: int, value: int, expected: str) -> None:
-    """Read the statusword and check the bits of `mask`; `expected` describes them."""
+    """Check that the statusword has `value` in the bits of `mask`; `expected` is the text for the report."""
     word = statusword(node)
     expect(word & mask == value, f"statusword 0x{word:04X}", expected)
 

@@ -283,7 +283,7 @@ def meaning_of(result: CheckResult) -> str:
 
 
 def deviations_of(result: CheckResult, does: Mapping[str, str]) -> list[Deviation]:
-    """Return the quirks that the failure of a check indicates, of those with a description in `does`."""
+    """Return the quirks that a failed check indicates and that `does` describes."""
     return [one for one in DEVIATIONS if one.check == result.id and one.quirk in does]
 
 

@@ -23,8 +23,8 @@ _COMMUNICATION, _MAPPING = (0x1400, 0x1800), (0x1600, 0x1A00)
 _OF_COMMUNICATION = range(0x1005, 0x1C00)
 _COB_IDS = (0x1005, 0x1012, 0x1014)
 _CONSUMER, _PRODUCER, _GUARD_TIME, _LIFE_TIME = 0x1016, 0x1017, 0x100C, 0x100D
-_SETTLE_NS = 2 * S  # from NMT start to the first remote frame of guarding
-_MOST_COMMANDS = 10  # in a second
+_SETTLE_NS = 2 * S  # time from NMT start to the first node guarding request
+_MOST_COMMANDS = 10  # maximum number of NMT commands per second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
@@ -43,10 +43,10 @@ class ConfigurationObserver(MasterObserver):
         self.guarded = False
         self._reads: set[int] = set()
         self._wrote = self._first = self._judged_start = False
-        self._open: dict[Mux, str] = {}  # writes that were refused or got no answer
+        self._open: dict[Mux, str] = {}  # refused or unanswered writes, with the reason
         self._disabled: set[int] = set()  # communication records whose bit 31 was written
         self._entries: dict[int, set[int]] = {}  # by mapping record: entries written since subindex 0 was 0
-        self._times: list[int] = []  # of the NMT commands of the last second
+        self._times: list[int] = []  # times of the NMT commands in the last second
 
     # -- frames
 

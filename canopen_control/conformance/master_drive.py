@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _CHAIN_NS, _BIT_7_NS = S // 2, S
 _MODE, _MODE_DISPLAY, _POSITION, _TARGET = 0x6060, 0x6061, 0x6064, 0x607A
 _MODES, _WINDOW = 0x6502, 0x6065
-_RATES = (0x6042, 0x60FF, 0x6071)  # set-points that are 0 at rest
+_RATES = (0x6042, 0x60FF, 0x6071)  # target velocities and torque, which are 0 at rest
 _SET_POINTS = (_TARGET, *_RATES)
 _RESERVED, _NEW_SET_POINT, _ACKNOWLEDGED = 1 << 10, 1 << 4, 1 << 12
 _FALLBACK_WINDOW = 1000  # increments, if 0x6065 is not set
@@ -201,7 +201,7 @@ def schedule() -> list[Stage]:
     ]
 
 
-_GRACE_NS = S  # for the reaction of a master
+_GRACE_NS = S  # time allowed for the reaction of a master
 _NOTICE_NS = 3 * S
 _SILENCE_NS = S // 2
 _RESET_NOTICE_NS, _RETURN_NOTICE_NS = 5 * S, 6 * S
@@ -215,9 +215,8 @@ class ReactionObserver(MasterObserver):
         self.boots = boots
         self.stage: Stage | None = None
         self._word: int | None = None
-        self._cyclic: int | None = None  # the last cyclic frame
-        self._longest = 0  # between two cyclic frames, in the stage
-        self._period = 0  # longest before the flood
+        self._cyclic: int | None = None  # time of the last cyclic frame
+        self._longest = 0  # longest gap between two cyclic frames in the stage
         self._contacts: list[int] = []
 
     @property

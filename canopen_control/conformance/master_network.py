@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 _GUARD_TIME, _LIFE_TIME, _PRODUCER, _SYNC_PERIOD, _OVERFLOW = 0x100C, 0x100D, 0x1017, 0x1006, 0x1019
 _INTERPOLATION, _MODE_DISPLAY = 0x60C2, 0x6061
 _CYCLIC_MODES = (8, 9, 10)
-_SETTLE_NS = 50 * MS  # a frame may be on its way when the state changes
-_MOST_SYNCS = 100_000  # of which the times are kept
-_FEWEST = 50  # intervals for a figure
+_SETTLE_NS = 50 * MS  # frames sent just before a change of state are not counted
+_MOST_SYNCS = 100_000  # maximum number of stored intervals
+_FEWEST = 50  # minimum number of intervals for a result
 
 
 class HeartbeatObserver(MasterObserver):
@@ -34,8 +34,8 @@ class HeartbeatObserver(MasterObserver):
         super().__init__(node, findings)
         self._last: dict[int, int] = {}
         self._sums: dict[int, tuple[int, int]] = {}  # number and sum of the intervals
-        self._limits: dict[int, int] = {}  # announced in 0x1016
-        self._announced: set[int] = set()  # at the heartbeat before
+        self._limits: dict[int, int] = {}  # consumer times in 0x1016, in ns
+        self._announced: set[int] = set()  # nodes in 0x1016 at their previous heartbeat
         self._missing: set[int] = set()
         self._started: int | None = None
         self._guarded: int | None = None
@@ -124,7 +124,7 @@ class SyncObserver(MasterObserver):
         self._last: int | None = None
         self._counter: int | None = None
         self._gaps: list[int] = []
-        self._cyclic_ns = 0  # the interpolation time, once a cyclic mode was in use
+        self._cyclic_ns = 0  # interpolation time of a cyclic mode, 0 before a cyclic mode was in use
         self._missing_since: int | None = None
 
     def receive(self, frame: CanFrame, now: int) -> None:

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 
 FIRST_NS = 8 * S
-DEFAULT_S = 120.0  # for the whole schedule, with the time of an operator who enables the drive again
-_ENABLE_NS = 5 * S  # for an operator who enables the drive again
-_BOOT_NS = 200 * MS  # of the device
+DEFAULT_S = 120.0  # whole schedule, including the time in which an operator enables the drive again
+_ENABLE_NS = 5 * S  # time for an operator to enable the drive again
+_BOOT_NS = 200 * MS  # boot time of the device
 _STEP_NS = 20 * MS
 _BEHIND_NS = 100 * MS
 _EMCY = 0x80
@@ -48,9 +48,10 @@ _OF_STAGE = {
 
 
 class _HeldAnswers:
-    """Delay of one SDO answer until after the master's next request, whose answer follows `_BEHIND_NS` later.
+    """Delay of one SDO answer until after the master's next request.
 
-    A master that mistakes the late answer for the answer to its next request continues before the right answer arrives.
+    The answer to that request follows `_BEHIND_NS` later. A master that mistakes the late answer for the answer to its
+    next request continues before the right answer arrives.
     """
 
     def __init__(self, node: VirtualNode) -> None:
@@ -196,15 +197,15 @@ class MasterRun:
     def __init__(
         self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]
     ) -> None:
-        self._reactor, self._port, self._say = reactor, port, report
+        self._reactor, self._port, self._report_stage = reactor, port, report
         now = reactor.now()
         self.judge = MasterJudge(node, now)
         self._begin, self._end = now, now + round(seconds * S)
         self._stages = schedule()
         self._stage: Stage | None = None
         self._healed = self._closing = self._was_enabled = False
-        self._first: int | None = None  # contact
-        self._ready: int | None = None  # when the next stage may begin
+        self._first: int | None = None  # time of the first frame from the master
+        self._ready: int | None = None  # earliest time of the next stage
         self._lost: BusClosed | None = None
         reactor.add_reader(port, self._on_readable)
         self._timer_at = now
@@ -330,7 +331,7 @@ class MasterRun:
             return
         self._stages.pop(0)
         self._stage, self._healed = stage, False
-        self._say(f"{(now - self._begin) / S:.0f} s: {stage.title}")
+        self._report_stage(f"{(now - self._begin) / S:.0f} s: {stage.title}")
         self.judge.begin(stage, now)
 
     def _leave_out(self) -> None:

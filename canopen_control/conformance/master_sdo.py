@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from canopen_control.virtual.virtual_node import VirtualNode
 
 
-OVERLAP_NS = 20 * MS  # a request in so short a time after another one did not wait for its answer
+OVERLAP_NS = 20 * MS  # a request that follows another one earlier was sent without waiting for the answer
 _HANG_NS = 10 * S
-_MOST_REQUESTS = 20  # in a second, of which none is answered
+_MOST_REQUESTS = 20  # maximum number of unanswered requests per second
 _PROTOCOL_ERRORS = frozenset((0x05030000, 0x05040001, 0x05040002, 0x05040003, 0x05040004))
 _MISSING = frozenset((AbortCode.NO_OBJECT, AbortCode.NO_SUBINDEX, AbortCode.READ_ONLY))
 _BLOCK_ACK, _BLOCK_END = 2, 1  # sub-commands
@@ -70,10 +70,10 @@ class MasterTransfer:
     size: int | None = None
     data: bytearray = field(default_factory=bytearray)
     last: bool = False
-    in_block: bool = False  # segments of a block download come without answers
+    in_block: bool = False  # in a sub-block of a download, whose segments are not answered
     count: int = 0  # segments of the present sub-block
     begun: bool = False  # the device has answered the initiation
-    stale: bool = False  # an answer for another object has come since the request
+    stale: bool = False  # an answer for another object was received since the request
 
 
 def name_of(mux: Mux) -> str:
@@ -89,7 +89,7 @@ class SdoObserver(MasterObserver):
         self.listeners = listeners
         self.requests = 0
         self._transfer: MasterTransfer | None = None
-        self._aborted: Mux | None = None  # by the device, last
+        self._aborted: Mux | None = None  # object of the last transfer that the device aborted
         self._unanswered: list[int] = []  # times of requests in the last second, without an answer
 
     # -- requests

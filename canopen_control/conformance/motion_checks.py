@@ -72,7 +72,7 @@ _CSP, _CSV, _CST = (
 )
 _UNIT = "402-2, objects 0x606C and 0x60A9"
 _BIT_12, _BIT_13 = 1 << 12, 1 << 13
-_TIME_S = 1.5  # longest time of a motion over the distance
+_TIME_S = 1.5  # maximum time of a motion over the distance
 _PV, _PP_MODE, _HM = OperationMode.PV, OperationMode.PP, OperationMode.HM
 
 
@@ -84,7 +84,7 @@ def _furthest(motion: Motion, samples: list[DriveSample]) -> int:
     return max(abs(one.position - motion.start) for one in samples)
 
 
-def _about(seconds: float, expected: float) -> None:
+def _expect_duration(seconds: float, expected: float) -> None:
     """Check that a time is within 20 % of the expected time, plus two sample periods."""
     good = abs(seconds - expected) <= 0.2 * expected + 0.02
     expect(good, f"{seconds * 1000:.0f} ms", f"{expected * 1000:.0f} ms")
@@ -155,7 +155,7 @@ def _reserved_inputs(node: CheckedNode) -> None:
 @_add("D50", "402-2, object 0x6083", "PV: the shaft accelerates by 0x6083", _SHOULD, _MOTION)
 def _acceleration(node: CheckedNode) -> None:
     with moving(node, _PV) as motion:
-        _about(_seconds(turn(node, motion, motion.velocity)), 0.9 * RAMP_S)
+        _expect_duration(_seconds(turn(node, motion, motion.velocity)), 0.9 * RAMP_S)
 
 
 @_add("D50d", "402-2, object 0x6084", "PV: the shaft decelerates by 0x6084", _SHOULD, _MOTION)
@@ -164,15 +164,15 @@ def _deceleration(node: CheckedNode) -> None:
         turn(node, motion, motion.velocity)
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
         stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill by the ramp 0x6084")
-        _about(_seconds(stop), 0.9 * RAMP_S / 0.4)
+        _expect_duration(_seconds(stop), 0.9 * RAMP_S / 0.4)
 
 
 def _same_sense(node: CheckedNode, motion: Motion, velocity: int) -> None:
     turn(node, motion, velocity)
     first, *_, last = watch(node, motion, 0.05)
     expect(last.velocity * velocity > 0, f"0x606C = {last.velocity}", f"the sign of 0x60FF = {velocity}")
-    way = last.position - first.position
-    expect(way * velocity > 0, f"0x6064 changed by {way}", f"the sign of 0x60FF = {velocity}")
+    change = last.position - first.position
+    expect(change * velocity > 0, f"0x6064 changed by {change}", f"the sign of 0x60FF = {velocity}")
 
 
 @_add("D51", "402-2, objects 0x60FF and 0x606C", "PV: 0x6064 and 0x606C have the sign of 0x60FF", touch=_MOTION)
@@ -280,7 +280,7 @@ for _code, _text in (
             turn(node, motion, motion.velocity)
             control(node, 0x02)
             stop = until(node, motion, lambda one: still(one, motion.speed), 1.0, "standstill")
-            _about(_seconds(stop), 2 * 0.9 * RAMP_S)
+            _expect_duration(_seconds(stop), 2 * 0.9 * RAMP_S)
             reaches(node, SOD if code < 5 else QSA, 1.0)
 
 
@@ -510,7 +510,7 @@ def _homed_without_power(node: CheckedNode) -> None:
         expect_bits(node, _BIT_12, 0, "bit 12 = 0 in SWITCHED ON")
 
 
-_SEARCH = 17  # to the negative limit switch, or 18 to the positive one: the check ends long before it
+_SEARCH = 17  # method: homing to the negative limit switch, which is interrupted before the switch is reached
 
 
 @contextmanager
@@ -569,13 +569,15 @@ def _interpolated(node: CheckedNode) -> None:
         node.optional(o.INTERPOLATION_DATA, 1)
         node.put(o.INTERPOLATION_DATA, 1, motion.start & 0xFFFFFFFF, 4)
         control(node, ENABLE | NEW_SET_POINT)
-        way = motion.distance // 20
+        distance = motion.distance // 20
         for number in range(1, 11):
-            node.put(o.INTERPOLATION_DATA, 1, motion.start + way * number // 10 & 0xFFFFFFFF, 4)
+            node.put(o.INTERPOLATION_DATA, 1, motion.start + distance * number // 10 & 0xFFFFFFFF, 4)
             node.listen(0.02)
         node.listen(0.2)
         moved = sample(node, motion).position - motion.start
-        expect(abs(moved - way) <= max(window(node, motion), abs(way) // 4), f"moved by {moved}", f"{way}")
+        expect(
+            abs(moved - distance) <= max(window(node, motion), abs(distance) // 4), f"moved by {moved}", f"{distance}"
+        )
 
 
 @_add("D58", _CSP, "CSP: the shaft follows set-points sent by RPDO and SYNC", touch=_MOTION)
@@ -583,8 +585,8 @@ def _cyclic_position(node: CheckedNode) -> None:
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
         step = step_of(motion)
         rise = [(1, step * part // 5) for part in range(1, 5)]
-        for cycles, way in (*rise, (20, step), *reversed(rise)):
-            stream.cycles(cycles, way)
+        for cycles, size in (*rise, (20, step), *reversed(rise)):
+            stream.cycles(cycles, size)
         node.listen(0.1)
         at = sample(node, motion).position
         expect(abs(at - stream.value) <= 2 * abs(step), f"position {at}", f"{stream.value}")
@@ -609,7 +611,7 @@ def _even(node: CheckedNode) -> None:
     late = PERIOD_MS / 10
     with streaming(node, OperationMode.CSP, o.TARGET_POSITION) as (motion, stream):
         step = step_of(motion)
-        ways = []
+        shares = []
         for number in range(24):
             stream.send(stream.value + step)
             if number % 2 and number > 12:
@@ -617,10 +619,10 @@ def _even(node: CheckedNode) -> None:
                 first = sample(node, motion)
                 stream.sync(late)
                 last = sample(node, motion)
-                ways.append((last.position - first.position) / step * PERIOD_MS / late)
+                shares.append((last.position - first.position) / step * PERIOD_MS / late)
             else:
                 stream.sync(late if number % 2 else 0.0)
-        least = min(ways)
+        least = min(shares)
         expect(least > 0.3, f"{least:.0%} of the velocity until a late SYNC", "about 100 %")
 
 

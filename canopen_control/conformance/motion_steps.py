@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 
 _BEYOND = 4
-_SHARE = 100  # of 0x607F
-RAMP_S = 0.1  # from standstill to the speed of a motion
-PERIOD_MS = 20  # of SYNC and set-points in the cyclic modes
+_SHARE = 100  # the default speed is 0x607F divided by this
+RAMP_S = 0.1  # time from standstill to the speed of a motion
+PERIOD_MS = 20  # period of SYNC and set-points in the cyclic modes
 _MS_INDEX = 0xFD  # 0x60C2:02 = -3: milliseconds
 NEW_SET_POINT, IMMEDIATELY, RELATIVE = 0x10, 0x20, 0x40  # bits of the controlword in PP; the first starts homing, too
 ENABLE = 0x0F
@@ -151,9 +151,9 @@ def sample(node: CheckedNode, motion: Motion) -> DriveSample:
     """Read the state of the drive; raise CheckFailed if the shaft has moved too far."""
     seconds = node.reactor.now() / 1e9
     position = signed(node, o.POSITION_ACTUAL)
-    way = abs(position - motion.start)
-    if way > _BEYOND * abs(motion.distance):
-        raise CheckFailed(f"the shaft moved by {way}", f"at most {_BEYOND * abs(motion.distance)}")
+    moved = abs(position - motion.start)
+    if moved > _BEYOND * abs(motion.distance):
+        raise CheckFailed(f"the shaft moved by {moved}", f"at most {_BEYOND * abs(motion.distance)}")
     return DriveSample(seconds, position, signed(node, o.VELOCITY_ACTUAL), statusword(node))
 
 
@@ -191,7 +191,7 @@ def window(node: CheckedNode, motion: Motion) -> int:
 
 
 def turn(node: CheckedNode, motion: Motion, velocity: int) -> list[DriveSample]:
-    """Command a velocity in PV and return the samples until the shaft reaches it."""
+    """Command a velocity in PV and return the samples until the shaft has this velocity."""
     node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
     return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
 

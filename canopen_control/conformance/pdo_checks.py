@@ -31,7 +31,7 @@ _add = PDO_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
 RPDO, TPDO = 0x1400, 0x1800
 _OFF, _NO_RTR = 1 << 31, 1 << 30
-_SEARCHED = 8  # records of each kind
+_SEARCHED = 8  # number of records per direction that are read
 SYNC_PERIOD_S = 0.01
 _REFUSALS = (
     AbortCode.UNSUPPORTED_ACCESS,
@@ -123,7 +123,7 @@ def reconfigured(
 
 @contextmanager
 def _invalid(node: CheckedNode, record: PdoRecord) -> Iterator[None]:
-    """Context in which a PDO is disabled and its mapping can be written; on exit both are restored."""
+    """Context with a disabled PDO whose mapping can be written; on exit COB-ID and mapping are restored."""
     mapping = record.mapping
     before = _all_entries(node, mapping)
     with node.kept(record.index, 1):

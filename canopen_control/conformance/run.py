@@ -176,13 +176,13 @@ def _refuse_confusion(node: CheckedNode) -> None:
             )
 
 
-_FLOOD = 2000  # frames of one identifier per second; a bus of 1 Mbit/s holds about 8000
-_LATE_S = 5.0  # time in which a device that answers late may answer
+_FLOOD = 2000  # frames of one identifier per second; the limit of 1 Mbit/s is about 8000
+_LATE_S = 5.0  # timeout for a device that answers late
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
     """Return why the device does not answer: late start, another node id, absence, or a flooded bus."""
-    node.listen(1.0)  # answers to earlier requests
+    node.listen(1.0)  # discard answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, upload_request(0x1000), ANSWER + node.node_id, _LATE_S) is not None:
         seconds = (node.reactor.now() - begin) / 1e9

@@ -49,7 +49,7 @@ BLOCK_CHECKS = CheckList("301")
 _add = BLOCK_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
 _HEARTBEAT = 0x1017
-_LIMIT_S = 0.05  # longest time to an answer that a master with short time-outs accepts
+_LIMIT_S = 0.05  # response time for a master with short timeouts
 
 
 def _abort(node: CheckedNode, index: int) -> None:

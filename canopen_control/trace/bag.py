@@ -113,7 +113,7 @@ class BagMessages:
 
 S = TypeVar("S", bound="Sample")
 
-_LEVELS: Final = {"info": 20, "warning": 30, "error": 40}  # rcl_interfaces/msg/Log
+_LEVELS: Final = {"info": 20, "warning": 30, "error": 40}  # constants of rcl_interfaces/msg/Log
 _CUT: Final = "the bag is incomplete; recover its content with `mcap recover`"
 _DIAGNOSTICS_S: Final = 1.0
 _LATCHED: Final = ("/tf_static", "/robot_description")
@@ -297,7 +297,7 @@ class BagWriter:
         try:
             self._writer.write(connection, seconds * 1_000_000_000 + nanoseconds, data)
         except OSError as error:
-            self._writer = None  # the disk is too full for the end of the bag as well
+            self._writer = None  # the end of the bag could not be written either
             raise failed(self._path, error, _CUT) from error
         self.messages += 1
 

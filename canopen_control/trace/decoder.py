@@ -96,7 +96,7 @@ class LearnedPdos:
             self._held[mapping, slot] = mapping_entry(mapped_object(entry))
 
     def learn(self, value: SignalValue) -> tuple[PdoLayout, int | None] | None:
-        """Record a value of the node; return a now known PDO with its former CAN identifier, else None."""
+        """Record a value of the node, and return a PDO that is now complete with its former CAN identifier, or None."""
         which = _pdo_of(value.index)
         if which is None or not isinstance(value.value, int):
             return None
@@ -337,7 +337,7 @@ class Decoder:
     def __init__(self, network: NetworkDescription) -> None:
         self.network = network
         self._nodes: dict[int, _Node] = {}
-        self._time = 0  # of the current frame
+        self._time = 0  # time of the current frame in ns
         self._routes: dict[int, _Route] = {}
         self._add(network.sync_cob_id, "sync", None, "SYNC", _sync)
         for node in network.nodes.values():

@@ -129,7 +129,7 @@ class FrameRing:
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):
             oldest = self._segments.popleft()
-            if self._newest[oldest.bus] is oldest:  # of a silent bus
+            if self._newest[oldest.bus] is oldest:  # the bus is silent
                 del self._newest[oldest.bus]
             else:
                 self._size -= _size_of(oldest)
@@ -408,8 +408,8 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
-    """Return the samples, without the data of controllers if an earlier version stored these differently."""
-    samples = _lines(archive, _STATES, TimedSnapshot)  # mandatory
+    """Return the samples, without the data of controllers if an earlier version wrote these in another form."""
+    samples = _lines(archive, _STATES, TimedSnapshot)  # raises if even these are invalid
     try:
         return list(_lines(archive, _STATES, StateSample))
     except FlightFileError:

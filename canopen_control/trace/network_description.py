@@ -60,7 +60,7 @@ class NodeDescription:
 
     @property
     def is_drive(self) -> bool:
-        """Whether 0x6040 and further objects are those of CiA 402; True for a node without an EDS."""
+        """Whether the node is a CiA 402 drive; True for a node without an EDS."""
         if self.od is None:
             return True
         device_type = self.od.get(_DEVICE_TYPE)

@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 
 
 _QUANTITIES: Final = {"PP": "position", "IP": "position", "CSP": "position", "TQ": "effort", "CST": "effort"}
-_JUST_S: Final = 1.0  # interval before a fault in which a joint counts as moving
-_STANDING: Final = 1e-3  # rad/s or m/s
+_BEFORE_FAULT_S: Final = 1.0  # interval before a fault in which a joint counts as moving
+_STANDING: Final = 1e-3  # speed in rad/s or m/s that counts as standstill
 _STOOD_S: Final = 1.0
 _SMALL: Final = 0.02  # fraction of the previous maximum speed that counts as standing
 
@@ -160,7 +160,7 @@ def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, fl
     for name, joint in joints.items():
         pairs = zip(joint.time, joint.velocity, strict=True)
         moves = [(at, abs(value)) for at, value in pairs if value is not None]
-        fastest = max((speed for at, speed in moves if time - _JUST_S <= at <= time), default=0.0)
+        fastest = max((speed for at, speed in moves if time - _BEFORE_FAULT_S <= at <= time), default=0.0)
         if fastest < _STANDING:
             continue
         since = _standstill_since([(at, speed) for at, speed in moves if at >= time], _SMALL * fastest)
@@ -317,7 +317,7 @@ class FrameReader:
         return min((number + 1) * width, self._end) - max(number * width, 0.0)
 
     def nodes(self) -> dict[str, NodeFacts]:
-        """Return node states with axes as "axis N"; a node that became silent is unknown."""
+        """Return node states, with axes as "axis N" and without a state after a node became silent."""
         facts: dict[str, NodeFacts] = {}
         for (bus, node_id), drive in sorted(self._drives.items()):
             last_time = self._last_times.get((bus, node_id), self._end)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
 
-_MOST = 4  # maximum number of further faults listed
+_MOST = 4  # maximum number of further faults in the summary
 
 
 def clock(unix_s: float, *, date: bool = False) -> str:
@@ -158,7 +158,10 @@ class JointFacts(Document, frozen=True):
 
 
 class CycleFacts(Document, frozen=True, kw_only=True):
-    """Timing of the cycle; `late_counts[i]` cycles were at most `late_edges_s[i]` late, the last bin later."""
+    """Timing of the cycle; `late_counts[i]` cycles were at most `late_edges_s[i]` late.
+
+    The last of `late_counts` is the number of cycles that were later than all edges.
+    """
 
     period_s: float
     count: int

@@ -112,7 +112,7 @@ def bytes_text(data: bytes) -> str:
 
 
 def decoded(data: bytes, data_type: DataType | None) -> Value:
-    """Decode bytes by data type, as a number without a type; return the bytes if they do not fit the type."""
+    """Decode bytes by data type (a number without a type), or return the bytes if the type does not fit."""
     if data_type is None:
         return int.from_bytes(data, "little") if len(data) in _NUMBER_SIZES else bytes(data)
     try:
@@ -125,8 +125,8 @@ class ValueChange(enum.IntEnum):
     """Importance of a change in the values of a node."""
 
     NONE = 0
-    STATE = 1  # of state, command or mode
-    FAULT = 2  # it entered a fault state
+    STATE = 1  # another state, command or mode
+    FAULT = 2  # a fault state was entered
 
 
 @dataclass(slots=True)

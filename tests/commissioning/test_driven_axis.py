@@ -89,7 +89,7 @@ def test_the_current_is_read_where_the_drive_tells_it_and_else_its_torque():
     client = FakeClient(("SdoAbort", "no such object"), answers={SdoRead: SdoData(b"\xce\xff")})
     current = DriveCurrent(DRIVE)
     for _ in range(2):
-        current._asked_ns = -(10**12)
+        current._read_ns = -(10**12)
         current.ask(client)
     assert [each.index for each in client.asked] == [index for index, _ in CURRENTS]
     assert current.value == -50.0

@@ -85,7 +85,7 @@ def test_a_node_that_the_robot_controls_an_enabled_one_and_a_stranger_are_refuse
 
 
 def test_step_and_bytes_are_followed(session, steps, monkeypatch):
-    monkeypatch.setattr(program_download, "_LOOK_S", 0.001)
+    monkeypatch.setattr(program_download, "_REPORT_S", 0.001)
     session.transfers.progress = lambda: (700, None)
     done, seen, turn = work(), [], threading.Event()
 
