@@ -237,7 +237,7 @@ class BaseLink:
                     if path.done:
                         return Driven(relative(pose, starts[0]), _true_motion(starts[1], state.true_pose))
             finally:
-                with contextlib.suppress(RemoteError):  # a robot that has ended or refuses commands needs no stop
+                with contextlib.suppress(RemoteError):  # a robot that has ended or refuses commands does not move
                     self._twist(0.0, 0.0)
         raise ControlError("the robot sends no more messages")
 

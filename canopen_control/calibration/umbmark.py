@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 Planar = tuple[float, float, float]
-_CORNER: Final = math.pi / 2
-_LARGEST: Final = 1000.0  # maximum side in m, larger than any hall
+TURN: Final = math.pi / 2  # turn at a corner of the square, in rad
+_LARGEST: Final = 1000.0  # maximum side in m; a larger value is probably not in m
 _FAR: Final = 1.0
 """Maximum distance of a plausible end position, as a fraction of the side.
 
@@ -115,7 +115,7 @@ def correction(runs: Sequence[SquareRun], side: float, separation: float, least:
     # angles in rad; they follow from x as well as from y, with a second-order error of the other angle: use the mean
     alpha = ((x_cw + x_ccw) + (y_cw - y_ccw)) / (-8.0 * side)
     beta = ((x_cw - x_ccw) + (y_cw + y_ccw)) / (-8.0 * side)
-    e_b = _CORNER / (_CORNER - alpha)
+    e_b = TURN / (TURN - alpha)
     bend = 2.0 * math.sin(beta / 2.0) * (separation / 2.0) / side  # half the track over the radius of the bent side
     largest = max(math.hypot(x, y) for x, y in means.values())
     return Correction(e_b, (1.0 + bend) / (1.0 - bend), largest, _scatter(by_direction, means))
@@ -180,14 +180,12 @@ def _squares(runs: Iterable[SquareRun], mean: tuple[float, float]) -> float:
 
 
 _CORNERS: Final = 4
-_TURN: Final = math.pi / 2
 _NEAR: Final = 0.001  # remaining distance in m at which a side ends
 _STRAIGHT: Final = 0.001  # remaining angle in rad at which a turn ends
 _CREEP: Final = (0.01, 0.02)  # m/s and rad/s: speed at the end of a ramp
-_STANDSTILL: Final = (0.002, 0.005)  # m and rad: maximum motion of a standing base
+_STANDSTILL: Final = (0.002, 0.005)  # m and rad: maximum motion of a base at standstill
 _STEER: Final = (2.0, 1.0)  # rad/s per rad of heading error, and per m of lateral error over 0.1 m
 _MOST_STEER: Final = 0.2  # rad/s
-_OFF: Final = 0.3  # fraction of the side, at least 0.2 m: maximum deviation from the square
 _PATIENCE_S: Final = 5.0  # added to twice the expected time of a side or turn
 
 
@@ -203,6 +201,11 @@ class Pace:
     ramp: float = 0.25
     turn_ramp: float = 0.8
     settle: float = 0.5
+
+
+def allowed_deviation(side: float) -> float:
+    """Return the distance from the square in m at which a run ends, for squares with sides of `side` m."""
+    return max(0.2, 0.3 * side)
 
 
 class _Phase(enum.Enum):
@@ -234,7 +237,7 @@ class SquarePath:
         self._phase = _Phase.SIDE
         self._start: Planar | None = None
         self._since = 0.0  # start of the phase in s
-        self._stood: tuple[Planar, float] | None = None  # pose of a standing base, and since when
+        self._stood: tuple[Planar, float] | None = None  # pose of a base at standstill, and its first time in s
 
     @property
     def done(self) -> bool:
@@ -289,7 +292,7 @@ class SquarePath:
     def _around(self, moved: Planar) -> tuple[float, float] | None:
         """Return the twist of the current turn, or None at the end of the turn."""
         sign = self.direction.value
-        remaining = (self.corner + 1) * _TURN - sign * moved[2]
+        remaining = (self.corner + 1) * TURN - sign * moved[2]
         if remaining <= _STRAIGHT:
             return None
         speed = min(
@@ -302,7 +305,7 @@ class SquarePath:
         corners = ((0.0, 0.0), (self.side, 0.0), (self.side, self.side), (0.0, self.side))
         x, y = corners[self.corner % _CORNERS]
         sign = self.direction.value
-        heading = self.corner * _TURN
+        heading = self.corner * TURN
         cosine, sine = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[self.corner % _CORNERS]
         along, aside = moved[0] - x, sign * moved[1] - y  # mirrored to counter-clockwise
         return cosine * along + sine * aside, sign * (cosine * aside - sine * along), moved[2] - sign * heading
@@ -311,7 +314,7 @@ class SquarePath:
         """Raise ControlError if the base deviates from the square, or takes too long for a side or turn."""
         x, y = moved[0], self.direction.value * moved[1]
         off = max(-x, x - self.side, -y, y - self.side)
-        if not off <= max(0.2, _OFF * self.side):  # nan too
+        if not off <= allowed_deviation(self.side):  # nan too
             raise ControlError(
                 f"the base has left the square of {self.side:g} m: odometry is at {moved[0]:.2f}, {moved[1]:.2f} m "
                 "from its start; does another client drive it?"
@@ -324,5 +327,5 @@ class SquarePath:
     def _patience(self) -> float:
         pace = self.pace
         side = self.side / pace.speed + pace.speed / pace.ramp
-        turn = _TURN / pace.turn + pace.turn / pace.turn_ramp
+        turn = TURN / pace.turn + pace.turn / pace.turn_ramp
         return _PATIENCE_S + 2.0 * {_Phase.SIDE: side, _Phase.TURN: turn}.get(self._phase, pace.settle)

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from canopen_control.calibration.base_link import FACTORS
 from canopen_control.calibration.umbmark import (
+    TURN,
     Correction,
     Direction,
     Pace,
     SquarePath,
     SquareRun,
     WheelFactors,
+    allowed_deviation,
     correction,
 )
 from canopen_control.errors import CanopenError, ControlError
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
 EXACT: Final = 0.001  # m; a smaller error is not corrected
 _NO_BETTER: Final = 0.0002  # m; a smaller improvement does not justify another pass
 _OF_LIMIT: Final = 0.8  # fraction of the controller's ramps: the rest is for its own delay
-_MARGIN: Final = 0.3  # fraction of the side, at least 0.2 m: deviation at which a square is ended
 
 
 class Base(Protocol):
@@ -93,7 +94,7 @@ class CalibrationPlan:
         """Approximate driving time of all squares in s."""
         pace = self.pace
         side = self.side / pace.speed + pace.speed / pace.ramp + pace.settle
-        turn = math.pi / 2 / pace.turn + pace.turn / pace.turn_ramp + pace.settle
+        turn = TURN / pace.turn + pace.turn / pace.turn_ramp + pace.settle
         return self.squares * 4.0 * (side + turn)
 
 
@@ -124,7 +125,7 @@ def fitting_pace(pace: Pace, wheels: WheelValues) -> Pace:
 
 def space(side: float) -> str:
     """Return a text about the free space that the squares need around the start, for a side in m."""
-    margin = max(0.2, _MARGIN * side)
+    margin = allowed_deviation(side)
     return (
         f"{side + margin:.2f} m ahead of its start and as much to its left and to its right, {margin:.2f} m behind it, "
         "and the robot's own size beyond"

@@ -310,7 +310,7 @@ class Controller:
         return OK
 
     def sample(self, wall_offset_ns: int) -> ControllerSample | None:
-        """Return the last publication, of type `sample_type`; None before the first publication.
+        """Return the last published sample, of type `sample_type`; None before the first publication.
 
         `wall_offset_ns` converts the time stamps to Unix time. The method is called between two cycles, any number of
         times, and changes nothing: it returns the results of `update`.

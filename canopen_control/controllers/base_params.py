@@ -251,7 +251,7 @@ class MecanumParams(PrefixedParams):
     )
     radius: float = setting(0.0, key=_RADIUS, low=0.0, help="radius of the wheels in m")
     reach: float = setting(
-        0.0, key=_REACH, low=0.0, help="distance in m from the centre to a wheel along x, plus that along y"
+        0.0, key=_REACH, low=0.0, help="distance in m from the centre to a wheel along x, plus the distance along y"
     )
     linear_x: TwistAxisLimits = setting(TwistAxisLimits(), key="linear.x", section=True)
     linear_y: TwistAxisLimits = setting(TwistAxisLimits(), key="linear.y", section=True)

@@ -263,7 +263,7 @@ class ForceTorqueParams(SensorParams):
 
     @property
     def names(self) -> list[str]:
-        """State interfaces of the six axes in the order of `AXES`; "" marks an axis without one."""
+        """State interfaces of the six axes, in the order of `AXES`; "" marks an axis without an interface."""
         if self.sensor_name:
             return [f"{self.sensor_name}/{axis}" for axis in AXES]
         return [self.interface_names.get(axis, "") for axis in AXES]

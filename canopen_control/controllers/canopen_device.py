@@ -1,4 +1,4 @@
-"""CanopenProxyController and Cia402DeviceController of ros2_canopen, which offer services of one CANopen node.
+"""Controllers of ros2_canopen that offer the services of one CANopen node or drive.
 
 Rules (canopen_ros2_controllers): the parameter is `joint`; topics and services have the controller's name. Upstream
 passes each request through interfaces that a hardware component polls in its cycle. Here the controllers claim no
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DeviceParams(CommonParams):
-    """Parameters of both controllers: `joint` is a joint of the node, or the name of a node without joints."""
+    """Parameters of the CANopen device controllers; `joint` may also be the name of a node without joints."""
 
     joint: str = setting("", help="a joint driven by a node, or the name of a node without joints")
 

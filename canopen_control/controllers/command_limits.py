@@ -1,4 +1,4 @@
-"""Limits of the robot description, applied to commands: `enforce_command_limits` of the controller manager.
+"""Enforcement of the joint limits of a robot description on all commands (parameter `enforce_command_limits`).
 
 Rules (ros2_control jazzy): a URDF <limit>, tightened by `min` and `max` of the command interfaces, is enforced; a
 <safety_controller> adds soft limits. Accelerations and jerks are limited only by their <command_interface

@@ -1,7 +1,8 @@
 """Timeout of a controller's command, with the source of the command and the reason of its end.
 
 A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
-`DEFAULT_LIFE_S`; an explicit timeout of 0 means unlimited, which is upstream's default. A position command has no end.
+`DEFAULT_LIFE_S`; an explicit timeout of 0 means unlimited, which is upstream's default. A position command does not
+expire.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ RENAMES: Final = {
     "publish_cmd": "publish_limited_velocity",
     "linear.x.min_acceleration": "linear.x.max_acceleration_reverse",
     "angular.z.min_acceleration": "angular.z.max_acceleration_reverse",
-    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+    "use_stamped_vel": "",  # Twist and TwistStamped are both accepted
     "wheels_per_side": "",  # upstream overwrites it with the length of the lists
     "estimate_velocity_from_position": "position_feedback",
     "allow_multiple_cmd_vel_publishers": "",
@@ -138,7 +138,9 @@ def read_params(
     each.
     """
     settings = _completed(params.read(DiffDriveParams, RENAMES), geometry, report)
-    if not math.isnan(settings.wheel_radius_multiplier):  # noetic: it overrides the multipliers of both sides
+    if not math.isnan(
+        settings.wheel_radius_multiplier
+    ):  # noetic: this multiplier overrides the multipliers of both sides
         both = settings.wheel_radius_multiplier
         settings = replace(settings, left_wheel_radius_multiplier=both, right_wheel_radius_multiplier=both)
     refuse(params.name, _checks(settings))

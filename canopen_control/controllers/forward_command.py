@@ -67,7 +67,7 @@ class ForwardCommandController(Controller):
         self._values = [math.nan] * len(commands)
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        del stamp  # Float64MultiArray has none
+        del stamp  # Float64MultiArray has no stamp
         self.checked(values, self._names)
         for command, value in zip(self.commands, values, strict=True):
             self.refuse_out_of_range((command,), float(value), now)
@@ -217,13 +217,13 @@ def _missing(name: str, key: str, example: str) -> str:
     return f"{name}: no {key!r}; give it under {name}: ros__parameters: {key}: {example}"
 
 
-# TargetController: one number for one joint, in whatever mode of operation its drive is.
+# TargetController: one number for one joint, as the quantity of the current mode of operation of the drive.
 #
 # Rules (ros2_canopen's `target` service, made safe): the mode, which a user selects by `axis mode` or the services of
 # the node, determines the quantity of the target: a position, a velocity or an effort, in SI units. A position is a
 # final position: it has no timeout, but ends with its client. A velocity or effort ends after `command_timeout` (in s;
 # 2 s if absent, unlimited if 0, see `command_timeout`). A target is cleared at every change of the mode, because the
-# quantity changes, and whenever the drive is no longer enabled; activating the controller does not enable the drive.
+# quantity changes, and when the drive is disabled; activating the controller does not enable the drive.
 
 
 TYPE = "canopen_control/TargetController"

@@ -64,10 +64,10 @@ class GpioParams(CommonParams):
         key="safe_values",
         section=True,
         factory=dict,
-        help="`.GPIO.INTERFACE`: value that the output gets when commands expire; absent: 0.0",
+        help="`.GPIO.INTERFACE`: value of the output after commands have expired; absent: 0.0",
     )
     kept_outputs: tuple[str, ...] = setting(
-        (), help="`GPIO/INTERFACE`: outputs that keep their value when commands expire"
+        (), help="`GPIO/INTERFACE`: outputs that keep their values after commands have expired"
     )
     command_timeout: float | None = setting(
         None,

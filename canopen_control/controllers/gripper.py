@@ -51,12 +51,12 @@ class GripperParams(CommonParams):
     goal_tolerance: float = setting(
         0.01, low=0.0, help="distance to the goal in rad or m within which the goal is reached"
     )
-    max_effort: float = setting(0.0, low=0.0, help="effort limit in Nm or N for goals that have none, or 0")
+    max_effort: float = setting(0.0, low=0.0, help="effort limit in Nm or N for goals without a limit or with 0")
     allow_stalling: bool = setting(
         False, help="true: a goal succeeds when the gripper stalls, and the gripper keeps its grip"
     )
     stall_velocity_threshold: float = setting(
-        0.001, low=0.0, help="speed in rad/s or m/s up to which the gripper counts as standing still"
+        0.001, low=0.0, help="speed in rad/s or m/s up to which the gripper counts as stationary"
     )
     stall_timeout: float = setting(
         1.0, low=0.0, high=1e6, help="time in s without motion after which the gripper counts as stalled"
@@ -73,7 +73,7 @@ class GripperParams(CommonParams):
     max_velocity: float = setting(
         0.1,
         low=0.0,
-        help="velocity limit in rad/s or m/s for goals that have none, or 0; used by `max_velocity_interface`",
+        help="velocity limit in rad/s or m/s for goals without a limit or with 0; used by `max_velocity_interface`",
     )
 
     @property
@@ -126,7 +126,7 @@ def _with_gains(cls: type[P], joint: str) -> type[P]:
 
 
 class PositionGripperActionController(Controller):
-    """Controller that moves a gripper by position commands; `goal` is the active goal, None without one."""
+    """Controller that moves a gripper by position commands; `goal` is the active goal, else None."""
 
     title: ClassVar[str] = "Gripper, commanded by position"
     sample_type: ClassVar[type[Sample] | None] = GripperSample

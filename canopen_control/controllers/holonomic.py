@@ -179,8 +179,8 @@ class MecanumKinematics(HolonomicKinematics):
     """Kinematics and odometry of a base with four mecanum wheels, for the base frame.
 
     `forward` and `left` in m/s and `angular` in rad/s are the velocities of the pose, `wheels` the commands in rad/s.
-    `reach` is the distance of a wheel from the centre along x plus that along y, in m; `offset` is the pose of the base
-    frame relative to the centre: x, y and angle.
+    `reach` is the distance of a wheel from the centre along x plus the distance along y, in m; `offset` is the pose of
+    the base frame relative to the centre: x, y and angle.
     """
 
     def __init__(self, radius: float, reach: float, offset: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:

@@ -390,7 +390,7 @@ class ControllerManager:
             controller.rejected += 1
             raise self.enable_status.error(slot.disabled)
 
-    # ------------------------------------------------------------------------------------------------------ inside
+    # ----------------------------------------------------------------------------------------------------- internal
 
     def _drop_failed(self, now: int) -> None:
         failed, self.running.failed = self.running.failed, []

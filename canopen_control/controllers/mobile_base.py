@@ -4,7 +4,7 @@ Each update uses the newest twist, or zero if the newest twist is older than the
 limited twists (so that a timeout brakes along the ramp), updates the odometry, and writes the commands. When another
 controller claims the reference interfaces, these are the twist (chaining). A twist that is not finite is refused and
 does not restart the timeout. The first sample of the wheels is the baseline of the odometry. When feedback is lost
-because a drive is disabled, the base stands and waits for the feedback, so that motion can continue once the drives are
+because a drive is disabled, the base stops and waits for the feedback, so that motion can continue once the drives are
 enabled. Position commands, such as that of a steering joint, hold the actual position when the twist ends or is
 cleared.
 
@@ -228,7 +228,7 @@ class MobileBase(Controller):
             if all(getattr(kind, name) is getattr(MobileBase, name) for name in names):
                 raise TypeError(f"{kind.__name__} does not define {' or '.join(names)}; see docs/guide/bases.md")
 
-    # --------------------------------------------------------------------------------------------- reports of a base
+    # ------------------------------------------------------------------------------------------ methods of a base
 
     def set_up(
         self,

@@ -347,9 +347,7 @@ class DofGains(LoopGains):
     antiwindup: bool = setting(False, help="whether the strategy `legacy` limits the integral itself (deprecated)")
     error_deadband: float = setting(1e-16, help="largest error that is not integrated")
     feedforward_gain: float = setting(0.0, help="factor of the feed-forward")
-    angle_wraparound: bool = setting(
-        False, help="whether to use the shortest way round as the error of a continuous joint"
-    )
+    angle_wraparound: bool = setting(False, help="whether the error of a continuous joint is the shortest angle")
     save_i_term: bool = setting(True, help="whether to keep the integral when the controller is deactivated")
     activate_state_publisher: bool = setting(False, help="has no effect: `~/controller_state` contains the whole state")
 
@@ -375,7 +373,8 @@ class PidParams(CommonParams):
         (), help="controlled quantity and its derivative, as in [position, velocity]"
     )
     set_current_state_as_first_setpoint: bool = setting(
-        True, help="first references: true keeps the joints where they are, false sets the references to 0"
+        True,
+        help="first references: true: the current state, or 0 for velocities; false: none, so that the targets are 0",
     )
     use_external_measured_states: bool = setting(
         False, help="whether to receive the states on `~/measured_state` instead of from the state interfaces"
@@ -396,7 +395,7 @@ class PidParams(CommonParams):
 
     @property
     def measured(self) -> tuple[str, ...]:
-        """Names of the degrees of freedom in references and states."""
+        """Names of the degrees of freedom in references and states; by default `dof_names`."""
         return self.reference_and_state_dof_names or self.dof_names
 
     def mistake(self) -> str | None:

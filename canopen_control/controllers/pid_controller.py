@@ -226,7 +226,7 @@ class PidController(Controller):
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
         """Store a reference for each degree of freedom, optionally with derivatives; `now` is in ns."""
-        del stamp  # MultiDOFCommand has none
+        del stamp  # MultiDOFCommand has no stamp
         names = [
             f"{interface.joint.removeprefix(f'{self.name}/')}/{interface.interface}" for interface in self._references
         ]

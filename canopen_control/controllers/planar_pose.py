@@ -67,7 +67,7 @@ class PlanarPose:
         self.x, self.y, self.heading = x, y, heading
 
     def drive(self, distance: float, turn: float) -> None:
-        """Move forward by `distance` and turn by `turn`: on an arc or, if nearly straight, along the mean heading."""
+        """Move forward by `distance` on an arc with angle `turn`; a nearly straight step follows the mean heading."""
         if abs(turn) < STRAIGHT:
             direction = self.heading + turn * 0.5
             self.x += distance * math.cos(direction)
@@ -80,7 +80,7 @@ class PlanarPose:
         self.y -= radius * (math.cos(self.heading) - math.cos(before))
 
     def shift(self, forward: float, left: float, turn: float) -> None:
-        """Move forward and to the left while turning; if nearly straight, along the heading before the step."""
+        """Move forward and to the left while turning; a nearly straight step follows the initial heading."""
         before = self.heading
         self.heading += turn
         if abs(turn) < STRAIGHT:

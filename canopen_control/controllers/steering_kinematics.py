@@ -68,7 +68,7 @@ class SteeringKinematics(PlanarPose):
         self._linears.clear()
         self._angulars.clear()
 
-    # ------------------------------------------------------------------------------------------------- what differs
+    # ------------------------------------------------------------------------------------------------- wheel layout
 
     def measured_angle(self, steering: Sequence[float]) -> float:
         """Return the steering angle at the centre line, from the angles of the steered wheels."""
@@ -135,7 +135,7 @@ class SteeringKinematics(PlanarPose):
         In closed loop, `reduce` slows down the wheels until the steering has reached the commanded angle.
         """
         angle = math.atan(quotient(angular * self.wheelbase, linear))
-        if not math.isfinite(angle):  # neither speed nor turn
+        if not math.isfinite(angle):  # without speed and turn
             angle = 0.0
         speed = linear / self.radius
         if not open_loop and reduce:

@@ -174,8 +174,8 @@ _RENAMED: Final = {
     "wheel_track": "track_width",
 }
 _ALWAYS: Final = {
-    "wheel_track": "traction_track_width",  # of the tricycle
-    "use_stamped_vel": "",  # Twist and TwistStamped are both taken
+    "wheel_track": "traction_track_width",  # the name of the tricycle
+    "use_stamped_vel": "",  # Twist and TwistStamped are both accepted
 }
 
 

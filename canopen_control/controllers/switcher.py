@@ -469,7 +469,7 @@ class UpdateLoop:
             self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))
         part.enabled = not part.enabled
 
-    # ------------------------------------------------------------------------------------------------ their commands
+    # ----------------------------------------------------------------------------------------------------- commands
 
     @property
     def clients_with_commands(self) -> set[object]:

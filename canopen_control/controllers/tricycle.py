@@ -2,9 +2,9 @@
 
 Names, defaults and limits are those of ros2_controllers' tricycle_controller, whose timeout is in ms. While the wheel
 is far from its commanded angle it turns slowly, and both joints have their own limits. Different from upstream: minimum
-speeds, accelerations and jerks (`min_...` except `steering.min_position`) have no effect, because they keep a robot in
-motion that should stand; without a twist the wheel brakes along `traction.max_deceleration` and keeps its angle, see
-`mobile_base`; with a timeout of 0 a twist applies for one update, where upstream never moves.
+speeds, accelerations and jerks (`min_...` except `steering.min_position`) have no effect, because they would keep a
+robot moving that should stop; without a twist the wheel brakes along `traction.max_deceleration` and keeps its angle,
+see `mobile_base`; with a timeout of 0 a twist applies for one update, where upstream never moves.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class DrivenWheelParams(BaseParams):
         False, help="whether to publish the transform from the odometry frame to the base frame"
     )
     odom_only_twist: bool = setting(
-        False, help="whether to leave the pose out of the odometry; the transform keeps the pose"
+        False, help="whether to publish the odometry without the pose; the transform contains the pose"
     )
     publish_ackermann_command: bool = setting(
         False, help="whether to publish speed (rad/s) and angle on `cmd_ackermann`"
@@ -248,7 +248,7 @@ class TricycleController(MobileBase):
         """
         speed, angle = self.kinematics.command(twist[0], twist[1])
         off = abs(angle - self.states[1].value) if self.states else NAN
-        if off >= _ON_TARGET:  # not where it is unknown
+        if off >= _ON_TARGET:  # False while the steering angle is unknown
             speed *= max(math.cos(min(off, math.pi / 2)), _SLOWEST)
         traction, steering = self._limiter.laws
         self.targets[:] = traction.limit_velocity(speed), steering.limit_velocity(angle)

@@ -101,7 +101,7 @@ def class_of(type_name: str) -> type[Controller] | None:
 
 
 def _entry_point(type_name: str) -> str | None:
-    from importlib.metadata import entry_points  # rarely needed, and it imports half of the package
+    from importlib.metadata import entry_points  # needed only for types of other packages, and slow to import
 
     entries = entry_points(group=GROUP, name=type_name)
     return next((entry.value for entry in entries), None)

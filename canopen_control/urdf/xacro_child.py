@@ -93,7 +93,7 @@ class _Arguments(dict[str, str]):
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
-    import difflib  # needed only for a mistake
+    import difflib  # needed only for an error text
 
     near = difflib.get_close_matches(name, known, 1, 0.6)
     names = ", ".join(known)

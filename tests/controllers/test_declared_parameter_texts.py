@@ -42,5 +42,5 @@ def test_names_that_the_file_gives_have_the_text_of_their_section():
     texts = {each.name: each.text for each in declared_by(given)}
     assert (
         texts["safe_values.io.lamp"]
-        == "`.GPIO.INTERFACE`: value that the output gets when commands expire; absent: 0.0"
+        == "`.GPIO.INTERFACE`: value of the output after commands have expired; absent: 0.0"
     )

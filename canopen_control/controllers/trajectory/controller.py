@@ -562,7 +562,7 @@ class JointTrajectoryController(Controller):
         self._end(verdict.state, verdict.code, verdict.text)
         self._brake()
 
-    # ----------------------------------------------------------------------------------------------------- inside
+    # ----------------------------------------------------------------------------------------------------- internal
 
     def _apply_changes(self, params: TrajectoryParams) -> None:
         self.params, self._changed = params, None

@@ -270,7 +270,6 @@ class SpeedScaling:
         return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
 
     def set(self, factor: float) -> None:
-        """Use a factor from the next cycle on."""
         self._requested = self.factor = factor
 
     def update(self) -> None:
@@ -312,7 +311,7 @@ class TrajectoryExecutor:
         alone = len(params.command_interfaces) == 1
         self._loops = Loops(params.gains, group.places, with_effort=group.has_effort) if alone and looped else None
 
-    # ------------------------------------------------------------------------------------------- what is followed
+    # ------------------------------------------------------------------------------------------------------ motions
 
     def begin(self) -> None:
         """Reset the executor to the measured state, without a motion."""
@@ -338,7 +337,6 @@ class TrajectoryExecutor:
         self.holding = holding
 
     def set_gains(self, params: TrajectoryParams) -> None:
-        """Replace the gains and options."""
         self._params = params
         if self._loops is not None:
             self._loops.set_gains(params.gains)

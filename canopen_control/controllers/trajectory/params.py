@@ -247,7 +247,7 @@ class LimitParams:
     has_acceleration_limits: bool = setting(True, help="whether to limit accelerations")
     max_acceleration: float = setting(math.nan, low=0.0, nan=True, help="limit in rad/s² or m/s²; nan: unlimited")
     has_deceleration_limits: bool = setting(
-        True, help="whether braking has a limit of its own; false: the acceleration limit applies"
+        True, help="whether deceleration has its own limit; false: the acceleration limit applies"
     )
     max_deceleration: float = setting(
         math.nan, low=0.0, nan=True, help="limit in rad/s² or m/s² while braking; nan: `max_acceleration`"
@@ -339,7 +339,7 @@ class TrajectoryParams(CommonParams):
     upsampling: bool = setting(
         False,
         key="positions_upsampling.enable",
-        help="whether to give trajectories with positions only the velocities of a spline",
+        help="whether to add the velocities of a spline to trajectories that contain only positions",
     )
     policy_frequency: float = setting(
         0.0,

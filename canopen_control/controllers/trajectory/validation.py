@@ -82,7 +82,6 @@ class Extremes:
         self.highest: list[float] = []
 
     def add(self, result: Range) -> None:
-        """Add the extremes of the next range of points."""
         self.ranges.append(result)
         if len(result.lowest) != len(self.lowest):
             self.lowest, self.highest = result.lowest, result.highest
@@ -187,7 +186,7 @@ class TrajectorySummary:
 # The points of a trajectory that is received on a socket in pieces: packed into arrays, with a summary.
 #
 # The time to process a request is bounded by the size of the request, also that of the last one, however many points
-# there are to check, to start or to discard. No point becomes an object before the motion reaches it.
+# there are to check, to start or to discard. A point becomes an object only when the motion reaches it.
 
 
 _FARTHEST_S: Final = 1e9
@@ -216,7 +215,6 @@ class _Column:
         self._odd = None if even else vectors
 
     def at(self, index: int) -> Sequence[float]:
-        """Return the values of point `index` of the piece."""
         if self._odd is not None:
             return self._odd[index]
         return self._values[index * self._width : (index + 1) * self._width]
@@ -594,7 +592,6 @@ class Acceptance:
         return [self.limits[joint].continuous for joint in self._params.joints]
 
     def set_params(self, params: TrajectoryParams) -> None:
-        """Replace the parameters for later checks."""
         self._params = params
 
     def cannot_brake(self) -> str | None:
