@@ -144,7 +144,7 @@ class LssOrder(NamedTuple):
 
 
 class LogOrder(NamedTuple):
-    """Request for the events since the last `log` command."""
+    """Request for the events since the client's last `log` command."""
 
 
 GatewayRequest: TypeAlias = ReadOrder | WriteOrder | NmtOrder | LssOrder | LogOrder
@@ -202,7 +202,7 @@ def shown_value(type_name: str, data: bytes) -> str:
 
 
 def _c_number(token: bytes) -> tuple[int, bool]:
-    """Return the number that C's strtoul would parse from a token, and whether the whole token is a number."""
+    """Parse a number as C's strtoul does; the flag is True if the whole token is a number."""
     match = _NUMBER.match(token)
     if match is None:
         return 0, not token
@@ -390,7 +390,7 @@ class GatewayDialect:
         self._input += data
 
     def next_event(self) -> GatewayRequest | bytes | None:
-        """Return the next request, or the answer to a command that needs no network; None if no line is complete."""
+        """Return the next request, or the answer to a command without bus access; None if no line is complete."""
         try:
             line = self._next_line()
             return None if line is None else self._parsed(line)
@@ -440,7 +440,7 @@ class GatewayDialect:
         return parse(self, line, verb)
 
     def _prefixes(self, line: _Line) -> bytes:
-        """Read the optional net and node of a line, and return the verb after them."""
+        """Parse the optional net and node of a line, and return the command name that follows."""
         numbers: list[int] = []
         while (token := line.token())[:1].isdigit():
             line.demand_token()
@@ -573,12 +573,12 @@ class GatewayDialect:
         return self.text(shown_value(type_name, data))
 
     def abort(self, code: int) -> bytes:
-        """Return the answer to an SDO transfer that was aborted."""
+        """Return the answer to an aborted SDO transfer."""
         meaning = _ABORTS.get(code) or abort_text(code)
         return self.text(f"ERROR:0x{code:08X} #{meaning[:1].upper()}{meaning[1:]}.")
 
     def error(self, refusal: GatewayRefusal) -> bytes:
-        """Return the answer to a command that was refused."""
+        """Return the answer to a refused command."""
         reason = " ".join(refusal.reason.split())
         return self.text(f"ERROR:{refusal.number} #{ERRORS[refusal.number]} {reason}".rstrip())
 

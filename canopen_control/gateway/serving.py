@@ -86,10 +86,10 @@ class GatewayNetwork(Protocol):
         """Read and handle received data; raise RemoteError or BusError if the robot or the bus is lost."""
 
     def read(self, node_id: int, index: int, subindex: int, *, block: bool, timeout_s: float) -> bytes:
-        """Upload an object of a node."""
+        """Read an object of a node by SDO upload."""
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool, timeout_s: float) -> None:
-        """Download data to an object of a node."""
+        """Write data to an object of a node by SDO download."""
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
         """Send an NMT command to a node; node id 0 addresses all nodes."""
@@ -149,7 +149,7 @@ class _LssConsole:
         self._configuring = False
 
     def answer(self, order: LssOrder) -> list[str]:
-        """Run an LSS service and return the lines of the answer; the caller numbers the last line."""
+        """Run an LSS service and return the lines of the answer, without the sequence number."""
         verb, numbers = order
         if verb == "lss_switch_glob" and not numbers[0]:
             return self._leave()
@@ -352,7 +352,7 @@ class GatewayService:
 
 
 def _abort_of(error: CanopenError) -> int | None:
-    """Return the SDO abort code with which an error is answered, None for errors without a code."""
+    """Return the SDO abort code with which the gateway answers an error, None for an error without an abort code."""
     if isinstance(error, SdoAbort):
         return error.code
     if isinstance(error, SdoTimeout) or (isinstance(error, RemoteError) and error.kind in _SILENT):
@@ -364,7 +364,7 @@ def _abort_of(error: CanopenError) -> int | None:
 
 
 def _refusal_of(error: CanopenError) -> GatewayRefusal:
-    """Return the refusal that answers an error; raise the error again if the robot or the bus is lost."""
+    """Convert an error to an error answer of CiA 309-3; raise the error again if the robot or the bus is lost."""
     kind = error.kind if isinstance(error, RemoteError) else type(error).__name__
     if kind == BusClosed.__name__:
         raise error

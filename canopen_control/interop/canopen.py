@@ -39,7 +39,7 @@ _DEVICE_FIELDS = {  # attribute of `canopen`: ours
 
 
 def to_canopen(od: ObjectDictionary) -> canopen.ObjectDictionary:
-    """Return a copy of the dictionary for ``canopen.RemoteNode`` and ``canopen.LocalNode``."""
+    """Return a copy of an object dictionary for ``canopen.RemoteNode`` and ``canopen.LocalNode``."""
     result = canopen.ObjectDictionary()  # type: ignore[no-untyped-call] # its __init__ has no annotations
     result.node_id, result.bitrate = od.node_id, od.bitrate
     result.comments = "\n".join(od.comments)

@@ -244,7 +244,7 @@ _CLIENT_GONE: Final = "the action client that sent the goal has left the ROS gra
 
 
 class GoalAnswer(Protocol):
-    """Answer of the robot to a goal."""
+    """Answer of the robot to a goal, which is accepted or refused."""
 
     @property
     def accepted(self) -> bool: ...
@@ -345,7 +345,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def asks_for_end(self) -> Request[E]:
-        """Return the request that is answered when this connection's goal has ended."""
+        """Return the request whose answer arrives when the goal of this connection has ended."""
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
@@ -360,8 +360,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         """Return the result message for the client; `by_others` is True if another client cancelled the goal."""
 
     @abstractmethod
-    def feedback(self, sample: S) -> RosMessage:
-        """Return the feedback message for a sample."""
+    def feedback(self, sample: S) -> RosMessage: ...
 
     # ------------------------------------------------------------------------------------------------ goals that come
 
@@ -439,7 +438,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
                 handle.publish_feedback(self.feedback(sample))
 
     def _followed(self, state: StateSample) -> list[FollowedGoal[V]]:
-        """Return the accepted goals; every `_WATCH_S`, cancel goals whose clients are gone."""
+        """Return the accepted goals; every `_WATCH_S`, cancel goals whose clients have left the graph."""
         followed = [goal for goal in self._goals.values() if goal.verdict is not None]
         if followed and not self._watched <= state.time < self._watched + _WATCH_S:  # a clock may be set back
             self._watched = state.time
@@ -452,7 +451,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
         return handle if handle is not None and followed.feedback_due(time) else None
 
     def _watch(self, followed: list[FollowedGoal[V]]) -> None:
-        """Cancel the goals whose clients are gone, except goals that outlive their clients."""
+        """Cancel the goals whose clients have left the graph, except goals that outlive their clients."""
         watched = [goal for goal in followed if goal.verdict is not None and not goal.verdict.outlives_client]
         present = self._clients.present() if watched else set()
         for goal in watched:

@@ -89,7 +89,7 @@ class TwistSubscription:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Subscribe to another type; an existing subscription is removed first, and replaced at the next check."""
+        """Unsubscribe from the old type, and at the next check subscribe to the new one."""
         if self._subscription is None:
             self._subscribe(name)
         else:

@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parse(argv: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Split the arguments of the program from the arguments of ROS (`--ros-args ...`), and parse the former."""
+    """Parse the arguments before `--ros-args`; return the result and the remaining arguments, which are for ROS."""
     split = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
     parser = argparse.ArgumentParser(
         prog="python -m canopen_control.ros.bridge", description="Connect a robot to ROS 2."
@@ -146,7 +146,7 @@ class Bridge:
             _print(_SIM_TIME)
 
     def run(self) -> int:
-        """Run until the bridge is stopped, then leave the graph; return 0, or 1 if the robot could not be claimed."""
+        """Run until the bridge is stopped, then leave the graph; return 0, or 1 if the robot could not be locked."""
         if self._gate is None:
             self._begin()
         else:
@@ -224,7 +224,7 @@ class Bridge:
         return session is None or session.close()
 
     def _close(self) -> None:
-        """Close the bridge without waiting for a thread that does not return from rclpy."""
+        """Leave the ROS graph; end the process if a thread does not return from rclpy."""
         giving_up = threading.Timer(_RCLPY_END_S, os._exit, (0,))
         giving_up.daemon = True
         giving_up.start()

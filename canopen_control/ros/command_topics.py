@@ -1,4 +1,4 @@
-"""Command topics of controllers with plain values: forward command, GPIO and PID controllers."""
+"""Command topics of forward command, GPIO and PID controllers."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def value_of(reading: ParameterReading) -> RosMessage:
 
 
 def descriptor_of(reading: ParameterReading) -> RosMessage:
-    """Return the rcl_interfaces/msg/ParameterDescriptor, with the range of a number and the choices of a string."""
+    """Return a parameter's rcl_interfaces/msg/ParameterDescriptor, with its range or its choices."""
     message = interface("rcl_interfaces/msg/ParameterDescriptor")()
     message.name, message.type, message.read_only = reading.name, TYPES[reading.kind], reading.read_only
     message.description = reading.text
@@ -216,7 +216,7 @@ class ParameterServices(Endpoint):
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
 
     def _of_caller(self, parameter: ParameterValue, reply: Reply) -> ParameterValue:
-        """Make paths in a `params_file` parameter absolute if the file exists below the client's working folder."""
+        """Make paths in a `params_file` parameter absolute, if the file exists in the client's working directory."""
         if not parameter.name.endswith(".params_file") or not isinstance(reply, Answer):
             return parameter
         folder, value = folder_of(self._ros.node, client_of(reply.request_id)), parameter.value

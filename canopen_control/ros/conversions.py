@@ -75,7 +75,7 @@ def odometry_pose(sample: OdometrySample) -> Transform:
 
 
 def transform_of(sample: Sample) -> Transform | None:
-    """Return the transform of an odometry or pose sample; None for other samples, and if disabled or unknown."""
+    """Return the transform of an odometry or pose sample; None for other samples, a disabled one or an unknown pose."""
     if isinstance(sample, OdometrySample):
         return odometry_pose(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
@@ -88,7 +88,7 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def located_frames(state: StateSample) -> frozenset[str]:
-    """Return the frames that odometry or pose samples locate, and which must have no joint transform."""
+    """Return the child frames of odometry and pose transforms, for which no joint transform may be published."""
     samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
@@ -110,5 +110,5 @@ def _shown(values: Sequence[float], most: int = 8) -> str:
 
 
 def unknown_as_nan(value: float | None) -> float:
-    """Return a value for a ROS message: nan if the value is None."""
+    """Return nan for None, which stands for an unknown value, else the value."""
     return math.nan if value is None else value

@@ -32,7 +32,7 @@ _LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 
 
 
 class Diagnostics(Endpoint):
-    """Publisher of `/diagnostics`."""
+    """Publisher of `/diagnostics`, once per second and after a change of a level."""
 
     def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
@@ -58,7 +58,7 @@ class Diagnostics(Endpoint):
 
 
 class Events(Endpoint):
-    """Publisher of `~/events`."""
+    """Publisher of the robot's events on `~/events`."""
 
     def __init__(self, ros: NodeContext) -> None:
         self._ros, self._log = ros, interface("rcl_interfaces/msg/Log")

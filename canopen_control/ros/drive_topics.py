@@ -104,7 +104,7 @@ class DriveTopics(Endpoint):
             self._nmt.publish(String(data=nmt_state))
 
     def _joints(self, state: StateSample, joints: list[str]) -> JointState:
-        """Return joint states, under the node's name for one axis as in ros2_canopen, else under the joints' names."""
+        """Return a JointState message; for a single axis the name is the node's, as in ros2_canopen."""
         message = JointState()
         message.header.stamp = time_message(state.time)
         names, message.position, message.velocity, message.effort = joint_arrays(state.joints, joints)

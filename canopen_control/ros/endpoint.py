@@ -56,7 +56,7 @@ class NewSamples(Generic[S]):
 
 
 class Endpoint:
-    """Topics, services or actions of a controller, a node or the robot; methods that are not overridden do nothing."""
+    """Base class of the topics, services and actions of a controller, a node or the robot; handlers are optional."""
 
     def on_controller(self, controller: ControllerReading) -> None:
         """Handle the state of the endpoint's controller, after this or another controller has changed."""

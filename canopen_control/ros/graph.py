@@ -220,7 +220,7 @@ class Graph:
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
     def type_of(self, topic: str, seconds: float, chosen: str | None = None) -> str:
-        """Return the `chosen` type of a topic, by default its only type.
+        """Return the type of a topic, or the full name of the `chosen` type if the topic has several types.
 
         CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen.
         """

@@ -149,7 +149,7 @@ class ControllerManagerServices(Endpoint):
         self._ask(command, lambda _: _succeed(response), response, reply)
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        """Answer with ok false and log a warning: Python code is loaded once per process."""
+        """Refuse, because Python code is loaded once per process."""
         self._ros.warn("reload", "controllers are loaded once per process; restart the robot to load them again")
         reply(response)
 
@@ -252,7 +252,7 @@ def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[
 
 
 class LifecycleTransition(NamedTuple):
-    """Transition from any state in `sources` to `target`; in a state in `reached` a request succeeds without effect."""
+    """Transition from one of the states `sources` to `target`; in a state of `reached` it succeeds without effect."""
 
     number: int
     label: str

@@ -59,7 +59,7 @@ class RosNode(NamedTuple):
     place: str = ""
 
     def path(self, name: str, channel: Channel | None = None) -> str:
-        """Return the absolute name of a service or topic of the node, or of a channel, after remapping."""
+        """Return the absolute name of a service or topic of the node or of a channel, after remapping."""
         below = (self.place or ros_name(self.name)) if channel is None else channel.name
         path = resolve(self.namespace, f"{below}/{name}".rstrip("/"))
         return dict(self.remappings).get(path, path)
@@ -113,7 +113,7 @@ def _node(place: NodePlace, bridges: str) -> RosNode:
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
-    """Yield the name of each node, and the objects mapped in its RPDOs with their numbers of bits."""
+    """Yield the name of each node, and the bits of each object that is mapped in an RPDO."""
     for bus in layout.buses.values():
         for node in bus.nodes:
             objects = [entry for pdo in node.pdos if pdo.direction == "rpdo" for entry in pdo.objects]

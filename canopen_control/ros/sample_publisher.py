@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def time_message(unix_s: float) -> Time:
-    """Return the builtin_interfaces/msg/Time of a Unix time in s."""
+    """Convert a Unix time in s to builtin_interfaces/msg/Time."""
     seconds, nanoseconds = stamp_of(unix_s)
     return Time(sec=seconds, nanosec=nanoseconds)
 

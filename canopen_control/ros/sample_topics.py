@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class Messages(Protocol):
-    """Factory of messages: of rclpy's classes in the bridge, of the rosbags classes in a bag."""
+    """Factory of messages, from rclpy's classes in the bridge and from rosbags' classes in a bag."""
 
     def empty(self, name: str) -> Any:  # noqa: ANN401 - a generated class
         """Return a message of type `package/msg/Name` with zeros and empty lists."""
@@ -47,7 +47,7 @@ class Messages(Protocol):
         """Return an array of numbers of the type that the messages need."""
 
     def frame(self, name: str) -> str:
-        """Return the name of a frame in messages, with a prefix if there is one."""
+        """Return a frame's name with the robot's prefix, if any."""
 
 
 class SampleTopic(NamedTuple):
@@ -70,7 +70,7 @@ class SampleTopic(NamedTuple):
     bag: bool = True
 
     def name(self, controller: ControllerReading) -> str:
-        """Return the name of a controller's topic, relative to the robot's namespace; "" if it is not published."""
+        """Return the name of a controller's topic, relative to the robot's namespace; "" if not published."""
         if self.kind is JointStatesSample:
             return controller.published(self.topic) or ""
         topic = controller.odometry_topic if self.topic == "odom" else self.topic
@@ -261,7 +261,7 @@ ELEMENTS: Final = {
 
 
 def fill(messages: Messages, message: Any, row: SampleTopic, sample: Sample, frame: str = "") -> None:  # noqa: ANN401
-    """Fill a message of a row from a sample; `frame` is the controller's frame, for samples without a frame."""
+    """Fill a message from a sample; `frame` is the controller's frame, for samples that have no frame."""
     if hasattr(message, "header"):
         _head(message, sample.time, messages.frame(getattr(sample, row.frame, frame)))
     for place, source in row.fields.items():
@@ -325,7 +325,7 @@ def _element(messages: Messages, name: str, value: Any, time: float) -> object: 
 
 
 def measured_values(sample: Sample) -> Iterator[tuple[str, str, float | None]]:
-    """Yield name, unit and value of each field of a sample that appears in reports."""
+    """Yield name, unit and value of each field of a sample that belongs in a report."""
     for row in SAMPLE_TOPICS:
         if isinstance(sample, row.kind):
             for source, unit in row.units.items():

@@ -1,4 +1,4 @@
-"""SDO services as in ros2_canopen, and services for objects of any type that report the reason of a refusal.
+"""SDO services as in ros2_canopen, and services for objects of any type that also report errors.
 
 `/NODE/sdo_read`, `/NODE/sdo_write`, `/master/sdo_read` and `/master/sdo_write` answer as in ros2_canopen; they have no
 field for a reason, which is logged. `get_objects` and `set_objects` use service types that every ROS installation has
@@ -44,7 +44,7 @@ _ADDRESS: Final = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?::([0-9A-Fa-f]{1,2}))?(?
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Address of an object, with the data type in which it is read; "" chooses an unsigned integer by its length."""
+    """Address of an object with a data type; the type "" stands for an unsigned integer of the object's length."""
 
     index: int
     subindex: int
@@ -79,7 +79,7 @@ def decode(data: bytes, kind: str) -> Value:
 
 
 def encode(value: Value, kind: str, length: int) -> bytes:
-    """Return the data of a value; `length` is the size of a number without type. ValueError if it is out of range."""
+    """Return a value as the data of an object of `length` bytes or of type `kind`; ValueError if out of range."""
     try:
         if isinstance(value, bytes):
             return value
@@ -233,7 +233,7 @@ def write_object(
     *,
     width: int | None = None,
 ) -> None:
-    """Write an object and call `on_done` with the error or None; `make(length)` returns the data, or raises ValueError.
+    """Write an object and call `on_done(error)`, with None on success; `make(length)` returns the data.
 
     The data type of the object is unknown here: the object is read first to find its length; if it cannot be read, the
     common lengths are tried, because a node refuses a wrong length. Neither is needed with a `width`, or with a type in
@@ -282,7 +282,7 @@ def _read_request(node: str, address: Address) -> SdoRead:
 
 
 def _responder(ros: NodeContext, node: str, response: RosMessage, reply: Reply) -> Callable[[str | None], None]:
-    """Return a callback that sets `success` of the response and sends it; the reason of a failure is logged."""
+    """Return a callback that sends the response with `success` set, and logs an error."""
 
     def answer(error: str | None) -> None:
         if error is not None:
@@ -308,7 +308,7 @@ def _one_by_one(
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
-    """Set a ParameterValue to the value of an object; after an error its type is not set and its text is the reason."""
+    """Set a ParameterValue to an object's value, or to the error as a text with the type not set."""
     try:
         if result is None:
             raise ValueError(error)

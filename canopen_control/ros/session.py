@@ -1,4 +1,4 @@
-"""Session of one robot in ROS, until the robot or ROS ends.
+"""Session of one running robot in ROS.
 
 There are two threads. The reactor's thread owns the connection to the robot and publishes the messages that it
 receives; the spinner's thread receives messages from ROS and passes them on through the mailbox. An error of a message,
@@ -156,7 +156,7 @@ class Mailbox(Generic[T]):
         self._woken = False
 
     def put(self, name: str, value: T) -> bool:
-        """Store a value, which replaces a waiting one; return True if the reading thread must be woken."""
+        """Store a value in place of a waiting value of that name; return True if the reading thread must be woken."""
         with self._lock:
             self._waiting[name] = value
             wake, self._woken = not self._woken, True
@@ -187,7 +187,7 @@ class Mailbox(Generic[T]):
 
 
 class RobotDescription(Endpoint):
-    """Publisher of `robot_description`, transient local; the URDF is published once, at the start."""
+    """Publisher of the URDF on `robot_description`, once at the start and latched."""
 
     def __init__(self, ros: NodeContext, urdf: str) -> None:
         self._ros = ros
@@ -252,7 +252,7 @@ class RosTime:
         return stamped(message, now, samples=samples)
 
     def event(self, message: RobotEvent) -> RobotEvent:
-        """Return an event whose stamp is the present ROS time."""
+        """Return an event with the present ROS time as its stamp."""
         now = self._now() if self._epoch is None else self._reached
         return message if now is None else stamped(message, now)
 
@@ -603,5 +603,5 @@ class RosSession:
 
 
 def _topics(controller: ControllerReading) -> tuple[object, ...]:
-    """Return the values that determine which endpoints a controller has."""
+    """Return the values that decide which endpoints a controller has."""
     return controller.type, controller.topic, controller.publishes

@@ -50,7 +50,7 @@ class Spinner:
         return True
 
     def add(self, node: Node) -> None:
-        """Add another node; only from the thread that calls `stop`."""
+        """Add a node; call only from the thread that calls `stop`."""
         self._nodes.append(node)
         self._executor.add_node(node)
 

@@ -17,7 +17,7 @@ def without_numbers(text: str) -> str:
 
 
 class Throttle:
-    """Rate limit: `allows(key, now)` is True the first time, and then once per `interval_ns` for each key."""
+    """Rate limit of log messages, one per `interval_ns` for each key."""
 
     def __init__(self, interval_ns: int = 1_000_000_000) -> None:
         self.interval_ns = interval_ns

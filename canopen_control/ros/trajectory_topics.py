@@ -93,7 +93,7 @@ def _finite(tolerance: float) -> float:
 
 
 def pieces_of(trajectory: RosMessage) -> Iterator[list[TrajectoryPoint]]:
-    """Yield the points of a JointTrajectory in lists, one list per request, at least one.
+    """Yield the points of a JointTrajectory in lists for one request each; at least one list.
 
     ValueError with the reason if there are too many points, or if a point has a number that is not finite.
     """
@@ -131,7 +131,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 
 def goal_refusal(goal: RosMessage) -> str | None:
-    """Return the reason why a FollowJointTrajectory goal is not supported; None if it is supported."""
+    """Return the reason why a FollowJointTrajectory goal is not supported, else None."""
     lengths = {
         "multi_dof_trajectory": len(goal.multi_dof_trajectory.points),
         "component_path_tolerance": len(goal.component_path_tolerance),

@@ -85,7 +85,7 @@ class TopicHardware(Endpoint):
 
 
 def commanded(names: list[str], arrays: dict[str, list[float]]) -> dict[tuple[str, str], float]:
-    """Return the finite values by joint and interface; ValueError if the arrays cannot be assigned to joints."""
+    """Return the finite commands by joint and interface; ValueError if the arrays cannot be assigned to joints."""
     if len(set(names)) != len(names):
         raise ValueError("a joint is named twice")
     values = {}
@@ -107,7 +107,7 @@ _CLOSE_S: Final = 1e-6
 
 
 class LaserScans(Endpoint):
-    """Publishers of laser scans; each publisher is created with the first scan for its topic."""
+    """Publishers of laser scans, created with the first scan for their topic."""
 
     def __init__(self, ros: NodeContext) -> None:
         self._ros = ros

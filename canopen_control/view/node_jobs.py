@@ -61,7 +61,7 @@ class NodeJobs(NodeObjects):
         return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
 
     async def undo(self) -> Edit:
-        """Undo the newest edit; CanopenError with the reason if that is impossible."""
+        """Undo the newest edit; CanopenError with the reason if the edit cannot be undone."""
         return await in_thread(partial(self._edit, self.history.undo))
 
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:

@@ -63,7 +63,6 @@ class ObjectList:
         ]
 
     def _record(self, entry: Entry) -> str:
-        """Return the name of the record or array of an entry, "" if the entry is a single object."""
         info = self._od.objects.get(entry.index)
         return "" if info is None or info.code in SCALAR_CODES else info.name or f"0x{entry.index:04X}"
 
@@ -83,7 +82,10 @@ class ObjectList:
         return [*selected, mode] if has_axis and mode is not None and mode not in selected else selected
 
     def search(self, text: str) -> tuple[list[str] | None, str]:
-        """Return the addresses that match and "", all as None, or no addresses and an error text."""
+        """Return the addresses of the objects that match `text`, and an error text.
+
+        The addresses are None for an empty `text`, which matches all objects; the error text is "" without an error.
+        """
         if not (words := text.split()):
             return None, ""
         try:

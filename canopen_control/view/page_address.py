@@ -64,7 +64,7 @@ class AccessRules:
 
     @property
     def root(self) -> str:
-        """Common prefix of all paths of the page: a slash and the token."""
+        """Common prefix of all paths of the page, a slash and the token."""
         return f"/{self.token}"
 
     @property
@@ -102,7 +102,7 @@ class AccessRules:
         return None
 
     def response_headers(self, nonce: str = "") -> dict[str, str]:
-        """Return the security headers of every response, with which the page may connect to this server only.
+        """Return the security headers of all responses, by which the page may connect only to this server.
 
         Allowed scripts are our own files and those with `nonce`, so that text from a bus can run no script, however it
         got into the page. NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
@@ -157,7 +157,7 @@ class PageAddress:
         _remove_dead(robot, but=self._path)
 
     def keep(self, rules: AccessRules) -> None:
-        """Write the address for `page_addresses`, and the token for the next view, to the file."""
+        """Write the page's address and token to the file, for `page_addresses` and for the next view."""
         if self._fd >= 0:
             text = json.dumps({"robot": self._robot, "place": rules.place, "url": rules.url, "token": rules.token})
             os.ftruncate(self._fd, 0)
@@ -172,7 +172,7 @@ class PageAddress:
 
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
-    """Return the addresses of the pages that this user's views serve, with token, by the address without token."""
+    """Return the addresses of this user's pages, with token, by the address without token."""
     addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
         content = _read(path)
@@ -218,7 +218,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether the view that wrote the file is still running, and so has the file locked."""
+    """Whether the view that wrote the file is still running, and so keeps the file locked."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

@@ -87,22 +87,22 @@ class FaultClient:
         self._nodes = {node.name: node for node in nodes}
 
     def drives(self) -> list[str]:
-        """Return the names of the nodes that are running virtual drives."""
+        """Return the names of the nodes whose virtual drive is running."""
         alive = set(list_sockets("drive"))
         return [name for name, node in self._nodes.items() if drive_name(node.channel, node.node_id) in alive]
 
     def faults(self, drive: str) -> tuple[FaultListing, ...]:
-        """Return all faults that a drive can have; RemoteError if the drive does not run."""
+        """Return all faults that a virtual drive supports; RemoteError if the drive is not running."""
         with self._connect(drive) as client:
             return client.ask(ListFaults())
 
     def switch(self, drive: str, fault: str, *, on: bool) -> list[str]:
-        """Switch a fault on or off and return the active faults; RemoteError if the drive refuses or does not run."""
+        """Switch a fault and return the active faults; RemoteError if the drive refuses or is not running."""
         with self._connect(drive) as client:
             return client.ask(SwitchFault(name=fault, on=on)).active
 
     def quirks(self, drive: str) -> tuple[QuirkListing, ...]:
-        """Return all quirks that a drive can have; RemoteError if the drive does not run."""
+        """Return all quirks that a virtual drive supports; RemoteError if the drive is not running."""
         with self._connect(drive) as client:
             return client.ask(ListQuirks())
 
@@ -112,7 +112,7 @@ class FaultClient:
             return client.ask(SwitchQuirk(quirk=quirk, on=on)).active
 
     def set_signals(self, drive: str, values: dict[str, float]) -> None:
-        """Set inputs of a virtual device by name; RemoteError for an unknown input or a device that does not run."""
+        """Set inputs of a virtual device by name; RemoteError if an input is unknown or the device is not running."""
         with self._connect(drive) as client:
             client.ask(SetSignals(values=values))
 

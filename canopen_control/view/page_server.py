@@ -1,4 +1,4 @@
-"""HTTP server of the page: NiceGUI behind an access check, on a socket that is already bound.
+"""HTTP server of the page, which runs NiceGUI behind an access check on a socket that is already bound.
 
 The access check is the outermost ASGI application, so that no request reaches NiceGUI unchecked. Before the address is
 printed, `access_problem` sends requests as a foreign page would; if the server answers one of them, the server ends
@@ -135,7 +135,7 @@ def _is_html(start: Message) -> bool:
 
 
 def _headers_of(scope: Message) -> dict[str, str]:
-    """Return the headers by canonical name; repeated headers are joined, so that they equal no allowed value."""
+    """Return the headers by canonical name; repeated headers are joined, and so match no allowed value."""
     headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").title()
@@ -160,7 +160,7 @@ _PROBE_S: Final = 5.0
 
 
 def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
-    """Bind a listening socket to `port`; if None, to the port `first` or one of the default ports.
+    """Bind a listening socket to `port`; None means the port `first` or one of the default ports.
 
     ConfigError if no port is free.
     """
@@ -227,7 +227,7 @@ class PageServer:
         return AccessMiddleware(app, rules)
 
     async def serve(self, ready: Callable[[], object]) -> None:
-        """Serve until `stop`; check the access rules, then call `ready`. ControlError if the check fails."""
+        """Check the access rules, call `ready`, and serve until `stop`; ControlError if the check fails."""
         serving = asyncio.ensure_future(self._server.serve(sockets=[self._listener]))
         try:
             while not self._server.started and not serving.done():

@@ -70,7 +70,7 @@ class RobotInfo:
 
     @property
     def shape(self) -> object:
-        """Comparable key of the robot's structure; the pages are reloaded if the key has changed."""
+        """Comparable key of the robot's structure; the pages are reloaded when the key changes."""
         return self.urdf, self.nodes, self.buses, self.joints
 
 

@@ -78,7 +78,7 @@ class WorldClient:
         return False
 
     def _drive(self) -> NodeAddress | None:
-        """Return a virtual drive whose world accepts disturbances, else None; all drives share one world."""
+        """Return any virtual drive whose simulated world accepts disturbances, else None."""
         alive = set(list_sockets("drive"))
         for node in self._nodes:
             if drive_name(node.channel, node.node_id) not in alive:
@@ -94,7 +94,7 @@ def _connect(node: NodeAddress) -> DriveClient:
 
 
 class RobotView:
-    """Data of a robot for all pages, updated by `take`; `publish` makes a mesh available, as for `SceneTree`."""
+    """Data of a robot for all pages, updated by `take`; `publish` serves a mesh, see `SceneTree`."""
 
     def __init__(self, info: RobotInfo, publish: Callable[[bytes, str], str]) -> None:
         self.info, self.state = info, info.state
@@ -121,14 +121,14 @@ class RobotView:
         return self._node_jobs[node]
 
     def resume(self, info: RobotInfo) -> bool:
-        """Continue with a restarted robot; return False if its structure has changed."""
+        """Continue after a restart of the robot; return False if the robot's structure has changed."""
         if info.shape != self.info.shape:
             return False
         self.info, self.state, self.events = info, info.state, RecentEvents(info.events)
         return True
 
     def take(self, state: StateSample) -> SceneChange:
-        """Process a state sample; return the changes of the scene."""
+        """Update all data from a state sample; return the changes of the scene."""
         self.state = state
         self.history.add(state.time, self._sampler.take(state, commanded_interfaces(self.controllers, state)))
         if (pose := pose_of(state)) is not None:

@@ -111,7 +111,7 @@ def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
 
 
 def charts(joints: Sequence[str], buses: Sequence[str]) -> list[Chart]:
-    """Return the charts of a robot, first the group "joints", then the group "cycle"."""
+    """Return the charts of a robot; the group "joints" precedes the group "cycle"."""
     shown = joints[:SHOWN_JOINTS]
     plots = [
         Chart(
@@ -186,14 +186,14 @@ class Sampler:
 
 
 class Stillness:
-    """Detector of standstill: no motion and no new command for `STILL_S` of the robot's time."""
+    """Detector of standstill, which is `STILL_S` of the robot's time without motion or a new command."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[float, float | None]] = {}
         self._since = 0.0
 
     def take(self, state: StateSample) -> bool:
-        """Process a sample; return whether the robot is at standstill."""
+        """Update from a state sample; return True at standstill."""
         for name, joint in state.joints.items():
             place, command = joint.position or 0.0, joint.command
             before = self._known.get(name)

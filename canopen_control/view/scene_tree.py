@@ -1,4 +1,4 @@
-"""Robot and simulated world for the 3D scene, as trees and lists of shapes with poses and trails."""
+"""Data for the 3D scene of the robot and of its simulated world."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ def _visuals_of(model: RobotModel, link: str) -> tuple[Visual, ...]:
 
 
 class _ShapeDocument(TypedDict):
-    """Shape in the world, with sizes in m and a quaternion w, x, y, z; `robot` is the name of its robot, if any."""
+    """Shape in the world, with sizes in m and a quaternion w, x, y, z; `robot` is "" or the robot's name."""
 
     shape: str
     size: Sequence[float]

@@ -32,7 +32,7 @@ _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
 def thinned(shot: Shot, place: int, most: int = MOST_POINTS) -> list[tuple[float, float | None]]:
-    """Return a signal's times, relative to the capture's time zero, and values, as about `most` points."""
+    """Return about `most` points of a signal, as time from the capture's time zero and value."""
     points = [(round(time - shot.zero, 6), _known(row[place])) for time, row in shot.rows]
     if len(points) <= most:
         return points
@@ -176,7 +176,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
 
 
 def _fields(named: NamedShot) -> list[str]:
-    """Return the distinct units: signals of the same unit share a plot."""
+    """Return the distinct units, because signals of the same unit share a plot."""
     return list(dict.fromkeys(_unit(named, place) for place in range(len(named.names))))
 
 

@@ -1,7 +1,7 @@
-"""Targets of sliders for drives and arms; untouched position sliders follow their joints and move nothing.
+"""Targets for drives and arms from the sliders of a page.
 
-A slider that the user has moved keeps its target until the motion to that target has ended; all others follow their
-joints, whatever moves those. During the motion, a joint whose slider was not moved keeps its start position.
+A slider that the user has moved keeps its target until the motion to that target has ended. All other position sliders
+follow their joints and move nothing: during the motion, a joint whose slider was not moved keeps its start position.
 """
 
 from __future__ import annotations

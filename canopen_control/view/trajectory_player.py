@@ -85,7 +85,7 @@ def follows_trajectories(controller: ControllerReading) -> bool:
 
 
 def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float, str]:
-    """Return the progress of a trajectory from 0 to 1, and a sentence about it."""
+    """Return the progress of a trajectory, as a number from 0 to 1 and as a sentence."""
     if sample is None or not sample.executing:
         return 0.0, "Playing."
     at = min(max(sample.reference.time_from_start, 0.0), duration)
@@ -137,7 +137,7 @@ _SILENT: Final = "the page that played the trajectory does not respond"
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOutcome:
-    """Result of a trajectory: whether the goal was reached, and the robot's sentence about it."""
+    """Result of a trajectory, with the robot's sentence about the end."""
 
     reached: bool
     text: str
@@ -206,7 +206,7 @@ class TrajectoryPlayer:
 
 
 class _Run:
-    """Playback of one trajectory on its own connection; `play` blocks its thread, the other methods do not block."""
+    """Playback of one trajectory on its own connection; only `play` blocks, and needs a thread."""
 
     def __init__(self, controller: str, trajectory: LoadedTrajectory) -> None:
         self._controller, self._trajectory = controller, trajectory

@@ -156,7 +156,7 @@ class Page:
         return message
 
     def send(self, data: FeedMessage) -> None:
-        """Send a feed message to the scene and the plots; an empty message only signals that the view is running."""
+        """Send a feed message to the scene and the plots; an empty message only reports that the view is running."""
         self._feed.send(data)
 
     def reload(self) -> None:
@@ -258,7 +258,7 @@ class ViewApp:
             self._complain(error)
 
     def _complain(self, error: BaseException) -> None:
-        """Report an error and continue, so that the STOP button remains."""
+        """Report an exception and continue, so that the STOP button keeps working."""
         self._report("".join(traceback.format_exception(error)).rstrip())
 
     # ------------------------------------------------------------------------------------ what a page may do
@@ -400,7 +400,7 @@ class ViewApp:
             page.send({"scene": changed})
 
     async def _follow_controllers(self, robot: RobotView) -> None:
-        """Request the controllers, and retry until the robot answers, ends, or its controllers change again."""
+        """Request the controllers until the robot answers, ends, or the controllers change again."""
         connection, requested = self._connection, self._controller_states
         while connection is not None and connection is self._connection and requested is self._controller_states:
             with contextlib.suppress(CanopenError):
@@ -438,7 +438,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ the connection
 
     async def _connect(self) -> None:
-        """Connect to the robot, and retry until that succeeds; if `run` has started the view, try only once."""
+        """Connect to the robot, and retry until connected; a view that `run` has started tries only once."""
         while (opened := await self._open_connection()) is None:
             if self._lifeline is not None:
                 self._report(self._lost)

@@ -49,7 +49,7 @@ class Banner:
 
     @staticmethod
     def of(words: StateWords, cause: str = "") -> Banner:
-        """Return the banner of a state, with the problem if any."""
+        """Return the banner of a state; `cause` is the problem, if any."""
         return Banner(words.text, words.tone, cause, words.advice, words.action)
 
 
@@ -59,7 +59,7 @@ _FEW: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class AxisRow:
-    """Table row of one axis, or of a node without axes; `tone` is the level of the state, `age` is a text."""
+    """Table row of one axis, or of a node without axes; `tone` is the level for the colour, `age` is a text."""
 
     node: str
     node_id: int
@@ -108,7 +108,7 @@ def _causes(rows: Iterable[AxisRow]) -> str:
 
 
 def axis_rows(state: StateSample) -> list[AxisRow]:
-    """Return a row for every axis, and for every node without axes."""
+    """Return a row for every axis and for every node without axes."""
     return [_row(node, axis) for node in state.nodes.values() for axis in node.axes or (None,)]
 
 

@@ -120,14 +120,14 @@ class _Factory:
         return interface_class
 
     def service_of(self, name: str) -> type:
-        """Return the class of a service, created once per name; also for the two services of an action."""
+        """Return the class of a service, created on first use; also for the two services of an action."""
         if name not in self._classes:
             parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
             self._classes[name] = service_class(name, parts, self.supports)
         return self._classes[name]
 
     def action_of(self, name: str) -> type:
-        """Return the class of an action, created once per name."""
+        """Return the class of an action, created on first use."""
         if name not in self._classes:
             self._classes[name] = action_class(name, self.class_of, self.service_of, self.supports)
         return self._classes[name]

@@ -83,7 +83,7 @@ class MadeMessage:
 
 
 def message_class(structure: Structure, class_of: Callable[[str], type], supports: Callable[[], Supports]) -> type:
-    """Return the class of a structure.
+    """Create the class of a message.
 
     `class_of` returns the classes of nested messages, `supports` the factory of type supports.
     """
@@ -111,7 +111,7 @@ def message_class(structure: Structure, class_of: Callable[[str], type], support
 
 
 def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supports]) -> type:
-    """Return the class of a service; `parts` are the classes of its Request, Response and Event."""
+    """Create the class of a service; `parts` are the classes Request, Response and Event."""
     package, kind, short = parts_of(name)
 
     def load(metaclass: Any) -> None:  # noqa: ANN401 - the metaclass below
@@ -128,7 +128,7 @@ def service_class(name: str, parts: dict[str, type], supports: Callable[[], Supp
 def action_class(
     name: str, class_of: Callable[[str], type], service_of: Callable[[str], type], supports: Callable[[], Supports]
 ) -> type:
-    """Return the class of an action; `class_of` returns message classes, `service_of` service classes.
+    """Create the class of an action; `class_of` returns message classes, `service_of` service classes.
 
     The types for cancelling and for the status are common to all actions, and are installed.
     """

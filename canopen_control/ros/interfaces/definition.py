@@ -71,7 +71,7 @@ class FieldType:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Field of a structure; `default` is None if it is zero, empty or false."""
+    """Field of a structure; a `default` of None stands for zero, an empty value or false."""
 
     name: str
     type: FieldType
@@ -100,7 +100,7 @@ def owner_of(name: str) -> str:
 
 
 def parse(name: str, lines: list[str]) -> list[Structure]:
-    """Return the structures of an interface: one for a message, four for a service, thirteen for an action.
+    """Return the structures of an interface, which are one for a message, four for a service, thirteen for an action.
 
     ValueError names an invalid line.
     """

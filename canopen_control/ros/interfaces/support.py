@@ -341,7 +341,7 @@ class Supports:
         self._layouts: dict[str, int] = {}
 
     def message(self, name: str) -> Capsules:
-        """Return the capsules of a message; its type supports are created once per name."""
+        """Return the capsules of a message; the type supports are created once per name."""
         support = self._message(name)
         libraries, codecs = self._libraries, self._codecs
 

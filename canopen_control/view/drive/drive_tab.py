@@ -159,9 +159,7 @@ class DriveTabContext:
 class DriveTab(Protocol):
     """Tab for one node, created when the user first opens it."""
 
-    def __init__(self, context: DriveTabContext) -> None:
-        """Create the widgets in the current container."""
-        ...
+    def __init__(self, context: DriveTabContext) -> None: ...
 
     def show(self, content: PageContent) -> None:
         """Update the visible tab; unchanged data are not sent again."""

@@ -246,7 +246,6 @@ def _facts(reading: NodeReading) -> Iterator[tuple[str, str]]:
 
 
 def _bits(axis: AxisReading) -> str:
-    """Return the statusword bits of an axis as HTML."""
     if axis.statusword is None:
         return _GONE
     bits = "".join(
@@ -352,7 +351,6 @@ class DriveView:
             tab.show(content)
 
     def leave(self) -> None:
-        """Stop reading and driving in all tabs."""
         for tab in self._tabs.values():
             tab.leave()
 
@@ -387,7 +385,7 @@ class DriveView:
         self._update_address()
 
     def _open_tab(self) -> None:
-        """Show the chosen tab of the chosen node; the tab is created if necessary."""
+        """Show the selected tab of the selected node; create the tab if necessary."""
         if self._key not in self._tabs and self._node:
             slot = next(tab for tab in TABS if tab.key == self._key)
             context = DriveTabContext(self._context, self._context.robot.node_jobs(self._node))

@@ -132,7 +132,7 @@ class ScopeTab:
         self._list_places()
 
     def _list_places(self) -> None:
-        """Offer the chosen signals as trigger signals."""
+        """Offer the chosen signals as trigger sources."""
         options: Any = self._signals.options
         names = {number + 1: str(options[value]) for number, value in enumerate(self._signals.value or [])}
         self._place.set_options(

@@ -140,7 +140,6 @@ class TuneTab:
             self._draw(tuned)
 
     def _why_not(self, content: PageContent) -> str:
-        """Return the reason why a run cannot start, "" if a run may start."""
         if content.lost:
             return ""  # the page shows that
         if content.state.latched:
@@ -177,7 +176,7 @@ class TuneTab:
 
     @property
     def _moved(self) -> str:
-        """Name of the node, with the axis if there are several, for the confirmation."""
+        """Name of the node that would move, with the axis if there are several."""
         return f"{self._context.node}, axis {self._axis.value}" if self._axis.visible else self._context.node
 
     def _ask(self) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class SceneChange(TypedDict, total=False):
-    """Changes of the scene: joint positions by index in rad or m, pose of the base, and joints with a drive in fault.
+    """Changed joint positions, by index in rad or m, pose of the base, and joints whose drive is in fault.
 
     `truth` is the true pose of a simulated base, in the odometry frame like `pose`.
     """
@@ -46,10 +46,11 @@ class PlotRows(TypedDict, total=False):
 
 
 class FeedMessage(TypedDict, total=False):
-    """Message of the feed to a page; missing keys mean no change. `titles` are the titles of charts.
+    """Message of the feed to a page; missing keys mean no change.
 
-    `trail` are points in m of the odometry path, `truth` those of the true path. `ghost` are the previewed positions of
-    the joints by index, null for no preview; `world` are the objects around the robot.
+    `trail` are points in m of the odometry path, `truth` are points of the true path. `ghost` are the previewed
+    positions of the joints by index, null for no preview; `world` are the objects around the robot; `titles` are the
+    titles of the charts.
     """
 
     scene: SceneChange
@@ -73,7 +74,7 @@ class Feed(Element, component="feed.js"):
 
 @dataclass(frozen=True, slots=True)
 class HoldButton:
-    """Button of `HoldButtons`: internal key, label, symbol, and the keyboard key with the same function."""
+    """Button of `HoldButtons`, where `key` identifies the button and `keyboard` is an equivalent key."""
 
     key: str
     label: str
@@ -138,7 +139,7 @@ class RobotScene(Element, component="robot_scene.js", esm={"nicegui-scene": str(
 
 
 class StripCharts(Element, component="strip_charts.js"):
-    """Strip charts, updated by the `plots` of feed messages with rows of a time and values, and by their `titles`."""
+    """Strip charts, updated by the rows in `plots` of feed messages, and by `titles`."""
 
     def __init__(self, charts: Sequence[Chart], names: Sequence[str], span: float) -> None:
         super().__init__()
@@ -169,7 +170,7 @@ class TreeRow(TypedDict):
 
 
 class ObjectWords(TypedDict):
-    """Current value of an object as text, and its named bits as number, name, and whether the bit is set."""
+    """Current value of an object as text, with named bits as number, name and state."""
 
     value: str | None
     meaning: str | None
@@ -229,7 +230,7 @@ def _written(args: Any, user: TreeUser) -> None:  # noqa: ANN401 - what a browse
 
 
 class FileUpload(ui.upload):
-    """Upload of one file, which is passed to `on_upload`; `refused` is called for a file of more than `most` bytes.
+    """Upload of one file to `on_upload`; `refused` is called if the file has more than `most` bytes.
 
     `ui.upload` adds a FastAPI route for each element, and FastAPI caches the functions of its routes for the life of
     the process, so that every page that was ever opened would stay in memory. This class adds a Starlette route, which

@@ -1,4 +1,4 @@
-"""Panel for faults and quirks of virtual drives, and inputs of virtual devices; hidden without virtual nodes."""
+"""Panel for faults and quirks of virtual drives and inputs of virtual devices, hidden without virtual nodes."""
 
 from __future__ import annotations
 

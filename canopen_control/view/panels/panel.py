@@ -49,7 +49,7 @@ class PanelContext(Protocol):
         ...
 
     def release(self, page: str) -> None:
-        """End the motion of a page at once."""
+        """End the motion of a page's held button at once."""
         ...
 
     def refresh_faults(self) -> None:
@@ -58,11 +58,9 @@ class PanelContext(Protocol):
 
 
 class Panel(Protocol):
-    """Part of a page that is created once, then updated a few times a second; listed in `view_app.PANELS`."""
+    """Part of a page, created once and then updated a few times a second; listed in `view_app.PANELS`."""
 
-    def __init__(self, context: PanelContext) -> None:
-        """Create the widgets in the current container."""
-        ...
+    def __init__(self, context: PanelContext) -> None: ...
 
     def show(self, content: PageContent) -> None:
         """Update the widgets; unchanged widgets are not sent again."""

@@ -1,4 +1,4 @@
-"""Panels for power and for targets of drives: enable, stop, mode, and a target while a button is held.
+"""Panels that enable and disable drives, and that send a target while a button is held.
 
 Driving requires `--teleop`. A target is sent while the button is held; releasing the button, closing the page or a lost
 connection ends the target. A velocity or an effort then becomes zero, a position the present position of the drive.
@@ -152,7 +152,7 @@ class _Row:
             self._body = ui.element("div").classes("cc-body")
 
     def show(self, drive: DriveTarget, position: float | None) -> None:
-        """Update the row from the drive; the slider is rebuilt if the quantity of the target has changed."""
+        """Update the row; the slider is rebuilt if the quantity of the target has changed."""
         self._drive, self._position = drive, position
         if self._mode.value != (drive.mode or None):
             self._mode.value = drive.mode or None
@@ -179,7 +179,7 @@ class _Row:
         self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
 
     def _stretch(self, end: float | None) -> None:
-        """Change the range of the slider to `end` in both directions."""
+        """Set the range of the slider to -`end` and `end`."""
         if self._slider is None or not end or not 0.0 < end <= _MOST:
             return
         self._slider.props(f"min={-end} max={end} step={end / 200}")
