@@ -382,7 +382,7 @@ class ApiServer(RobotObserver):
         self._answer()
         answer_control(robot, self._server)
         self._trajectories = TrajectoryMethods(robot, self._server, self._keep)
-        self._grippers = GripperMethods(robot, self._server, self._keep, self._trajectories.promise)
+        self._grippers = GripperMethods(robot, self._server, self._keep, self._trajectories.require_heartbeat)
         ParameterMethods(robot, self._server)
         SimulationMethods(robot, self._server)
         self._server.check()
@@ -434,7 +434,7 @@ class ApiServer(RobotObserver):
         ):
             raise ControlError(f"{MAX_KEPT} clients already subscribe or hold a command; end one of them")
 
-    # ------------------------------------------------------------------------------------------- what is pushed
+    # ------------------------------------------------------------------------------------------- pushed messages
 
     def after_cycle(self, now: int) -> None:
         del now
@@ -601,7 +601,7 @@ class ApiServer(RobotObserver):
 
         self._robot.touch_probe(self._robot.node(str(call.request.node)).name, read)
 
-    # ------------------------------------------------------------------------------------------- texts
+    # ------------------------------------------------------------------------------- descriptions and events
 
     def _description(self, call: Call[messages.GetDescription]) -> None:
         description = self._robot.setup.description

@@ -52,9 +52,11 @@ if TYPE_CHECKING:
     from canopen_control.rpc.server import Call, Server
     from canopen_control.runtime.core import RobotCore
 
-    Sent: TypeAlias = "SentGoal[GripperResult]"
+    SentTrajectory: TypeAlias = "_SentGoal[TrajectoryGoal, TrajectoryResult]"
+    SentGrip: TypeAlias = "_SentGoal[GripperGoal, GripperResult]"
 
 
+G = TypeVar("G")
 R = TypeVar("R")
 
 
@@ -65,9 +67,9 @@ class TrajectoryMethods(RobotObserver):
         self, robot: RobotCore, server: Server[RobotHello, RobotPush], keep: Callable[[Connection], None]
     ) -> None:
         self._robot, self._keep = robot, keep
-        self._coming: dict[Connection, PointBuffer] = {}
-        self._sent: dict[Connection, _SentTrajectory] = {}
-        self._promised: dict[Connection, _Promise] = {}
+        self._points: dict[Connection, PointBuffer] = {}
+        self._sent: dict[Connection, SentTrajectory] = {}
+        self._heartbeats: dict[Connection, _RequiredHeartbeat] = {}
         server.answers(TrajectoryData, self._data)
         server.answers(FollowTrajectory, self._follow)
         server.answers(SendTrajectory, self._send)
@@ -80,11 +82,11 @@ class TrajectoryMethods(RobotObserver):
         robot.observers.append(self)
 
     def forget(self, connection: Connection) -> None:
-        self._coming.pop(connection, None)
+        self._points.pop(connection, None)
         self._sent.pop(connection, None)
-        self._promised.pop(connection, None)
+        self._heartbeats.pop(connection, None)
 
-    # ---------------------------------------------------------------------------------------------- what is sent
+    # ---------------------------------------------------------------------------------------------- trajectories
 
     def _data(self, call: Call[TrajectoryData]) -> None:
         self._collect(call.connection, call.request.points)
@@ -92,9 +94,9 @@ class TrajectoryMethods(RobotObserver):
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
         """Buffer the points of a message; return all points of the connection. ControlError if there are too many."""
-        buffer = self._coming.setdefault(connection, PointBuffer())
+        buffer = self._points.setdefault(connection, PointBuffer())
         if len(buffer) + len(points) > MAX_POINTS:
-            del self._coming[connection]
+            del self._points[connection]
             raise ControlError(f"a trajectory has {MAX_POINTS} points at most; nothing was kept, send fewer")
         buffer.add(points)
         return buffer
@@ -103,11 +105,11 @@ class TrajectoryMethods(RobotObserver):
         """Return the trajectory of a request, with all points that the connection has sent before."""
         request = call.request
         points = self._collect(call.connection, request.points)
-        del self._coming[call.connection]
+        del self._points[call.connection]
         stamp = 0 if request.stamp is None else self._robot.time_of(request.stamp)
         return JointTrajectory(request.joints, points, stamp)
 
-    def _hand(
+    def _send_to_controller(
         self,
         call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory],
         goal: TrajectoryGoal | JointTrajectory,
@@ -117,45 +119,45 @@ class TrajectoryMethods(RobotObserver):
             self._keep(call.connection)
         holder = call.connection if request.dead_man else None
         self._robot.send_goal(request.controller, goal, request.source or call.who, holder=holder)
-        self.promise(call.connection, request.controller, request.heartbeat if request.dead_man else None)
+        self.require_heartbeat(call.connection, request.controller, request.heartbeat if request.dead_man else None)
 
     # ------------------------------------------------------------------------------------------------- heartbeats
 
-    def promise(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
+    def require_heartbeat(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
         """Require a heartbeat from a connection every `heartbeat` s while its command of `controller` is active.
 
         None ends an earlier requirement.
         """
-        self._promised.pop(connection, None)
+        self._heartbeats.pop(connection, None)
         if heartbeat is not None:
             life = self._robot.manager.get(controller).life
-            self._promised[connection] = _Promise(life, round(heartbeat * 1e9), self._robot.reactor.now())
+            self._heartbeats[connection] = _RequiredHeartbeat(life, round(heartbeat * 1e9), self._robot.reactor.now())
 
     def _heartbeat(self, call: Call[TrajectoryHeartbeat]) -> None:
-        promise = self._promised.get(call.connection)
-        if promise is not None:
-            promise.last_heartbeat = self._robot.reactor.now()
+        required = self._heartbeats.get(call.connection)
+        if required is not None:
+            required.last_heartbeat = self._robot.reactor.now()
         call.reply(Done())
 
     def after_cycle(self, now: int) -> None:
-        if not self._promised:
+        if not self._heartbeats:
             return
-        for connection in [client for client, promise in self._promised.items() if promise.is_broken(now)]:
-            promise = self._promised.pop(connection)
-            if promise.life.holder is connection:
+        for connection in [client for client, required in self._heartbeats.items() if required.is_overdue(now)]:
+            required = self._heartbeats.pop(connection)
+            if required.life.holder is connection:
                 self._robot.client_disconnected(
-                    connection, f"has sent no heartbeat for {promise.within_ns / 1e9:g} s and is gone"
+                    connection, f"has sent no heartbeat for {required.within_ns / 1e9:g} s and is gone"
                 )
 
     # ------------------------------------------------------------------------------------------------------ goals
 
     def _follow(self, call: Call[FollowTrajectory]) -> None:
-        self._give(call).answer_at_end(call)
+        self._start_goal(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
         """Reply whether the goal is accepted; a refusal is a normal reply here, not an error."""
         try:
-            goal = self._give(call).goal
+            goal = self._start_goal(call).goal
         except ControlError as error:
             code = error.code if isinstance(error, TrajectoryRefused) else int(ResultCode.INVALID_GOAL)
             call.reply(TrajectoryVerdict(accepted=False, error_code=code, text=str(error)))
@@ -164,7 +166,7 @@ class TrajectoryMethods(RobotObserver):
                 TrajectoryVerdict(accepted=True, feedback_rate=goal.feedback_rate, outlives_client=goal.outlives_client)
             )
 
-    def _give(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> _SentTrajectory:
+    def _start_goal(self, call: Call[FollowTrajectory] | Call[SendTrajectory]) -> SentTrajectory:
         """Start the requested goal, which replaces the connection's earlier goal; ControlError if refused."""
         request, robot = call.request, self._robot
         trajectory = self._trajectory(call)
@@ -172,13 +174,13 @@ class TrajectoryMethods(RobotObserver):
             _tolerances(request.path_tolerance), _tolerances(request.goal_tolerance), request.goal_time_tolerance
         )
         goal = TrajectoryGoal(trajectory, tolerances, lambda: robot.reactor.call_soon(sent.settle))
-        sent = _SentTrajectory(goal)
-        self._hand(call, goal)
+        sent = _SentGoal(goal, _trajectory_result)
+        self._send_to_controller(call, goal)
         self._sent[call.connection] = sent
         return sent
 
     def _set(self, call: Call[SetTrajectory]) -> None:
-        self._hand(call, self._trajectory(call))
+        self._send_to_controller(call, self._trajectory(call))
         call.reply(Done())
 
     def _end(self, call: Call[TrajectoryEnd]) -> None:
@@ -198,7 +200,7 @@ class TrajectoryMethods(RobotObserver):
             manager.get(request.controller)
         call.reply(Done())
 
-    # ----------------------------------------------------------------------------------------------- what it follows
+    # ------------------------------------------------------------------------------------------------ queries
 
     def _query(self, call: Call[QueryTrajectory]) -> None:
         controller = self._robot.manager.follower(call.request.controller)
@@ -211,7 +213,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
 
-class _Promise:
+class _RequiredHeartbeat:
     """Heartbeat that a connection must send at least every `within_ns`; `last_heartbeat` is in ns.
 
     It applies while `life`, the command timeout of the controller, belongs to the connection.
@@ -222,15 +224,15 @@ class _Promise:
     def __init__(self, life: CommandTimeout, within_ns: int, last_heartbeat: int) -> None:
         self.life, self.within_ns, self.last_heartbeat = life, within_ns, last_heartbeat
 
-    def is_broken(self, now: int) -> bool:
+    def is_overdue(self, now: int) -> bool:
         return now - self.last_heartbeat > self.within_ns
 
 
-class SentGoal(Generic[R]):
+class _SentGoal(Generic[G, R]):
     """Goal of a connection, and the requests to be answered when the goal ends; `result` returns None before."""
 
-    def __init__(self, result: Callable[[], R | None]) -> None:
-        self._result = result
+    def __init__(self, goal: G, result: Callable[[G], R | None]) -> None:
+        self.goal, self._result = goal, result
         self._waiting: list[Call[Request[R]]] = []
 
     def answer_at_end(self, call: Call[Request[R]]) -> None:
@@ -239,7 +241,7 @@ class SentGoal(Generic[R]):
 
     def settle(self) -> None:
         """Answer the waiting requests if the goal has ended."""
-        result = self._result()
+        result = self._result(self.goal)
         if result is None:
             return
         waiting, self._waiting = self._waiting, []
@@ -247,13 +249,7 @@ class SentGoal(Generic[R]):
             call.reply(result)
 
 
-class _SentTrajectory(SentGoal[TrajectoryResult]):
-    def __init__(self, goal: TrajectoryGoal) -> None:
-        super().__init__(lambda: _result(goal))
-        self.goal = goal
-
-
-def _result(goal: TrajectoryGoal) -> TrajectoryResult | None:
+def _trajectory_result(goal: TrajectoryGoal) -> TrajectoryResult | None:
     if goal.code is None:
         return None
     return TrajectoryResult(state=goal.state.value, error_code=int(goal.code), text=goal.text)
@@ -272,7 +268,7 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
 class GripperMethods:
     """API methods for grippers; `keep` raises ControlError if too many connections are permanent.
 
-    `promise` is `TrajectoryMethods.promise`.
+    `require_heartbeat` is the method of `TrajectoryMethods`.
     """
 
     def __init__(
@@ -280,11 +276,11 @@ class GripperMethods:
         robot: RobotCore,
         server: Server[RobotHello, RobotPush],
         keep: Callable[[Connection], None],
-        promise: Callable[[Connection, str, float | None], None],
+        require_heartbeat: Callable[[Connection, str, float | None], None],
     ) -> None:
-        self._robot, self._keep, self._promise = robot, keep, promise
-        self._sent: dict[Connection, tuple[GripperGoal, Sent]] = {}
-        server.answers(MoveGripper, lambda call: self._give(call)[1].answer_at_end(call))
+        self._robot, self._keep, self._require_heartbeat = robot, keep, require_heartbeat
+        self._sent: dict[Connection, SentGrip] = {}
+        server.answers(MoveGripper, lambda call: self._start_goal(call).answer_at_end(call))
         server.answers(SendGripper, self._send)
         server.answers(GripperEnd, self._end)
         server.answers(CancelGripper, self._cancel)
@@ -295,39 +291,39 @@ class GripperMethods:
     def _send(self, call: Call[SendGripper]) -> None:
         """Reply whether the goal is accepted; a refusal is a normal reply here, not an error."""
         try:
-            goal, _ = self._give(call)
+            goal = self._start_goal(call).goal
         except ControlError as error:
             call.reply(GripperVerdict(accepted=False, text=str(error)))
         else:
             call.reply(GripperVerdict(accepted=True, feedback_rate=goal.feedback_rate))
 
-    def _give(self, call: Call[MoveGripper] | Call[SendGripper]) -> tuple[GripperGoal, Sent]:
+    def _start_goal(self, call: Call[MoveGripper] | Call[SendGripper]) -> SentGrip:
         """Start the requested goal, which replaces the connection's earlier goal; ControlError if refused."""
         request, robot, connection = call.request, self._robot, call.connection
         goal = GripperGoal(
             request.position, request.max_effort, request.max_velocity, lambda: robot.reactor.call_soon(sent.settle)
         )
-        sent = SentGoal(lambda: _gripper_result(goal))
+        sent = _SentGoal(goal, _gripper_result)
         if request.dead_man:
             self._keep(connection)
         robot.send_goal(
             request.controller, goal, request.source or call.who, holder=connection if request.dead_man else None
         )
-        self._promise(connection, request.controller, request.heartbeat if request.dead_man else None)
-        self._sent[connection] = goal, sent
-        return goal, sent
+        self._require_heartbeat(connection, request.controller, request.heartbeat if request.dead_man else None)
+        self._sent[connection] = sent
+        return sent
 
     def _end(self, call: Call[GripperEnd]) -> None:
         sent = self._sent.get(call.connection)
         if sent is None:
             raise ControlError("this connection has sent no goal; send one with send_gripper")
-        sent[1].answer_at_end(call)
+        sent.answer_at_end(call)
 
     def _cancel(self, call: Call[CancelGripper]) -> None:
         request, sent = call.request, self._sent.get(call.connection)
         controller = self._robot.manager.get(request.controller)
         if isinstance(controller, Grips) and (not request.own or sent is not None):
-            controller.cancel_grip(request.why, sent[0] if request.own and sent is not None else None)
+            controller.cancel_grip(request.why, sent.goal if request.own and sent is not None else None)
         call.reply(Done())
 
 

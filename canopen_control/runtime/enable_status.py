@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _ENABLE: Final = "canopen-control axis enable all"
 _RESET: Final = "canopen-control axis fault-reset all"
+_MOVING: Final = (Action.ENABLE, Action.HOME)
 
 
 def is_off(joint: JointDrive) -> bool:
@@ -70,7 +71,7 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
     if not waiting:
         homing = [joint for joint in joints if joint.homing is not None]
         return f"{_names(homing)}: homing is under way" if homing else f"{_names(joints)}: being enabled"
-    return f"{_names(waiting)} {_are(waiting)} {_what(waiting)} and will not move: {_remedy(waiting)}"
+    return f"{_names(waiting)} {_are(waiting)} {_condition(waiting)} and will not move: {_remedy(waiting)}"
 
 
 class DriveEnableStatus(EnableStatus):
@@ -178,7 +179,7 @@ def _are(joints: Sequence[JointDrive]) -> str:
     return "is" if len({joint.node.name for joint in joints}) == 1 else "are"
 
 
-def _what(joints: Sequence[JointDrive]) -> str:
+def _condition(joints: Sequence[JointDrive]) -> str:
     return "halted" if all(joint.machine.halted and joint.enable_requested for joint in joints) else "not enabled"
 
 
@@ -214,9 +215,6 @@ def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
 # enables nothing: enabling needs a user's command.
 
 
-_RISING: Final = (Action.ENABLE, Action.HOME)
-
-
 class MandatoryNodes(RobotObserver):
     """Monitor that stops all axes when a mandatory node without a joint is lost; also applies the STOP `latch`.
 
@@ -250,7 +248,7 @@ class MandatoryNodes(RobotObserver):
     def check_action(self, action: Action) -> None:
         """Raise ControlError for enabling or homing while a mandatory node is missing or STOP is latched."""
         self._latch.check_action(action)
-        if action in _RISING:
+        if action in _MOVING:
             self._require(f"axis {action.value}")
 
     def check_controllers(self, controllers: Iterable[Controller]) -> None:
@@ -303,7 +301,6 @@ class MandatoryNodes(RobotObserver):
 
 
 RELEASE = "canopen-control stop --release"
-_MOVING = (Action.ENABLE, Action.HOME)
 
 
 class StopLatch:
@@ -341,9 +338,9 @@ class StopLatch:
                 self._path.unlink(missing_ok=True)
                 return
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            fresh = self._path.with_suffix(".new")
-            fresh.write_text(json.dumps({"by": self.by, "time": time.time()}) + "\n")
-            os.replace(fresh, self._path)
+            temporary = self._path.with_suffix(".new")
+            temporary.write_text(json.dumps({"by": self.by, "time": time.time()}) + "\n")
+            os.replace(temporary, self._path)
         except OSError as error:
             consequence = (
                 "the next run will still be latched" if self.by is None else "the next run will not be latched"

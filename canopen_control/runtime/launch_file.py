@@ -32,8 +32,8 @@ _EXECUTABLE: Final = re.compile(r"\$\((?:find-exec|find) +xacro\)(?:/xacro)?")
 _COMMAND: Final = re.compile(r"\$\(command +(['\"])(.*?)\1")
 _COMPUTED_ENDING: Final = re.compile(r"ends in '([^']*)'")
 _SUBSTITUTION: Final = re.compile(r"\$\([^()]*\)")
-_HELD: Final = str.maketrans(" ()", "\0\1\2")  # characters at which a shell would split a substitution
-_RELEASED: Final = str.maketrans("\0\1\2", " ()")
+_PROTECTED: Final = str.maketrans(" ()", "\0\1\2")  # characters at which a shell would split a substitution
+_RESTORED: Final = str.maketrans("\0\1\2", " ()")
 _NAMED_FILE: Final = re.compile(r"/[^\s'\"]+")
 _TRUE: Final = ("true", "1")  # launch.conditions.IfCondition
 _DEEPEST: Final = 8  # maximum nesting of included launch files
@@ -158,7 +158,7 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
     own = {name: value for name, value in words.items() if name in own_arguments}
     further = {f"{name}?" if name in obeyed else name: value for name, value in words.items() if name not in own}
     reading = _Reading(path)
-    used = reading.take(path, own, 0)
+    used = reading.read(path, own, 0)
     launched = reading.launched
     if not launched.files and not reading.uncertainties:
         reading.uncertainties.append(f"{path}: it names no file of a robot")
@@ -178,16 +178,16 @@ class _Reading:
     launched: Launched = field(default_factory=Launched)
     uncertainties: list[str] = field(default_factory=list)
 
-    def take(self, path: Path, passed: Mapping[str, str], depth: int) -> set[str]:
+    def read(self, path: Path, passed: Mapping[str, str], depth: int) -> set[str]:
         """Read the launch file `path` with the arguments `passed`; return the names of all used arguments."""
         launch = replace(read_launch(path), values=dict(passed))
-        used = self._take_nodes(launch)
+        used = self._read_nodes(launch)
         values = {name: launch.resolved(f"$(var {name})") for name in (*launch.arguments, *passed)}
         values |= {text: launch.resolved(value) for text, value in launch.replaced.items()}
         self.launched.variables |= {name: _unquoted(value) for name, value in values.items() if value is not None}
         for text in launch.texts:
             if text.text is not None:
-                _take(launch, text.text, self.launched.arguments, self.launched.files)
+                _add_files(launch, text.text, self.launched.arguments, self.launched.files)
                 used |= _used(launch, text.text)
         self._report_unread(launch)
         for include in launch.includes if depth < _DEEPEST else ():
@@ -212,14 +212,14 @@ class _Reading:
         scope = {key: value for key, value in launch.arguments.items() if value is not None} | dict(launch.values)
         arguments = scope | {key: value for key, value in texts.items() if value is not None}
         try:
-            inner = self.take(path, arguments, depth + 1)
+            inner = self.read(path, arguments, depth + 1)
         except RobotConfigError as error:
             self.uncertainties.append(f"{place}: {error}")
             return set()
         passed = {name for value in include.arguments.values() for name in launch.arguments_in(value)}
         return (inner & launch.arguments.keys()) | passed
 
-    def _take_nodes(self, launch: LaunchFile) -> set[str]:
+    def _read_nodes(self, launch: LaunchFile) -> set[str]:
         """Collect parameter files and controllers of the controller manager and spawners; return used arguments."""
         used = set[str]()
         for node in launch.nodes:
@@ -239,11 +239,11 @@ class _Reading:
             for text in files:
                 name = launch.resolved(text)
                 if name is not None and (launch.path.parent / name).is_file():
-                    self._take_parameters(launch.path.parent / name, f"{launch.path}:{node.line}")
+                    self._add_parameter_file(launch.path.parent / name, f"{launch.path}:{node.line}")
                 used |= launch.arguments_in(text)
         return used
 
-    def _take_parameters(self, path: Path, place: str) -> None:
+    def _add_parameter_file(self, path: Path, place: str) -> None:
         """Store the first parameter file; report any other file, which is ignored."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
@@ -299,7 +299,7 @@ def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: P
             raise RobotConfigError(f"no argument {name!r} of the launch file or of {description.name}{hint}")
 
 
-def _take(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[str, Path]) -> None:
+def _add_files(launch: LaunchFile, text: str, arguments: dict[str, str], files: dict[str, Path]) -> None:
     """Store the files and the xacro arguments that a command or a file name contains."""
     words = words_of(text)
     pairs = [match for word in words if (match := _PAIR.fullmatch(word))]
@@ -341,12 +341,12 @@ def words_of(text: str) -> list[str]:
     """Split a command into words like a shell, but keep launch substitutions whole."""
     joined, count = _EXECUTABLE.sub("xacro", text), 1
     while count:  # the innermost substitution first
-        joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_HELD), joined)
+        joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_PROTECTED), joined)
     try:
         words = shlex.split(joined)
     except ValueError:
         words = joined.split()
-    return [word.translate(_RELEASED) for word in words]
+    return [word.translate(_RESTORED) for word in words]
 
 
 def _kind(word: str) -> str:

@@ -28,14 +28,14 @@ class EventReadings:
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
-        self._made_of = -1, 0
+        self._version = -1, 0
         self._messages: list[RobotEvent] = []
 
     def at(self, wall_offset_ns: int) -> list[RobotEvent]:
         """Return the events, oldest first, with times in Unix s; do not modify the list."""
-        made_of = self._log.version, wall_offset_ns
-        if made_of != self._made_of:
-            self._made_of = made_of
+        version = self._log.version, wall_offset_ns
+        if version != self._version:
+            self._version = version
             self._messages = [event_message(event, wall_offset_ns) for event in self._log.recent[-_MAX_EVENTS:]]
         return self._messages
 

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 # its transmission, so that its SYNC period is longer by its own latency, thousands of ppm at 1 kHz.
 
 
-_SLOWEST: Final = 64  # a correction is at most this fraction of a period
+_STEP_DIVISOR: Final = 64  # a correction is at most a period divided by this
 _WINDOW: Final = 16  # SYNCs that are evaluated together
-_LEARNS: Final = 4 * _WINDOW  # fraction of the error of a window that corrects the period
+_RATE_GAIN: Final = 4 * _WINDOW  # divisor of a window's phase error for the correction of the period
 _EARLY: Final = 8  # a SYNC early by more than this fraction of a period was received almost a period late
 _NONE: Final = 1 << 62
 
@@ -43,11 +43,11 @@ class SyncPhase:
     __slots__ = (
         "_count",
         "_first",
-        "_longer",
         "_off",
+        "_outliers",
         "_phase_left",
+        "_rate_step",
         "_second",
-        "_strange",
         "behind_ns",
         "locked",
         "period_ns",
@@ -56,7 +56,7 @@ class SyncPhase:
     def __init__(self, period_ns: int, behind_ns: int) -> None:
         self.period_ns, self.behind_ns = period_ns, behind_ns
         self.locked = False
-        self._phase_left = self._longer = self._off = self._strange = self._count = 0
+        self._phase_left = self._rate_step = self._off = self._outliers = self._count = 0
         self._first = self._second = _NONE
 
     def receive_sync(self, tick: int, edge: int) -> int:
@@ -64,16 +64,16 @@ class SyncPhase:
         period = self.period_ns
         if not self.locked:
             self.locked = True
-            self._phase_left = self._longer = self._off = self._strange = 0
+            self._phase_left = self._rate_step = self._off = self._outliers = 0
             self._begin()
             return (tick + self.behind_ns - edge) % period
         half = period // 2
         error = (tick + self.behind_ns - edge + half) % period - half
         if error < -(period // _EARLY):
-            self._strange += 1
-            self.locked = self._strange < _WINDOW
+            self._outliers += 1
+            self.locked = self._outliers < _WINDOW
             return 0
-        self._strange = 0
+        self._outliers = 0
         if error < self._first:
             self._first, self._second = error, self._first
         elif error < self._second:
@@ -86,24 +86,24 @@ class SyncPhase:
 
     def step(self) -> int:
         """Return the correction of the present period in ns, negative for a shorter period."""
-        phase_left, longer = self._phase_left, self._longer
+        phase_left, rate_step = self._phase_left, self._rate_step
         if not phase_left:
-            return longer
-        most = self.period_ns // _SLOWEST
-        step = max(-most - longer, min(most - longer, phase_left))
+            return rate_step
+        limit = self.period_ns // _STEP_DIVISOR
+        step = max(-limit - rate_step, min(limit - rate_step, phase_left))
         self._phase_left = phase_left - step
         self._first -= step  # these were measured against the uncorrected edges
         self._second -= step
-        return longer + step
+        return rate_step + step
 
     def _correct_rate(self, off: int) -> None:
         """Set the phase error `off` of a window of SYNCs, and correct the estimate of the period difference."""
-        before, put_right = self._off, not self._phase_left
+        previous, was_corrected = self._off, not self._phase_left
         self._off = self._phase_left = off
-        again = min(abs(before), abs(off)) if before * off > 0 and put_right else 0
-        most = self.period_ns // _SLOWEST
-        longer = again // _LEARNS if off > 0 else -(again // _LEARNS)
-        self._longer = max(-most, min(most, self._longer + longer))
+        persistent = min(abs(previous), abs(off)) if previous * off > 0 and was_corrected else 0
+        limit = self.period_ns // _STEP_DIVISOR
+        rate_step = persistent // _RATE_GAIN if off > 0 else -(persistent // _RATE_GAIN)
+        self._rate_step = max(-limit, min(limit, self._rate_step + rate_step))
 
     def _begin(self) -> None:
         self._count = 0
@@ -131,7 +131,7 @@ class Pacer:
         self.edge = self.skipped = 0
         self.phase = SyncPhase(period_ns, period_ns // 2)
         self.on_edge, self._reactor = on_edge, reactor
-        self._edge = self.reported = self._tell_at = 0
+        self._edge = self.reported = self._report_at = 0
         self._timer: Timer | None = None
 
     @property
@@ -142,9 +142,9 @@ class Pacer:
     def newly_missed(self, now: int) -> int:
         """Return the number of missed edges since the last report, or 0 within a second of that report."""
         missed = self.missed - self.reported
-        if not missed or now < self._tell_at:
+        if not missed or now < self._report_at:
             return 0
-        self.reported, self._tell_at = self.missed, now + 1_000_000_000
+        self.reported, self._report_at = self.missed, now + 1_000_000_000
         return missed
 
     def start(self) -> None:

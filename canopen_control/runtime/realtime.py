@@ -53,18 +53,18 @@ class RealTime:
     def _enter(self, priority: int | None) -> None:
         if (priority is not None or self._cpu is not None) and not sys.platform.startswith("linux"):
             raise RobotConfigError("--realtime and --cpu require Linux; omit them")
-        words = []
+        texts = []
         if self._cpu is not None:
             self._try_pin(self._cpu)
-            words.append(f"on processor {self._cpu}")
+            texts.append(f"on processor {self._cpu}")
         if priority is not None:
             self._lock_memory(priority)
             self._schedule(priority)
             asleep = keep_awake(self._undo)
             awake = f"processors may sleep ({asleep})" if asleep else "processors kept awake"
-            words[:0] = [f"SCHED_FIFO {priority}", "memory locked", awake]
-        if words:
-            self.text = f"real-time: {', '.join(words)}" if priority is not None else f"runs {words[0]}"
+            texts[:0] = [f"SCHED_FIFO {priority}", "memory locked", awake]
+        if texts:
+            self.text = f"real-time: {', '.join(texts)}" if priority is not None else f"runs {texts[0]}"
 
     def pin(self) -> None:
         """Bind the calling thread to the processor `cpu`, if given."""

@@ -197,13 +197,13 @@ class ExternalSync:
 _LENGTH: Final = 4  # position of the data length in a frame record
 _BOOT_UP: Final = bytes([NmtState.INITIALISING])
 _WINDOW_NS: Final = 1_000_000_000
-_AWAY_NS: Final = 10_000_000  # lateness of a cycle beyond which all waiting frames are read first
+_LATE_NS: Final = 10_000_000  # lateness of a cycle beyond which all waiting frames are read first
 _BACKLOG: Final = 100  # reads, of up to a thousand frames
 _SIMULATED_NS: Final = 250_000_000  # virtual drives in other processes wait for a processor too
 _FAILURES: Final = (BusEventKind.BUS_OFF, BusEventKind.DOWN)
 _RETURNS: Final = (BusEventKind.ERROR_ACTIVE, BusEventKind.UP)
 _LONGEST_NS: Final = 20_000_000  # longest cycle in which the port need not be read
-_LOST_WHILE_SILENT: Final = ("bus_frames_lost", "while the bus had failed")
+_LOST_BY_FAILURE: Final = ("bus_frames_lost", "while the bus had failed")
 
 
 def is_simulated(channel: str) -> bool:
@@ -247,11 +247,11 @@ class RobotBus:
         self._syncs = 0  # received SYNCs at the time of the last cycle's RPDOs
         self._writing = False
         self._lost_frames = 0
-        self._told_lost = -_WINDOW_NS
-        self._carries_nothing = self._was_silent = False
+        self._loss_reported_at = -_WINDOW_NS
+        self._failed = self._failed_meanwhile = False
         self._data_bytes = 0
-        self._away_ns = cycle_ns + max(cycle_ns, _AWAY_NS)
-        self._looked_at = 0  # time at which no frame waited at the port
+        self._late_ns = cycle_ns + max(cycle_ns, _LATE_NS)
+        self._drained_at = 0  # time at which no frame waited at the port
         self.network.reader = self.network.pdo_watch.reader = self
         if is_simulated(channel):
             self.network.pdo_watch.least_ns = _SIMULATED_NS
@@ -309,18 +309,18 @@ class RobotBus:
         """Open the channel; until `open`, only boot-up messages are evaluated. BusError on failure."""
         if self.port is None:
             self.port = open_port(self.channel, label="master")
-            self._reactor.add_reader(self.port.fileno(), self._pass_over)
+            self._reactor.add_reader(self.port.fileno(), self._note_boot_ups)
 
     def open(self) -> None:
         """Start processing received frames, after opening the channel if necessary; BusError on failure."""
         self.join()
         if self.port is None:
             return
-        self._pass_over()
+        self._note_boot_ups()
         set_filter(self.port, self.network.identifiers)
         if self._followed is not None:
             self._followed.start(self._reactor.now())
-        self._looked_at = self._reactor.now()
+        self._drained_at = self._reactor.now()
         self.watch()
 
     def watch(self) -> None:
@@ -346,7 +346,7 @@ class RobotBus:
             self.watch()
         return self.network.take()
 
-    def _pass_over(self) -> None:
+    def _note_boot_ups(self) -> None:
         """Discard received frames, but note boot-up messages; a port error closes the bus."""
         try:
             records = b"" if self.port is None else self.port.receive()
@@ -374,8 +374,8 @@ class RobotBus:
             return
         if records:
             self._data_bytes += sum(records[_LENGTH::RECORD_SIZE])
-            now, since = self._reactor.now() if edge is None else edge, self._looked_at
-            network.receive(records, now, since if now - since > self._away_ns else None)
+            now, since = self._reactor.now() if edge is None else edge, self._drained_at
+            network.receive(records, now, since if now - since > self._late_ns else None)
             if network.outgoing:
                 self._send(self._take())
         for event in (
@@ -386,10 +386,10 @@ class RobotBus:
     def tick(self, now: int) -> None:
         """Process timeouts of the network's services and send the resulting frames; measure bus load and frame loss."""
         network = self.network
-        if now - self._looked_at > self._away_ns:
+        if now - self._drained_at > self._late_ns:
             self.catch_up()
-            network.was_away(now - self._looked_at)
-        self._looked_at = now
+            network.was_away(now - self._drained_at)
+        self._drained_at = now
         network.tick(now)
         if network.outgoing:
             self._send(self._take())
@@ -492,21 +492,21 @@ class RobotBus:
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
         self._report(Event(now, f"bus_{kind}", "", f"bus {self.name} ({self.channel}): {event.text}", level))
         if event.kind in _FAILURES:
-            self._carries_nothing = self._was_silent = True
+            self._failed = self._failed_meanwhile = True
             self.network.bus_failed(f"no frame can be sent or received on bus {self.name}: {event.text}", now)
         elif event.kind in _RETURNS:
-            self._carries_nothing = False
+            self._failed = False
             self.network.bus_back(now)
 
     def _report_lost(self, lost: int, now: int) -> None:
         """Report lost frames with the reason, at most once a second, and after the recovery of a failed bus."""
-        if now - self._told_lost < _WINDOW_NS or self._carries_nothing:
+        if now - self._loss_reported_at < _WINDOW_NS or self._failed:
             return
-        kind, why = ("bus_queue_full", "the send queue was full") if not self._was_silent else _LOST_WHILE_SILENT
+        kind, why = ("bus_queue_full", "the send queue was full") if not self._failed_meanwhile else _LOST_BY_FAILURE
         text = f"bus {self.name} ({self.channel}): a frame was lost, {why}"
         self._report(Event(now, kind, "", text, Level.WARNING, count=lost - self._lost_frames))
-        self._was_silent = False
-        self._lost_frames, self._told_lost = lost, now
+        self._failed_meanwhile = False
+        self._lost_frames, self._loss_reported_at = lost, now
 
     def _measure(self, stats: PortStats, now: int) -> None:
         """Compute the bus load of the last second, without stuff bits."""

@@ -82,20 +82,22 @@ class AskedHardware:
 def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
     """Return the hardware options in a user's arguments; RobotConfigError for contradictory or invalid values."""
     channels = {name: value for name, value in words.items() if _names_channel(name, value)}
-    answers = {name: says for name, value in words.items() if (says := _requests_real(name, value)) is not None}
+    real_values = {
+        name: is_real for name, value in words.items() if (is_real := _requests_real(name, value)) is not None
+    }
     worlds = {name: file for name, value in words.items() if (file := _sdf_file(value))}
-    for values in (channels, answers, worlds):
+    for values in (channels, real_values, worlds):
         if len(set(values.values())) > 1:
             arguments = ", ".join(f"{name}:={words[name]}" for name in values)
             advice = "give one of them, or --can BUS=CHANNEL for each bus" if values is channels else "give one of them"
             raise RobotConfigError(f"{arguments}: these arguments contradict each other; {advice}")
-    channel, real, world = (next(iter(values), "") for values in (channels, answers, worlds))
+    channel, real, world = (next(iter(values), "") for values in (channels, real_values, worlds))
     return AskedHardware(
         channels.get(channel, ""),
         f"{channel}:={channels[channel]}" if channel and channels[channel] else "",
-        answers.get(real),
+        real_values.get(real),
         f"{real}:={words[real]}" if real else "",
-        frozenset(channels) | frozenset(answers) | frozenset(worlds),
+        frozenset(channels) | frozenset(real_values) | frozenset(worlds),
         worlds.get(world, ""),
         f"{world}:={words[world]}" if world else "",
     )
@@ -215,11 +217,11 @@ def find_robot(
     if missing or (no_bus and (more or bus is not None)):
         needed = control == described == Path() or bool(more) or bus is not None
         _refuse_missing(launch if folder is None else None, launched, no_bus, missing, needed=needed)
-    words = {} if alone else _heeded(words, launched, hardware, described)
+    words = {} if alone else _description_arguments(words, launched, hardware, described)
     if no_bus and (main := _bus_of_description(described, words)) != Path():
         no_bus.clear()
     idle = launched.idle if launched is not None else ()
-    _refuse_unheeded(idle)
+    _refuse_ineffective(idle)
     name = _name((folder or (described if no_bus else main).resolve().parent).resolve())
     spawned = launched.spawned if launched is not None and not alone else ()
     variables = launched.variables if launched is not None else {}
@@ -259,7 +261,7 @@ def _world(hardware: AskedHardware, launch: str | None, missing: list[str]) -> P
     return None if file is None else file.resolve()
 
 
-def _heeded(
+def _description_arguments(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
     """Return the xacro arguments of the user or the launch file; RobotConfigError for a mistyped name."""
@@ -278,10 +280,10 @@ def _refuse_missing(
 
     If a bus is not `needed`, because other files of the robot were found, a missing bus.yml is not listed.
     """
-    lacks = [*(no_bus if needed else ()), *missing]
+    texts = [*(no_bus if needed else ()), *missing]
     if launched is not None and launch is not None:
-        lacks = list(_not_launched(launch, launched.files, no_bus, missing))
-    raise RobotConfigError("; ".join([*lacks, *(launched.uncertainties if launched is not None else ())]))
+        texts = list(_not_launched(launch, launched.files, no_bus, missing))
+    raise RobotConfigError("; ".join([*texts, *(launched.uncertainties if launched is not None else ())]))
 
 
 def _not_launched(
@@ -296,7 +298,7 @@ def _not_launched(
     yield from (text for text in missing if not text.startswith("give a robot folder or "))
 
 
-def _refuse_unheeded(idle: Iterable[str]) -> None:
+def _refuse_ineffective(idle: Iterable[str]) -> None:
     """Raise RobotConfigError for an ineffective argument whose name seems to select real or virtual drives."""
     for word in idle:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):

@@ -116,7 +116,7 @@ class DemoMotion:
 # traceback is printed.
 
 
-_MOST_PLACES = 20
+_MAX_PLACES = 20
 
 
 class ProgramErrors:
@@ -131,7 +131,7 @@ class ProgramErrors:
         if os.environ.get("CANOPEN_CONTROL_DEBUG"):
             traceback.print_exception(error, file=sys.stderr)
         place = _place_of(error)
-        if place in self._reported or len(self._reported) >= _MOST_PLACES:
+        if place in self._reported or len(self._reported) >= _MAX_PLACES:
             return
         self._reported.add(place)
         text = (

@@ -213,7 +213,7 @@ def read_robot(
     can = files.hardware.channels(can, buses)
     channels = _channels(name, buses, can)
     sync = _choose_sync(buses, channels, description, kernel_sync=kernel_sync, mock=mock)
-    notes = tuple(_told_by_files(buses, control, description, mock=mock, real=on_drives))
+    notes = tuple(_file_notes(buses, control, description, mock=mock, real=on_drives))
     unplaced = _unplaced(buses, can)
     parts = buses, channels, description, control, buses_expected
     return RobotSetup(
@@ -233,10 +233,22 @@ def _contents(
     real: bool,
 ) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile, tuple[str, ...]]:
     """Read all files, add controllers for drives without a joint, and select the controllers to activate."""
-    buses, written, options = _read(files, name, read, reader, mock=mock, strict=strict)
-    description, control, free = _add_free_drives(files, buses, written, options, mock=mock)
-    _require_bus(files, buses, description, mock=mock, real=real)
-    return buses, description, control, (*started_controllers(files, options, written, names), *free)
+    if files.bus_alone:
+        _refuse_for_a_bus(files, mock=mock)
+        buses = read()
+        description = description_of(name, str(files.bus), buses)
+        control = controllers_of(str(files.bus), description)
+        free = tuple(control.controllers)
+        return buses, description, control, (*started_controllers(files, control, description, names), *free)
+    with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
+        buses = read()  # while xacro runs
+        control = read_controllers(files.controllers, strict=strict, variables=files.variables)
+        description = add_plugin_interfaces(begun.result(), plans_of(buses))
+    complete, all_controllers, free = description, control, tuple[str, ...]()
+    if not mock:
+        complete, all_controllers, free = with_free_drives(description, control, buses)
+    _require_bus(files, buses, complete, mock=mock, real=real)
+    return buses, complete, all_controllers, (*started_controllers(files, control, description, names), *free)
 
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
@@ -245,50 +257,7 @@ def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, 
     return tuple(name for name, bus in buses.items() if name not in named and not bus.master.channel)
 
 
-def _read(
-    files: RobotFiles, name: str, read: _ReadBuses, reader: DescriptionReader | None, *, mock: bool, strict: bool
-) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Read the buses, the description and the controllers, with defaults for a bus without controllers."""
-    if files.bus_alone:
-        return _read_bus_alone(files, name, read, mock=mock)
-    with reader or DescriptionReader(files.description, mappings=files.mappings(mock=mock)) as begun:
-        return _read_files(files, read, begun, strict=strict)
-
-
-def _add_free_drives(
-    files: RobotFiles,
-    buses: Mapping[str, BusConfig],
-    description: UrdfDescription,
-    control: ControllersFile,
-    *,
-    mock: bool,
-) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Add joints and controllers for drives without a joint; return the names of the added controllers last."""
-    if files.bus_alone:
-        return description, control, tuple(control.controllers)
-    return (description, control, ()) if mock else with_free_drives(description, control, buses)
-
-
-def _read_bus_alone(
-    files: RobotFiles, name: str, read: _ReadBuses, *, mock: bool
-) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Read the buses of a robot without controllers, and create a default description and controllers."""
-    _refuse_for_a_bus(files, mock=mock)
-    buses = read()
-    description = description_of(name, str(files.bus), buses)
-    return buses, description, controllers_of(str(files.bus), description)
-
-
-def _read_files(
-    files: RobotFiles, read: _ReadBuses, reader: DescriptionReader, *, strict: bool
-) -> tuple[dict[str, BusConfig], UrdfDescription, ControllersFile]:
-    """Read the buses, the description and the controllers from the files of a robot."""
-    buses = read()  # while xacro runs
-    control = read_controllers(files.controllers, strict=strict, variables=files.variables)
-    return buses, add_plugin_interfaces(reader.result(), plans_of(buses)), control
-
-
-def _told_by_files(
+def _file_notes(
     buses: Mapping[str, BusConfig],
     control: ControllersFile,
     description: UrdfDescription,

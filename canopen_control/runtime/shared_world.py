@@ -113,7 +113,7 @@ class SharedRun:
         options: Sequence[str] = (),
         of_each: Callable[[str], Sequence[str]] = lambda _name: (),
     ) -> None:
-        self._robots, self._world, self._say = robots, world, report
+        self._robots, self._world, self._report = robots, world, report
         self._options, self._of_each = tuple(options), of_each
         self._reactor = Reactor()
         self._drives: Child | None = None
@@ -138,23 +138,23 @@ class SharedRun:
         argv = [*MODULE, "canopen_control", "drive", "--buses", str(file)]
         self._drives = spawn(argv, name="drives", log_dir=file.parent, reports=True)
         self._drives.watch(self._reactor, self._on_drives_ended)
-        self._late = self._reactor.call_later(_READY_NS, self._too_late)
+        self._ready_timer = self._reactor.call_later(_READY_NS, self._on_timeout)
         self._drives.watch_ready(self._reactor, self._on_ready)
 
     def _on_ready(self) -> None:
         if self._drives is None or self._drives.heard_at is None:
             return  # the process was killed, which is reported at its end
-        self._late.cancel()
+        self._ready_timer.cancel()
         for line in self._drives.last_lines(_NOTES):
             if line.startswith(WORLD_NOTE):
-                self._say(line.removeprefix(WORLD_NOTE))
+                self._report(line.removeprefix(WORLD_NOTE))
         for robot in () if self._ending else self._robots:
             options = [*robot.arguments, "--say-name", *self._options, *self._of_each(robot.name)]
             child = spawn([*MODULE, "canopen_control", *options], name=robot.name, inherit_stdout=True)
             child.watch(self._reactor, partial(self._on_robot_ended, robot))
             self._running[robot.name] = child
 
-    def _too_late(self) -> None:
+    def _on_timeout(self) -> None:
         self._fail(f"the drives were not ready within {_READY_NS // 1_000_000_000} s; is the machine too busy?")
 
     def _fail(self, text: str) -> None:
@@ -175,7 +175,7 @@ class SharedRun:
             self._failed = f"{robot.name} ended with exit code {returncode}"
             running = ", ".join(self._running)
             if running:
-                self._say(f"{self._failed}; its drives stop, {running} continues; start it again with: {again}")
+                self._report(f"{self._failed}; its drives stop, {running} continues; start it again with: {again}")
         if not self._running:
             self._end()
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from canopen_control.virtual.node_host import NodeHost
 
 
-MOST: Final = 3  # maximum number of restarts of a child within the window
+MAX_RESTARTS: Final = 3  # maximum number of restarts of a child within the window
 WINDOW_NS: Final = 60_000_000_000
 DELAY_NS: Final = 500_000_000  # before each restart, so that resources of the ended process are released
 _DRIVE = "drive-"
@@ -145,7 +145,7 @@ class Supervisor:
         if prepared is None:
             child = self._start_module(arguments, name, ros=ros, inherit_stdout=inherit_stdout, reports=answers)
         else:
-            child = self._watched(prepared)
+            child = self._supervised(prepared)
             child.open_gate()
         self._clients.append(child)
         self.missing.pop(name, None)
@@ -218,7 +218,7 @@ class Supervisor:
         drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
         for child in [child for child in (*self._drives, self._recorder) if child is not None]:
             is_drive = child is not self._recorder
-            late = partial(self._late, child, run) if is_drive else partial(self._without_recorder, child)
+            late = partial(self._fail_late, child, run) if is_drive else partial(self._continue_without_recorder, child)
             self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
             child.watch_ready(self._reactor, partial(self._continue_without_ready, child))
         self._check_ready()
@@ -226,9 +226,9 @@ class Supervisor:
     def _continue_without_ready(self, child: Child) -> None:
         """Stop waiting for a child; for the process of all drives, wait for its error message first."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
-            self._arrived(child)
+            self._stop_waiting_for(child)
 
-    def _arrived(self, child: Child) -> None:
+    def _stop_waiting_for(self, child: Child) -> None:
         timer = self._awaited.pop(child, None)
         if timer is not None:
             timer.cancel()
@@ -247,9 +247,9 @@ class Supervisor:
             self._waiting = False
             self._run.children_ready()
 
-    def _late(self, child: Child, run: SupervisedRun) -> None:
+    def _fail_late(self, child: Child, run: SupervisedRun) -> None:
         """Fail the run, since a drive process is not ready in time."""
-        self._wait_no_more()
+        self._stop_waiting()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
         run.child_failed(
@@ -257,12 +257,12 @@ class Supervisor:
             f"{last_output}; is the machine too busy?"
         )
 
-    def _without_recorder(self, child: Child) -> None:
+    def _continue_without_recorder(self, child: Child) -> None:
         text = "the flight recorder is not ready; events before it is ready are not recorded"
         self._report(Event(self._reactor.now(), "no_recorder", "", text, Level.WARNING))
-        self._arrived(child)
+        self._stop_waiting_for(child)
 
-    def _wait_no_more(self) -> None:
+    def _stop_waiting(self) -> None:
         self._waiting = False
         for timer in self._awaited.values():
             timer.cancel()
@@ -289,7 +289,7 @@ class Supervisor:
 
     def end(self) -> None:
         """End all child processes, clients before drives; blocks for a few seconds at most."""
-        self._wait_no_more()
+        self._stop_waiting()
         self.end_clients()
         if self._recorder is not None:  # the API is closed, so the last lines of the recorder are reported here
             for line in self._recorder.last_lines():
@@ -396,9 +396,9 @@ class Supervisor:
             reports=reports,
             main=main if self._run is None else None,
         )
-        return self._watched(child)
+        return self._supervised(child)
 
-    def _watched(self, child: Child) -> Child:
+    def _supervised(self, child: Child) -> Child:
         """Supervise the end of a child process, and remove the processor binding that it inherited."""
         if self._realtime is not None:
             self._realtime.release(child.pid)
@@ -417,7 +417,7 @@ class Supervisor:
         last_output = f"; its last output: {' | '.join(lines[-3:])}" if lines else ""
         if returncode == _USAGE and child in self._awaited and self._world is not None and child is self._world[0]:
             self.refused = True
-            self._wait_no_more()
+            self._stop_waiting()
             text = "\n".join(line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE))
             if self._run is not None:
                 self._run.child_failed(text)
@@ -425,7 +425,7 @@ class Supervisor:
         text = f"process {child.name} (pid {child.pid}) {how}{last_output}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self.missing[child.name] = how
-        self._arrived(child)  # do not wait for this child
+        self._stop_waiting_for(child)  # do not wait for this child
         restartable = self._restartable.pop(child, None)
         if restartable is not None and not self._over:
             self._restart(*restartable)
@@ -464,13 +464,13 @@ class Restarts:
 
     def __init__(self) -> None:
         self.given_up = False
-        self._times: deque[int] = deque(maxlen=MOST)
+        self._times: deque[int] = deque(maxlen=MAX_RESTARTS)
 
     def died(self, now: int) -> str:
         """Count an unexpected end; return the decision about a restart as text, and set `given_up` if negative."""
-        if len(self._times) == MOST and now - self._times[0] < WINDOW_NS:
+        if len(self._times) == MAX_RESTARTS and now - self._times[0] < WINDOW_NS:
             self.given_up = True
-            return f"it is not restarted, because it was restarted {MOST} times within a minute"
+            return f"it is not restarted, because it was restarted {MAX_RESTARTS} times within a minute"
         self._times.append(now)
         recent = sum(now - time_ns < WINDOW_NS for time_ns in self._times)
-        return f"it is restarted ({recent} of {MOST} times a minute)"
+        return f"it is restarted ({recent} of {MAX_RESTARTS} times a minute)"

@@ -105,7 +105,7 @@ def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
 class SyncSender(enum.Enum):
     """Producer of SYNC on a bus."""
 
-    NOBODY = "nobody"
+    NONE = "no device"
     PROGRAM = "this program"
     KERNEL = "the kernel"
     NODE = "a node of the bus"
@@ -122,12 +122,12 @@ class SyncChoice:
     @property
     def words(self) -> str:
         """Sentence about the SYNC producer and the reason."""
-        if self.sender is SyncSender.NOBODY:
+        if self.sender is SyncSender.NONE:
             return "no device sends SYNC"
         by = (
             "is sent by the kernel, and the cycle follows it"
             if self.sender is SyncSender.KERNEL
-            else _COMES[self.sender]
+            else _SENDER_TEXTS[self.sender]
         )
         return f"SYNC {by}: {self.why}"
 
@@ -139,7 +139,7 @@ class SyncChoice:
         return f"{self.words}; {self.joints} time their motion by SYNC, and a late SYNC causes a jerk: {_REMEDY}"
 
 
-_COMES = {SyncSender.PROGRAM: "comes from this program", SyncSender.NODE: "comes from a node of the bus"}
+_SENDER_TEXTS = {SyncSender.PROGRAM: "comes from this program", SyncSender.NODE: "comes from a node of the bus"}
 _REMEDY = (
     "let the kernel send SYNC on a SocketCAN interface (sync_producer: auto or kernel), or a node (sync_producer: "
     "other), or use --realtime"
@@ -152,7 +152,7 @@ def choose_sync(
     """Choose the SYNC producer of a bus; `by_option` is True if the command line selects the kernel."""
     master = config.master
     if not master.sync_period:
-        return SyncChoice(SyncSender.NOBODY)
+        return SyncChoice(SyncSender.NONE)
     axes = cyclic_axes(config, description)
     joints, setting = joint_words(axes), f"sync_producer: {master.sync_producer}"
     if by_option:

@@ -283,12 +283,12 @@ def test_a_promise_counts_for_its_own_trajectory_and_for_nothing_that_came_after
     methods = api_trajectories.TrajectoryMethods(robot, SimpleNamespace(answers=lambda *_: None), print)
     life = CommandTimeout()
     life.holder = holder
-    methods._promised["me"] = api_trajectories._Promise(life, 10, 0)
+    methods._heartbeats["me"] = api_trajectories._Promise(life, 10, 0)
     (observer,) = robot.observers
     observer.after_cycle(10)
-    assert (let_go, list(methods._promised)) == ([], ["me"])
+    assert (let_go, list(methods._heartbeats)) == ([], ["me"])
     observer.after_cycle(11)
-    assert (let_go, list(methods._promised)) == (gone, [])
+    assert (let_go, list(methods._heartbeats)) == (gone, [])
 
 
 def test_another_client_can_cancel_it(arm, client, other):

@@ -17,7 +17,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.runtime.supervisor import (
     _RECORDER,
-    MOST,
+    MAX_RESTARTS,
     WINDOW_NS,
     Restarts,
     Silence,
@@ -411,7 +411,7 @@ def test_a_client_that_ends_by_itself_is_not_called_silent(supervisor, answering
 
 def test_three_times_a_minute_and_not_once_more():
     restarts = Restarts()
-    said = [restarts.died(number * 1_000_000_000) for number in range(MOST)]
+    said = [restarts.died(number * 1_000_000_000) for number in range(MAX_RESTARTS)]
     assert said[0] == "it is restarted (1 of 3 times a minute)"
     assert said[-1] == "it is restarted (3 of 3 times a minute)"
     assert not restarts.given_up

@@ -9,7 +9,7 @@ from canopen_control.runtime.robot_files import find_robot
 from canopen_control.runtime.setup import read_robot
 from canopen_control.runtime.sync_choice import SyncSender
 
-KERNEL, PROGRAM, NODE, NOBODY = SyncSender.KERNEL, SyncSender.PROGRAM, SyncSender.NODE, SyncSender.NOBODY
+KERNEL, PROGRAM, NODE, NOBODY = SyncSender.KERNEL, SyncSender.PROGRAM, SyncSender.NODE, SyncSender.NONE
 
 
 def setup_of(config, channel="can0", **how):
