@@ -125,7 +125,7 @@ def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo ha
 
 
 def _first_line(error: ValueError) -> str:
-    return next((line for line in str(error).splitlines() if line.strip()), "it does not say why")
+    return next((line for line in str(error).splitlines() if line.strip()), "no reason was given")
 
 
 def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
@@ -211,7 +211,7 @@ def _check_joints(axes: Mapping[str, AxisSettings], description: UrdfDescription
                             f"{nearest(name, description.movable_joints)}")  # fmt: skip
         elif joint.type not in ("continuous", "revolute", "prismatic"):
             problems.append(f"{path}:{axis.here.line}:{axis.here.column}: joint {name} is {joint.type}; "
-                            "a drive moves a continuous, revolute or prismatic one")  # fmt: skip
+                            "a drive can move a continuous, revolute or prismatic joint")  # fmt: skip
     if problems:
         raise PhysicsError("\n".join(problems))
 
@@ -312,7 +312,9 @@ def _notes(
     contact = f"on wheels: {', '.join(wheels)}" if wheels else "on no driven wheels"
     rolling = f", {', '.join(touched)} turning freely" if touched else ""
     lines = [
-        f"the robot stands {contact}{rolling}" if free else "no wheel carries the robot: it is bolted to the ground"
+        f"the robot stands {contact}{rolling}"
+        if free
+        else "no wheel carries the robot, so its root is fixed to the ground"
     ]
     guessed = [name for name, axis in axes.items() if axis.rated_torque is None]
     if guessed:
@@ -330,7 +332,7 @@ def settle(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     mujoco.mj_step(model, data, _SETTLE_STEPS)
     if any(data.warning[kind].number for kind in _UNSTABLE):
         raise ConfigError(
-            "the simulation is unstable from the start: a robot begins inside something solid, or a link has next to "
+            "the simulation is unstable from the start: a robot starts inside something solid, or a link has almost "
             "no mass or inertia; move the start of the robot (x, y, heading) or the solid, and check the masses"
         )
 
@@ -474,8 +476,8 @@ def _crossing(model: Any, starts: Mapping[str, RobotStart], path: str) -> Iterat
             continue
         reported.add((first, second))
         here = starts[second].here
-        yield (f"{path}:{here.line}:{here.column}: {second} begins inside {first}, at "
-               f"x {contact.pos[0]:.2f} m, y {contact.pos[1]:.2f} m; give it another place")  # fmt: skip
+        yield (f"{path}:{here.line}:{here.column}: {second} starts inside {first}, at "
+               f"x {contact.pos[0]:.2f} m, y {contact.pos[1]:.2f} m; choose another start pose")  # fmt: skip
 
 
 def _owner(geom: str, starts: Mapping[str, RobotStart]) -> str:

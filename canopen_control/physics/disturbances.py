@@ -149,7 +149,7 @@ class Disturbances:
             self._link(world_act.on, robot)
             numbers = [world_act.mass, *world_act.position] if isinstance(world_act, AddPayload) else [*world_act.force]
             if not np.isfinite(numbers).all():
-                raise ConfigError(f"{numbers}: these numbers are finite")
+                raise ConfigError(f"{numbers}: these numbers must be finite")
 
     def _link(self, name: str, robot: str) -> int:
         """Return the index of a link of a robot, or of its heaviest link if `name` is empty."""

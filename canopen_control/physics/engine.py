@@ -40,7 +40,10 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
     """Return the world for the contents `file` of the plant file at `path`."""
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()
     if world.robots:
-        raise PhysicsError(f"{path.parent / file.world}: it has robots of its own: canopen-control run --world FILE")
+        raise PhysicsError(
+            f"{path.parent / file.world}: it is a world of several robots; start it with canopen-control run --world "
+            "FILE"
+        )
     sensors = _sensors(file)
     floor, scene_path = world.floor or file.floor, path.parent / file.world
     notes: tuple[str, ...] = ()
@@ -64,7 +67,7 @@ def make_shared(plants: Mapping[str, Path], where: Path) -> PhysicsWorld:
     members, notes = {}, list[str]()
     for name, path in plants.items():
         if name not in starts:
-            raise PhysicsError(f"{where}: there is no robot {name!r} in it{nearest(name, starts)}")
+            raise PhysicsError(f"{where}: no robot {name!r} in this file{nearest(name, starts)}")
         members[name] = _member(name, path, floor, starts[name])
         notes += [f"{name}: {note}" for note in members[name].notes]
     model = joined({name: (member.robot, starts[name]) for name, member in members.items()}, world, str(where))
@@ -105,7 +108,7 @@ def _member(name: str, path: Path, floor: FloorContact, start: RobotStart) -> _M
     file = read_physics_file(path)
     for key in ("mjcf", "world"):
         if getattr(file, key):
-            raise PhysicsError(f"{path}: {key}: goes with a robot alone; {name} shares a world with others")
+            raise PhysicsError(f"{path}: {key}: is not possible for {name}, which shares its world with other robots")
     sensors = _sensors(file)
     robot, notes = _prepared(file, path, floor, start, sensors)
     return _Member(file, path, robot, sensors, (*notes, *robot.notes))

@@ -153,7 +153,7 @@ def read_physics_file(path: Path) -> PhysicsFile:
 
 def _check(file: PhysicsFile, _problems: Problems) -> None:
     if bool(file.urdf) == bool(file.mjcf):
-        file.here.error("it names the robot by urdf: FILE, or by mjcf: FILE")
+        file.here.error("name the robot by either urdf: FILE or mjcf: FILE")
     joints: dict[str, str] = {}
     for name, axis in file.axes.items():
         try:
@@ -163,9 +163,9 @@ def _check(file: PhysicsFile, _problems: Problems) -> None:
                 f'{name!r} is not an axis: write "3" for node 3, "3/1" for its axis 1, "BUS:3" of several buses'
             )
         if axis.scale_pos_to_dev == 0.0:
-            axis.here.error("scale_pos_to_dev is 0: write how many counts of the drive a rad of the joint is")
+            axis.here.error("scale_pos_to_dev is 0: write the counts of the drive per rad of the joint")
         if joints.setdefault(axis.joint, name) != name:
-            axis.here.error(f"joint {axis.joint} is moved by axis {joints[axis.joint]} already")
+            axis.here.error(f"axis {joints[axis.joint]} already moves joint {axis.joint}")
     for name, encoder in file.encoders.items():
         try:
             axis_address(name)

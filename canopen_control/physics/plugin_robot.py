@@ -117,15 +117,15 @@ def _lidar(part: ControlJoint, hardware: Mapping[str, str], root: str, place: st
     if wrong:
         return lidar
     for bad, text in (
-        (increment <= 0.0, f"angle_increment is {increment:g}; it is above 0"),
+        (increment <= 0.0, f"angle_increment is {increment:g}; it must be above 0"),
         (most < least, f"max_angle {most:g} is below min_angle {least:g}"),
-        (lidar.count > _MOST_RAYS, f"it has {lidar.count} rays; {_MOST_RAYS} are the most"),
-        (not 0.0 <= lidar.range_min < lidar.range_max, "range_min is from 0 and below range_max"),
-        (lidar.noise < 0.0, f"noise is {lidar.noise:g}; it is a number from 0"),
-        (number["seed"] < 0.0 or number["seed"] != lidar.seed, "seed is a whole number from 0"),
+        (lidar.count > _MOST_RAYS, f"it has {lidar.count} rays; at most {_MOST_RAYS} are possible"),
+        (not 0.0 <= lidar.range_min < lidar.range_max, "range_min must be 0 or more, and below range_max"),
+        (lidar.noise < 0.0, f"noise is {lidar.noise:g}; it must be 0 or more"),
+        (number["seed"] < 0.0 or number["seed"] != lidar.seed, "seed must be an integer of 0 or more"),
         (
             not 0.0 < rate <= _FASTEST,
-            f"{_RATE} of its hardware is {rate:g}; it is above 0, and {_FASTEST:g} Hz at most",
+            f"{_RATE} of its hardware is {rate:g}; it must be above 0 and at most {_FASTEST:g} Hz",
         ),
         (not lidar.topic, "laserscan_topic is empty"),
     ):
@@ -140,7 +140,7 @@ def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str
         value = math.nan
     if math.isfinite(value):
         return value
-    wrong.append(f"{key} is {params[key]!r}; it is a finite number")
+    wrong.append(f"{key} is {params[key]!r}; it must be a finite number")
     return default
 
 
@@ -149,7 +149,7 @@ def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> 
     names = [part.name for part in parts if any(key in part.parameters for key in _CAMERA)]
     names += [part.name for part in parts if part.parameters.get("mujoco_type", "").strip() == "camera"]
     return [
-        f"camera {name} has no images: they need OpenGL, which mujoco-core does not bring"
+        f"camera {name} is not simulated: images need OpenGL, which mujoco-core does not include"
         for name in dict.fromkeys([*names, *cameras])
     ]
 

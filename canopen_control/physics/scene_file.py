@@ -185,16 +185,16 @@ def _with_solids(world: WorldDescription, sdf: Path) -> WorldDescription:
 def _check(file: WorldDescription, _problems: Problems) -> None:
     for wall in file.walls:
         if wall.begin == wall.end:
-            wall.here.error("a wall goes from one point to another one")
+            wall.here.error("a wall needs two different points")
     for box in file.boxes:
         if min(box.size) <= 0.0:
-            box.here.error("size: the three lengths of a box are above 0")
+            box.here.error("size: the three lengths of a box must be above 0")
     _check_robots(file)
     for step in file.steps:
         if len(step.acts()) != 1:
-            step.here.error("a step has one of payload, push, block and friction")
+            step.here.error("a step needs exactly one of payload, push, block and friction")
         if step.length is not None and not step.block:
-            step.here.error("for: goes with block")
+            step.here.error("for: is possible only with block")
         for value in (step.at, step.length):
             try:
                 seconds_of(0.0 if value is None else value)
@@ -209,14 +209,16 @@ def _check_robots(file: WorldDescription) -> None:
     names: set[str] = set()
     for robot in file.robots:
         if _NAME.fullmatch(robot.name) is None:  # the name is also that of a bus and of a ROS namespace
-            robot.here.error(f"name: {robot.name!r} is none: a letter, then letters, digits and _, 30 at most")
+            robot.here.error(
+                f"name: {robot.name!r} is not possible: use a letter, then letters, digits and _, at most 30 characters"
+            )
         if robot.name in names:
-            robot.here.error(f"a robot named {robot.name} is there already; name this one otherwise")
+            robot.here.error(f"a robot named {robot.name} exists already; choose another name")
         names.add(robot.name)
     if len(file.robots) > MOST_ROBOTS:
-        file.robots[MOST_ROBOTS].here.error(f"{len(file.robots)} robots: a world has {MOST_ROBOTS} at most")
+        file.robots[MOST_ROBOTS].here.error(f"{len(file.robots)} robots: a world can have at most {MOST_ROBOTS}")
     for step in file.steps:
         if step.robot and step.robot not in names:
             step.here.error(f"there is no robot {step.robot!r} in this file{nearest(step.robot, names)}")
         if names and not step.robot and step.friction is None:
-            step.here.error(f"robot: say of which robot: {', '.join(sorted(names))}")
+            step.here.error(f"robot: name the robot of this step: {', '.join(sorted(names))}")

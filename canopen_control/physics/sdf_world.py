@@ -58,14 +58,14 @@ def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
     """Return the convex parts of a scaled binary STL mesh; raise ValueError if it has invalid or too many parts."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
-        raise ValueError(f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one")
+        raise ValueError(f"{count} faces are more than the possible {_MOST_FACES}; use a simpler mesh")
     corners = np.frombuffer(stl, _FACE, count, _HEAD)["corners"].reshape(-1, 3).astype(float) * np.array(scale)
     if not np.isfinite(corners).all():
-        raise ValueError("a number in it is none")
+        raise ValueError("a coordinate is not a finite number")
     keys, faces = np.unique(np.round(corners / _GRAIN_M).astype(np.int64), axis=0, return_inverse=True)
     parts = tuple(_solid(keys[list(piece)] * _GRAIN_M) for piece in _pieces(faces.reshape(-1, 3), len(keys)))
     if len(parts) > _MOST_PARTS:
-        raise ValueError(f"{len(parts)} separate pieces are more than the {_MOST_PARTS} that are simulated")
+        raise ValueError(f"{len(parts)} separate pieces are more than the possible {_MOST_PARTS}")
     return tuple(MeshPart(part) for part in parts)
 
 
@@ -134,10 +134,12 @@ def read_sdf_world(path: Path) -> SdfWorld:
     if root is not None:
         worlds = [child for child in root.children if child.tag == "world"]
         if not worlds:
-            reader.mistake(path, root, "there is no <world> in it; give the file of a world, not that of a model")
+            reader.mistake(path, root, "no <world> in this file; give the file of a world, not of a model")
         for number, world in enumerate(worlds):
             if number:
-                reader.mistake(path, world, "a second <world>; one file has one world here, so take this one out")
+                reader.mistake(
+                    path, world, "a second <world>; only one world per file is supported, so remove this one"
+                )
         reader.scope(_Scope(path, worlds[0] if worlds else root, ORIGIN, ""), 0)
     if reader.problems:
         raise PhysicsError("\n".join(reader.problems))
@@ -170,11 +172,11 @@ class _Reader:
     def notes(self, path: Path) -> Iterator[str]:
         """Yield the differences from Gazebo as sentences."""
         if self._loose:
-            yield f"{path}: these models are not static, and stand fast here: {', '.join(self._loose)}"
+            yield f"{path}: these models are not static in the file, but fixed here: {', '.join(self._loose)}"
         if self._meshes:
             files = {file.name: len(parts) for (file, _), parts in self._meshes.items()}
             listed = ", ".join(f"{name} ({count} part{'s' if count > 1 else ''})" for name, count in files.items())
-            yield f"{path}: each part of a mesh touches as its convex hull: {listed}"
+            yield f"{path}: each part of a mesh has the contacts of its convex hull: {listed}"
 
     def mistake(self, path: Path, element: Element, text: str) -> None:
         self.problems.append(f"{path}:{element.place.line}:{element.place.column}: {text}")
@@ -191,12 +193,12 @@ class _Reader:
         else:
             if root.tag == "sdf":
                 return root
-            self.mistake(path, root, f"<{root.tag}> is not an SDF, which begins with <sdf version=...>")
+            self.mistake(path, root, f"<{root.tag}> is not SDF; an SDF file begins with <sdf version=...>")
         return None
 
     def scope(self, scope: _Scope, depth: int) -> None:
         if depth > _DEEPEST:
-            text = f"more than {_DEEPEST} models in each other; does one include itself?"
+            text = f"more than {_DEEPEST} nested models; does a model include itself?"
             self.mistake(scope.path, scope.element, text)
             return
         for child in scope.element.children:
@@ -222,7 +224,7 @@ class _Reader:
         """Read the model of an included file, with pose and name of the include."""
         uri = _text(element, "uri")
         if not uri:
-            self.mistake(scope.path, element, "<include> has no <uri>; name the file of the model in it")
+            self.mistake(scope.path, element, "<include> has no <uri>; add the file of the model")
             return
         if uri.rstrip("/").rpartition("/")[2].strip().lower().replace(" ", "_") in _KNOWN:
             return
@@ -232,7 +234,7 @@ class _Reader:
             return
         models = [child for child in root.children if child.tag == "model"]
         if len(models) != 1:
-            self.mistake(file, root, f"{len(models)} models in a file that is included; one has to be in it")
+            self.mistake(file, root, f"{len(models)} models in an included file; there must be exactly one")
             return
         own = models[0]
         pose = element.child("pose")
@@ -257,9 +259,9 @@ class _Reader:
             places = [path.parent / unquote(parts.path)]
         file = next((candidate for candidate in places if candidate.exists()), None)
         if file is None:
-            where = "beside this file, in GZ_SIM_RESOURCE_PATH or as a package" if parts.scheme else f"at {places[0]}"
+            where = "next to this file, in GZ_SIM_RESOURCE_PATH or as a package" if parts.scheme else f"at {places[0]}"
             advice = "give the folder or the file of the model as <uri>"
-            self.mistake(path, element, f"{uri}: there is no such model {where}; {advice}")
+            self.mistake(path, element, f"{uri}: no such model {where}; {advice}")
             return None
         return _model_file(file) if file.is_dir() else file
 
@@ -277,10 +279,14 @@ class _Reader:
             return own
         target = scope.frames.get(base)
         if target is None:
-            self.mistake(scope.path, pose or element, f"there is no frame {base!r} here{nearest(base, scope.frames)}")
+            self.mistake(scope.path, pose or element, f"no frame {base!r} in this scope{nearest(base, scope.frames)}")
             return own
         if base in scope.open:
-            self.mistake(scope.path, pose or element, f"the pose of {base!r} depends on itself; give one in the model")
+            self.mistake(
+                scope.path,
+                pose or element,
+                f"the pose of {base!r} depends on itself; give the pose relative to the model",
+            )
             return own
         scope.open.add(base)
         placed = self._inside(scope, target).then(own)
@@ -326,9 +332,7 @@ class _Reader:
             return
         make = _SHAPES.get(shape.tag)
         if make is None:
-            self.mistake(
-                link.path, shape, f"<{shape.tag}> is not a shape of this physics; use one of {', '.join(_SHAPES)}"
-            )
+            self.mistake(link.path, shape, f"<{shape.tag}> is not a supported shape; use one of {', '.join(_SHAPES)}")
             return
         solid = make(self, link.path, shape, self._name(link, element), place)
         if solid is not None:
@@ -341,7 +345,7 @@ class _Reader:
         if len(numbers) == len(words) == count:
             return numbers
         expected = "a number" if count == 1 else f"{count} numbers"
-        self.mistake(path, shape.child(tag) or shape, f"<{tag}> of <{shape.tag}> is {expected} above 0, in m")
+        self.mistake(path, shape.child(tag) or shape, f"<{tag}> of <{shape.tag}> must be {expected} above 0, in m")
         return None
 
     def mesh(self, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
@@ -352,7 +356,9 @@ class _Reader:
             words = _text(shape, "scale").split()
             numbers = [number for number in map(finite_number, words) if number]  # 0 is invalid
             if len(numbers) != 3 or len(words) != 3:
-                self.mistake(path, shape.child("scale") or shape, "<scale> of <mesh> is three numbers, none of them 0")
+                self.mistake(
+                    path, shape.child("scale") or shape, "<scale> of <mesh> must be three numbers other than 0"
+                )
                 return None
             scale = (numbers[0], numbers[1], numbers[2])
         try:
@@ -360,7 +366,7 @@ class _Reader:
             if (file, scale) not in self._meshes:
                 read = read_mesh(file)
                 if read.format != "stl":
-                    raise ConfigError(f"mesh {file}: {file.suffix} is drawn, and not simulated; STL, OBJ and DAE are")
+                    raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
                 self._meshes[file, scale] = convex_parts(read.content, scale)
         except (ConfigError, ValueError) as error:
             self.mistake(path, shape, str(error) if isinstance(error, ConfigError) else f"mesh {uri}: {error}")
@@ -393,7 +399,7 @@ def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
     words = _text(shape, "normal").split() or ["0", "0", "1"]
     numbers = [number for number in map(finite_number, words) if number is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
-        reader.mistake(path, shape.child("normal") or shape, "<normal> of <plane> is three numbers, not all of them 0")
+        reader.mistake(path, shape.child("normal") or shape, "<normal> of <plane> must be three numbers, not all 0")
         return None
     turned = place.then(Pose(rotation=_turn_up((numbers[0], numbers[1], numbers[2]))))
     up = rotate(turned.rotation, (0.0, 0.0, 1.0))
@@ -457,7 +463,7 @@ def _model_file(folder: Path) -> Path:
 def _mesh_file(path: Path, uri: str) -> Path:
     """Return the file of a mesh URI; raise ConfigError if the file is missing."""
     if not uri:
-        raise ConfigError("<mesh> has no <uri>; name its file in it")
+        raise ConfigError("<mesh> has no <uri>; add its file")
     parts = urlsplit(uri)
     if parts.scheme in ("model", "package"):
         rest = unquote(f"{parts.netloc}{parts.path}")

@@ -106,7 +106,7 @@ def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes)
             mesh.set("filename", meshes.add(find_mesh(mesh.get("filename", ""), path)))
         except ConfigError as error:
             link.remove(shape)
-            notes.append(f"link {link.get('name')}: {error}; it touches nothing with that shape")
+            notes.append(f"link {link.get('name')}: {error}; this shape has no contacts")
 
 
 class _Meshes:
@@ -121,7 +121,7 @@ class _Meshes:
         if file not in self._names:
             mesh = read_mesh(file)
             if mesh.format != "stl":
-                raise ConfigError(f"mesh {file}: {file.suffix} is drawn, and not simulated; STL, OBJ and DAE are")
+                raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
             if why := _unusable(mesh.content):
                 raise ConfigError(f"mesh {file}: {why}")
             name = f"{file.stem}_{len(self._names)}.stl"
@@ -133,11 +133,11 @@ def _unusable(stl: bytes) -> str:
     """Return why a binary STL mesh cannot be simulated, "" if the mesh is usable."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
-        return f"{count} faces are more than the {_MOST_FACES} that are simulated; make a lighter one for <collision>"
+        return f"{count} faces are more than the possible {_MOST_FACES}; use a simpler mesh for <collision>"
     corners = np.frombuffer(stl, _FACE, count, _HEAD)["corners"].reshape(-1, 3)
     extents = corners.max(axis=0) - corners.min(axis=0)
     if not (np.isfinite(extents).all() and extents.min() > _FLAT_M):
-        return "it is flat, or a number in it is none"
+        return "it is flat, or a coordinate is not a finite number"
     return ""
 
 
@@ -147,7 +147,7 @@ def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
         for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
             if value is not None and value < 0.0:
                 place = f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name}"
-                problems.append(f"{place}: {name}={value:g} of <dynamics> is below 0; give 0 or more")
+                problems.append(f"{place}: {name}={value:g} of <dynamics> is below 0; write 0 or more")
 
 
 def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[str], problems: list[str]) -> None:
@@ -163,16 +163,16 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
     try:
         xx, yy, zz, xy, xz, yz = (float(element.get(key, "0")) for key in _MOMENTS)
     except ValueError:
-        problems.append(f"{place}: its <inertia> has what is not a number; correct it")
+        problems.append(f"{place}: a value of its <inertia> is not a number; correct it")
         return
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if not np.isfinite(matrix).all():
-        problems.append(f"{place}: its <inertia> has what is not a number; correct it")
+        problems.append(f"{place}: a value of its <inertia> is not a number; correct it")
         return
     moments, axes = np.linalg.eigh(matrix)
     listed = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] < _LEAST_MOMENT and (matrix.any() or _is_moved(description, name)):
-        advice = "correct it, or omit <inertial>: then the shapes give it"
+        advice = "correct it, or omit <inertial>, so that the shapes define it"
         problems.append(f"{place}: no body of {mass:g} kg has the moments of inertia {listed} kg m²; {advice}")
         return
     most = moments[0] + moments[1]
@@ -206,7 +206,7 @@ def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]
     heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
-        "which has neither a mass nor a shape; give it <inertial>, or a <collision>"
+        "which has neither a mass nor a shape; add <inertial> or <collision>"
         for joint in description.joints.values()
         if not joint.fixed and not heavy.intersection(_rigid(description, joint.child))
     ]

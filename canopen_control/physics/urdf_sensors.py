@@ -92,16 +92,16 @@ def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[s
     if kind is None:
         return None
     unknown = [name for name in part.state_interfaces if name not in INTERFACES[kind]]
-    wrong += [f"no {kind} sensor has {name!r}{nearest(name, INTERFACES[kind])}" for name in unknown]
+    wrong += [f"{name!r} is not an interface of a {kind} sensor{nearest(name, INTERFACES[kind])}" for name in unknown]
     link = params.get("frame_id", root).strip()
     if link not in links and SENSOR_PREFIX not in params:
         wrong.append(f"no link {link!r} for its frame_id{nearest(link, links)}")
     noise, reach = (_number(params, key, default, wrong) for key, default in (("noise", 0.0), ("range_max", 10.0)))
     seed = _number(params, "seed", 0.0, wrong)
     if seed != round(seed) or seed > _LARGEST_SEED:
-        wrong.append(f"seed is {params['seed']!r}; it is a whole number from 0 to {_LARGEST_SEED}")
+        wrong.append(f"seed is {params['seed']!r}; it must be an integer from 0 to {_LARGEST_SEED}")
     if reach == 0.0:
-        wrong.append("range_max is 0; it is above that")
+        wrong.append("range_max is 0; it must be above 0")
     scene = params.get(SENSOR_PREFIX, "").strip()
     return None if wrong else SensorSettings(kind, link, noise, reach, round(seed), scene)
 
@@ -113,5 +113,5 @@ def _number(params: Mapping[str, str], key: str, default: float, wrong: list[str
         value = math.nan
     if math.isfinite(value) and value >= 0.0:
         return value
-    wrong.append(f"{key} is {params[key]!r}; it is a number from 0")
+    wrong.append(f"{key} is {params[key]!r}; it must be 0 or more")
     return default

@@ -46,7 +46,7 @@ def test_another_is_bolted_to_the_ground(urdf, free):
     axes = [AxisSettings("swing", 1.0)] if urdf == BRAKED else WHEELS.values()
     made = body(urdf, *axes, free=free)
     assert made.base is None
-    assert "no wheel carries the robot: it is bolted to the ground" in made.notes
+    assert "no wheel carries the robot, so its root is fixed to the ground" in made.notes
 
 
 def test_wheels_become_ellipsoids_with_the_grip_of_the_floor():

@@ -108,9 +108,9 @@ def test_the_other_robot_is_among_the_shapes(tmp_path):
 
 
 def test_robots_that_begin_inside_each_other_are_told_with_the_line(tmp_path):
-    with pytest.raises(PhysicsError, match=r"hall\.yml:3:5: right begins inside left, at x -?0\.\d+ m"):
+    with pytest.raises(PhysicsError, match=r"hall\.yml:3:5: right starts inside left, at x -?0\.\d+ m"):
         shared(tmp_path, apart=0.1)
-    with pytest.raises(PhysicsError, match=r"hall\.yml:2:5: left begins inside box 0"):
+    with pytest.raises(PhysicsError, match=r"hall\.yml:2:5: left starts inside box 0"):
         shared(tmp_path, HALL + "boxes: [{{at: [0, 0], size: [0.1, 0.1, 0.3]}}]\n")
 
 

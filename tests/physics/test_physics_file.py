@@ -27,11 +27,11 @@ def test_what_is_not_said_is_none_or_the_default(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("urdf: robot.urdf", "urdf: a.urdf\nmjcf: b.xml", ":1:1: it names the robot by urdf: FILE, or by mjcf: FILE"),
+        ("urdf: robot.urdf", "urdf: a.urdf\nmjcf: b.xml", ":1:1: name the robot by either urdf: FILE or mjcf: FILE"),
         ('"3/1"', '"wheel"', ":5:"),
         ('"3/1"', '"3/9"', "is not an axis: write"),
         ("scale_pos_to_dev: -10", "scale_pos_to_dev: 0", ":4:"),
-        ("joint: right", "joint: left", "joint left is moved by axis 3 already"),
+        ("joint: right", "joint: left", "axis 3 already moves joint left"),
         ("peak_torque", "peek_torque", "peak_torque"),
         ("peak_torque: 1.5", "peak_torque: much", ":4:"),
     ],

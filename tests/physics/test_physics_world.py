@@ -96,7 +96,7 @@ def test_a_robot_inside_something_solid_is_refused_and_nothing_is_written(tmp_pa
     box = "<geometry><box><size>1e9 1e9 1e9</size></box></geometry>"
     model = f"<model name='m'><static>true</static><link name='l'><collision name='c'>{box}</collision></link></model>"
     (tmp_path / "hall.sdf").write_text(f"<sdf version='1.9'><world name='hall'>{model}</world></sdf>")
-    with pytest.raises(ConfigError, match="unstable from the start: a robot begins inside something solid"):
+    with pytest.raises(ConfigError, match="unstable from the start: a robot starts inside something solid"):
         robby(tmp_path, ROBBY + f"world: {tmp_path / 'hall.sdf'}\n")
     assert len(caplog.records) == 1
     assert not (tmp_path / "MUJOCO_LOG.TXT").exists()

@@ -39,16 +39,16 @@ def test_everything_can_be_said():
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"min_angle": "left"}, "min_angle is 'left'; it is a finite number"),
+        ({"min_angle": "left"}, "min_angle is 'left'; it must be a finite number"),
         ({"max_angle": "inf"}, "max_angle is 'inf'"),
         ({"max_angle": "-2"}, "max_angle -2 is below min_angle -1.5"),
-        ({"angle_increment": "0"}, "angle_increment is 0; it is above 0"),
+        ({"angle_increment": "0"}, "angle_increment is 0; it must be above 0"),
         ({"angle_increment": "-0.1"}, "angle_increment is -0.1"),
-        ({"angle_increment": "1e-5"}, "it has 300001 rays; 10000 are the most"),
-        ({"angle_increment": "1e-320"}, "rays; 10000 are the most"),
-        ({"range_min": "5", "range_max": "5"}, "range_min is from 0 and below range_max"),
-        ({"noise": "-1"}, "noise is -1; it is a number from 0"),
-        ({"seed": "0.5"}, "seed is a whole number from 0"),
+        ({"angle_increment": "1e-5"}, "it has 300001 rays; at most 10000 are possible"),
+        ({"angle_increment": "1e-320"}, "rays; at most 10000 are possible"),
+        ({"range_min": "5", "range_max": "5"}, "range_min must be 0 or more, and below range_max"),
+        ({"noise": "-1"}, "noise is -1; it must be 0 or more"),
+        ({"seed": "0.5"}, "seed must be an integer of 0 or more"),
         ({"laserscan_topic": " "}, "laserscan_topic is empty"),
     ],
 )

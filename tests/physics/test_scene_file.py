@@ -48,15 +48,15 @@ def test_what_stands_on_the_floor_has_its_sizes(tmp_path):
         ("friction: 0.1}", "fricton: 0.1}", "friction"),
         ("size: [1, 1]", "size: [1]", "size"),
         ("angle: 8", "angle: 80", "angle"),
-        ("size: [0.3, 0.3, 0.3]", "size: [0.3, 0, 0.3]", "size: the three lengths of a box are above 0"),
-        ("to: [4, 2]", "to: [0, 2]", "a wall goes from one point to another one"),
+        ("size: [0.3, 0.3, 0.3]", "size: [0.3, 0, 0.3]", "size: the three lengths of a box must be above 0"),
+        ("to: [4, 2]", "to: [0, 2]", "a wall needs two different points"),
         ("at: 10s", "at: soon", "'soon' is not a time"),
         (
             "friction: 0.2}",
             "friction: 0.2, block: x}",
-            "a step has one of payload, push, block and friction",
+            "a step needs exactly one of payload, push, block and friction",
         ),
-        ("friction: 0.2}", "friction: 0.2, for: 1s}", "for: goes with block"),
+        ("friction: 0.2}", "friction: 0.2, for: 1s}", "for: is possible only with block"),
     ],
 )
 def test_a_mistake_is_told_with_its_line(tmp_path, old, new, message):
@@ -92,11 +92,11 @@ def test_robots_have_a_name_a_folder_and_a_place(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("name: b", "name: a", "hall.yml:3:5: robots.1.: a robot named a is there already"),
-        ("name: b", "name: 2-b", "hall.yml:3:5: .*name: '2-b' is none"),
+        ("name: b", "name: a", "hall.yml:3:5: robots.1.: a robot named a exists already"),
+        ("name: b", "name: 2-b", "hall.yml:3:5: .*name: '2-b' is not possible"),
         ("name: b, ", "", "hall.yml:3:5: .*name"),
         ("robot: b,", "robot: bb,", "there is no robot 'bb' in this file"),
-        ("robot: b,", "", "robot: say of which robot: a, b"),
+        ("robot: b,", "", "robot: name the robot of this step: a, b"),
         ("robots:", "start: {at: [0, 0]}\nrobots:", "omit `start`"),
         ("heading: 90", "headnig: 90", "hall.yml:3:47: .*headnig.*did you mean.*heading"),
     ],

@@ -31,9 +31,9 @@ def test_each_piece_that_hangs_together_is_a_part_at_the_scale():
 @pytest.mark.parametrize(
     ("content", "why"),
     [
-        (stl(((0, 0, 0), (1, 0, 0), (0, float("nan"), 0))), "a number in it is none"),
+        (stl(((0, 0, 0), (1, 0, 0), (0, float("nan"), 0))), "a coordinate is not a finite number"),
         (stl(*(((10 * n, 0, 0), (10 * n + 1, 0, 0), (10 * n, 1, 0)) for n in range(501))), "501 separate pieces"),
-        (bytes(80) + struct.pack("<I", 200_001), "200001 faces are more than the 200000"),
+        (bytes(80) + struct.pack("<I", 200_001), "200001 faces are more than the possible 200000"),
     ],
 )
 def test_what_cannot_be_simulated_is_told(content, why):
@@ -134,8 +134,8 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_pat
     assert world.solids[0].parts[0].corners.max(axis=0) == pytest.approx((2.0, 1.0, 0.0005))
     path = tmp_path / "hall.sdf"
     assert world.notes == (
-        f"{path}: these models are not static, and stand fast here: crate",
-        f"{path}: each part of a mesh touches as its convex hull: roof.stl (1 part)",
+        f"{path}: these models are not static in the file, but fixed here: crate",
+        f"{path}: each part of a mesh has the contacts of its convex hull: roof.stl (1 part)",
     )
 
 
@@ -146,12 +146,12 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_pat
             "<include><uri>https://fuel.gazebosim.org/1.0/a/models/t</uri></include>",
             "t is not on this computer; download",
         ),
-        ("<include><uri>model://t</uri></include>", "model://t: there is no such model beside this file, in GZ_SIM_"),
-        ("<include><uri>t</uri></include>", "t: there is no such model at "),
+        ("<include><uri>model://t</uri></include>", "model://t: no such model next to this file, in GZ_SIM_"),
+        ("<include><uri>t</uri></include>", "t: no such model at "),
         ("<include/>", "<include> has no <uri>"),
         (
             model(link(SHAPE.format("<heightmap/>"))),
-            "<heightmap> is not a shape of this physics; use one of box, sphere, ",
+            "<heightmap> is not a supported shape; use one of box, sphere, ",
         ),
         (model(link(SHAPE.format("<mesh><uri>no.stl</uri></mesh>"))), "mesh no.stl: there is no file "),
         (model(link(SHAPE.format("<mesh/>"))), "<mesh> has no <uri>"),
@@ -159,18 +159,24 @@ def test_a_mesh_is_its_convex_parts_and_what_differs_from_gazebo_is_told(tmp_pat
             model(link(SHAPE.format("<mesh><uri>hall.sdf</uri></mesh>"))),
             "hall.sdf: .sdf is not supported; use .stl, .obj",
         ),
-        (model(link(SHAPE.format("<mesh><uri>a.stl</uri><scale>1 0 1</scale></mesh>"))), "<scale> of <mesh> is three"),
-        (model(link(SHAPE.format("<box><size>1 0 1</size></box>"))), "<size> of <box> is 3 numbers above 0, in m"),
+        (
+            model(link(SHAPE.format("<mesh><uri>a.stl</uri><scale>1 0 1</scale></mesh>"))),
+            "<scale> of <mesh> must be three",
+        ),
+        (model(link(SHAPE.format("<box><size>1 0 1</size></box>"))), "<size> of <box> must be 3 numbers above 0, in m"),
         (
             model(link(SHAPE.format("<sphere><radius>inf</radius></sphere>"))),
-            "<radius> of <sphere> is a number above 0",
+            "<radius> of <sphere> must be a number above 0",
         ),
-        (model(link(SHAPE.format("<cylinder><radius>1</radius></cylinder>"))), "<length> of <cylinder> is a number"),
-        (model(link(SHAPE.format("<plane><normal>0 0</normal></plane>"))), "<normal> of <plane> is three numbers"),
+        (
+            model(link(SHAPE.format("<cylinder><radius>1</radius></cylinder>"))),
+            "<length> of <cylinder> must be a number",
+        ),
+        (model(link(SHAPE.format("<plane><normal>0 0</normal></plane>"))), "<normal> of <plane> must be three numbers"),
         (model(link('<collision name="c"/>')), "<collision> has no shape"),
         (model(link(BOX, "<pose>0 0 x 0 0 0</pose>")), "<pose> '0 0 x 0 0 0' is not six numbers, x y z in m and roll"),
         (model(link(BOX, '<pose rotation_format="quat_xyzw">0 0 0 0 0 0 0</pose>')), "the quaternion of <pose> is 0"),
-        (model(link(BOX, '<pose relative_to="k">0 0 0 0 0 0</pose>')), "there is no frame 'k' here; known: l"),
+        (model(link(BOX, '<pose relative_to="k">0 0 0 0 0 0</pose>')), "no frame 'k' in this scope; known: l"),
         (
             model('<frame name="a"><pose relative_to="a"/></frame>' + link(BOX, '<pose relative_to="a"/>')),
             "of 'a' depends",
@@ -190,9 +196,9 @@ def test_what_cannot_stand_is_one_sentence_with_its_line(tmp_path, inside, messa
     [
         (
             sdf(model(link(BOX))),
-            "hall.sdf:2:1: there is no <world> in it; give the file of a world, not that of a model",
+            "hall.sdf:2:1: no <world> in this file; give the file of a world, not of a model",
         ),
-        ("<robot/>", "hall.sdf:1:1: <robot> is not an SDF"),
+        ("<robot/>", "hall.sdf:1:1: <robot> is not SDF"),
         ("text", "hall.sdf:1:1: not valid XML"),
         (sdf('<world name="a"/><world name="b"/>'), "hall.sdf:3:18: a second <world>"),
         (None, "hall.sdf: cannot be read: No such file or directory"),
@@ -213,7 +219,7 @@ def test_all_mistakes_of_a_world_are_told_at_once_and_a_file_that_includes_itsel
         world_of(tmp_path, "<include/><include/><include><uri>ring.sdf</uri></include>")
     lines = str(caught.value).splitlines()
     assert len(lines) == 3
-    assert "ring.sdf:3:1: more than 16 models in each other; does one include itself?" in lines[2]
+    assert "ring.sdf:3:1: more than 16 nested models; does a model include itself?" in lines[2]
 
 
 def test_a_world_in_yaml_names_one_in_sdf(tmp_path):

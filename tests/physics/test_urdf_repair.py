@@ -69,7 +69,7 @@ def test_what_is_fixed_to_it_may_have_the_mass():
     [
         ("package://nowhere_at_all/a.stl", "no package nowhere_at_all with this file"),
         ("part.ply", ".ply is not supported; use .stl, .obj, .dae, .glb"),
-        ("part.glb", ".glb is drawn, and not simulated; STL, OBJ and DAE are"),
+        ("part.glb", ".glb is only displayed; use STL, OBJ or DAE"),
         ("broken.stl", "it is not an STL file"),
         ("flat.obj", "it is flat"),
         ("gone.stl", "there is no file"),
@@ -156,7 +156,7 @@ def test_moments_that_are_not_above_zero_are_a_mistake_with_the_line_of_their_li
 
 
 def test_a_number_of_an_inertia_that_is_none_is_a_mistake():
-    with pytest.raises(PhysicsError, match=r"link part: its <inertia> has what is not a number"):
+    with pytest.raises(PhysicsError, match=r"link part: a value of its <inertia> is not a number"):
         repair(with_inertia((1, 1, "nan", 0, 0, 0)))
 
 

@@ -38,11 +38,11 @@ def test_link_noise_seed_and_reach_are_parameters():
 @pytest.mark.parametrize(
     ("parameters", "said"),
     [
-        ({"noise": "-1"}, "noise is '-1'; it is a number from 0"),
+        ({"noise": "-1"}, "noise is '-1'; it must be 0 or more"),
         ({"noise": "nan"}, "noise is 'nan'"),
         ({"noise": ""}, "noise is ''"),
-        ({"seed": "1.5"}, "seed is '1.5'; it is a whole number from 0 to 2147483647"),
-        ({"seed": "1e300"}, "seed is '1e300'; it is a whole number"),
+        ({"seed": "1.5"}, "seed is '1.5'; it must be an integer from 0 to 2147483647"),
+        ({"seed": "1e300"}, "seed is '1e300'; it must be an integer"),
         ({"seed": "inf"}, "seed is 'inf'"),
         ({"range_max": "0"}, "range_max is 0"),
         ({"frame_id": "imu_lnk"}, "no link 'imu_lnk' for its frame_id, did you mean 'imu_link'?"),
