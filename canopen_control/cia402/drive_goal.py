@@ -70,8 +70,10 @@ def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
 
 def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> bool:
     """Whether a drive in `state` (None: unknown) has reached `goal`, a goal other than ENABLED."""
+    # CiA 402-2, table 22, transition 14: in FAULT the fault reaction is over, and the motor has no torque
     if state is State.FAULT:
         return True
+    # CiA 402-2, 0x605A: a quick stop ends in either of these states
     if goal is DriveGoal.QUICK_STOPPED:
         return state in (State.QUICK_STOP_ACTIVE, State.SWITCH_ON_DISABLED)
     return state in DISABLED_STATES and LADDER[state] <= LADDER[state_of_goal(goal, disabled_state)]

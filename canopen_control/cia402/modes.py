@@ -106,6 +106,7 @@ def require_mode(mode: int, supported: Iterable[int]) -> None:
     the request decides.
     """
     present = tuple(supported)
+    # CiA 402-2, 0x6502 is optional, and its bits cover only the modes of the profile
     if mode >= 0 and present and mode not in present:
         raise UnsupportedMode(mode_name(mode), tuple(map(mode_name, present)))
 

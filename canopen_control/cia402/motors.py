@@ -104,6 +104,7 @@ def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
         return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
     if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
         return f"subindex {doubled[0]} is listed twice; each motor needs its own subindex"
+    # CiA 402-2, 5.1: axis 1 has its own controlword at 0x6840
     if (o.axis_index(o.CONTROLWORD, 1), 0) in od:
         return "it has a second controlword (0x6840): each axis has its own objects, as in CiA 402"
     several = [index for index in _MEASURED_AND_COMMANDED if any(subindex for subindex in od.subindices(index))]

@@ -158,6 +158,7 @@ def axis_index(index: int, axis: int) -> int:
 
     ValueError unless `axis` is 0 to 7.
     """
+    # CiA 402-2, 5.1: up to eight axes, whose objects are 0x800 apart
     if not 0 <= axis < AXES:
         raise ValueError(f"axis {axis} does not exist: a device has the axes 0 to {AXES - 1}")
     return index + _AXIS_STRIDE * axis if _FIRST <= index <= _LAST else index
@@ -189,6 +190,7 @@ def object_name(index: int) -> str | None:
 
 def is_drive_profile(device_type: int) -> bool:
     """Return whether the device profile in 0x1000 is CiA 402 (bits 0 to 15)."""
+    # CiA 301, 7.5.2.1: bits 0 to 15 of 0x1000 are the number of the device profile
     return device_type & 0xFFFF == _DRIVE_PROFILE
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 GRACE_NS: Final = 300_000_000
 POLL_NS: Final = 50_000_000
 BLIND_STOP_NS: Final = 2_000_000_000  # time for a stop ramp that cannot be observed
-_QUICK_STOP_WORD: Final = 0x0002
+_QUICK_STOP_WORD: Final = 0x0002  # CiA 402-2, table 24: bit 1 is 1, bit 2 is 0
 
 
 class AxisStatus:
@@ -104,6 +104,7 @@ class AxisStatus:
             if self.pdo.stamp < 0:
                 return 0  # no statusword since the boot: not started yet
             self._blind_since = now
+        # CiA 402-2, table 22: disable voltage leads out of every powered state
         stopping = self._holds_load or now - self._blind_since < BLIND_STOP_NS
         return _QUICK_STOP_WORD if stopping else 0
 
@@ -181,6 +182,7 @@ class ModeBySdo:
         if mode is not None and axis.mode is None and mode != self._written:
             self._written = mode
             node.write(axis.index(objects.MODES_OF_OPERATION), 0, mode.to_bytes(1, "little", signed=True))
+        # CiA 402-2, 0x6061: a requested mode is active when it is shown here
         settled = mode is None or self.display == mode
         if axis.display is not None or settled or self._asking or now < self._next:
             return
@@ -265,6 +267,7 @@ class AxisObjectLimits:
 
     def within(self, raw: int, most: float) -> int:
         """Limit a velocity to `most`, in the same units; return 0 in a blocked direction."""
+        # CiA 402-2, 0x6041 bit 11 (internal limit active): no motion further into the limit
         if raw * self.blocked > 0:
             return 0
         if -most <= raw <= most:
@@ -353,6 +356,7 @@ class AxisProcessData:
     def _require_widths(self) -> None:
         """Raise RobotConfigError for a mapped object that is narrower than in CiA 402."""
         positions = [self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION]
+        # CiA 402-2: 0x6040 and 0x6041 are UNSIGNED16, 0x6064, 0x607A and 0x60C1:01 are INTEGER32
         wide = dict.fromkeys((*_WIDTHS, *((address, 32) for address in positions)))
         for (index, subindex), least in wide:
             entry = self.node.od.get(self.index(index), subindex)

@@ -144,6 +144,7 @@ def leading_interface(axis: AxisProcessData, parameters: AxisParameters, interfa
     node, names = axis.node, " and ".join(interfaces)
     if POSITION not in interfaces:
         raise DriveError(f"joint {axis.joint}: {names} cannot be commanded together")
+    # CiA 402-2, mode CSP: 0x60B1 and 0x60B2 are added to the demands of the velocity and torque loops
     if (mode := choose_mode(axis, parameters, POSITION)) is not OperationMode.CSP:
         raise DriveError(
             f"joint {axis.joint}: {names} can be commanded together only in mode CSP, but position is "
@@ -452,6 +453,7 @@ class AxisParameters:
         entry = self._axis.node.od.get(self._axis.index(index), subindex)
         if request.error is not None:
             self.values.pop((index, subindex), None)
+            # an SDO abort is the answer of a drive that does not have the object
             if not isinstance(request.error, SdoAbort):
                 self.failed.append(str(request.error))
         elif entry is not None:
@@ -479,6 +481,7 @@ class AxisParameters:
         """Return the position units per shaft revolution, None if the drive defines no units."""
         encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
         gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
+        # CiA 402-2: 0x608F, 0x6091 and 0x6092 are optional
         if encoder is None and feed is None:
             return None
         try:
@@ -529,6 +532,7 @@ class AxisParameters:
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
         axis = self._axis
+        # CiA 402-2: 0x607F is in velocity units, 0x6080 in revolutions of the motor per minute
         if profile and profile < _UNLIMITED >> 1:
             bounds.append(profile)
         if motor and motor < _UNLIMITED >> 1 and self._counts_of_motor() is not None:

@@ -249,6 +249,7 @@ class JointDrive(JointParts):
 
     def require_enable(self) -> None:
         """Raise the DriveError that `enable` would raise, without requesting anything."""
+        # CiA 402-2, 0x6041 bit 9 (remote): 0 while the controlword is not processed
         if not self.machine.remote:
             raise DriveError(
                 f"{self.axis.who}: under local control (statusword bit 9 is 0), "
@@ -307,6 +308,7 @@ class JointDrive(JointParts):
 
     def home(self, method: int | None) -> None:
         """Start homing by a method of 0x6098 (None: the method set in the drive); DriveError if not supported."""
+        # CiA 402-2, 0x6502 bit 5: mode HM
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.reference.begin(method, was_enabled=self.enable_requested)
         self._fire(PhaseTrigger.MUST_REST)
@@ -461,6 +463,7 @@ class JointDrive(JointParts):
         state = machine.state
         if not self.node.ready:
             self._fire(PhaseTrigger.NODE_LOST)
+        # CiA 402-2, 6.3: only in these states the motor may have torque
         elif state is not None and state not in POWERED_STATES:
             self._fire(PhaseTrigger.DRIVE_OFF)
         elif state is not None and state is not State.OPERATION_ENABLED and self.feedback.at_standstill:

@@ -42,8 +42,8 @@ _LESS: Final = 0.95  # factor of a speed below which the axis is slowing down
 _QUIET_LOOKS: Final = 10
 _FOLLOWING: Final = 1 << 13
 _BITS: Final = WARNING | INTERNAL_LIMIT | _FOLLOWING
-_FOLLOWING_MODES = (OperationMode.PP, OperationMode.CSP)
-_NEGATIVE_SWITCH, _POSITIVE_SWITCH = 1, 2  # 0x60FD
+_FOLLOWING_MODES = (OperationMode.PP, OperationMode.CSP)  # bit 13 has another meaning in HM and PV
+_NEGATIVE_SWITCH, _POSITIVE_SWITCH = 1, 2  # CiA 402-2, 0x60FD: bits 0 and 1
 _OTHER = "only motion in the other direction is permitted"
 _BACK = "its group stops too, and only motion in the other direction is permitted"
 _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
@@ -110,6 +110,7 @@ class StatusWatch:
             return []
         self._bits = word & _BITS
         events = []
+        # CiA 402-2, 0x6041: bit 7 warning, bit 11 internal limit active, bit 13 following error in PP and CSP
         if rose & WARNING:
             events.append(JointEvent("warning", f"warning (statusword 0x{word:04X})"))
         if rose & INTERNAL_LIMIT:
@@ -209,6 +210,7 @@ class FaultWatch:
     def enter(self, fault: FaultEvent) -> None:
         """Store a new fault, and read the error code if the drive has 0x603F."""
         self.fault = fault
+        # CiA 402-2: 0x603F is optional; without it the EMCY has the error code (CiA 301, 7.2.7)
         if self._axis.has(objects.ERROR_CODE) and not self.asking:
             self.asking = True
             self._axis.node.read(self._axis.index(objects.ERROR_CODE), 0, self._answered)
@@ -427,6 +429,7 @@ class JointHoming:
             return
         if self._method is None:
             self._method = int.from_bytes(request.data[:1], "little", signed=True)
+        # CiA 402-2, 0x6098: methods 35 and 37 use the present position, so the speeds have no effect
         if self._method in METHODS_WITHOUT_MOTION:
             self.phase = HomingPhase.KNOWN
         else:

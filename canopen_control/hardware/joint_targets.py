@@ -46,8 +46,8 @@ UINT32_MAX: Final = (1 << 32) - 1
 _NAN: Final = math.nan
 _PROFILE: Final = (objects.PROFILE_VELOCITY, objects.PROFILE_ACCELERATION)
 _DEFAULT_STOP_S: Final = 0.5  # duration of a stop if the drive has no deceleration
-_VL_RUN: Final = 0x70  # bits 4, 5 and 6: enable ramp, unlock ramp, use the reference
-_INTERPOLATE: Final = 0x10
+_VL_RUN: Final = 0x70  # CiA 402-2, 0x6040 in mode VL: bits 4, 5 and 6 enable, unlock and use the ramp's reference
+_INTERPOLATE: Final = 0x10  # CiA 402-2, 0x6040 in mode IP: bit 4 enables interpolation
 _FAR: Final = 0.01  # rad (m): at a larger distance the set-point is not reached
 _FAST: Final = 0.05  # rad/s (m/s): a higher speed is motion
 _WAY_CYCLES: Final = 2.0  # delay of a measured value and of a target, in cycles
@@ -130,6 +130,7 @@ class JointTargets:
         """Request a mode; an enabled drive changes after one cycle at standstill. May raise UnsupportedMode."""
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
+        # the new mode uses its target object as soon as 0x6061 shows the mode
         if self._machine.enabled and self._machine.mode not in (None, mode):
             self.pending = mode
         else:
@@ -684,6 +685,7 @@ def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> Mode
     if address is None or output is None:
         return None
     target = (TARGET_CLASSES.get(mode) or _OWN_CLASSES[axis.own_modes[mode]])(axis, output, machine)
+    # EDS files of drives differ from the data types of CiA 402-2, such as 0x6071 with 32 bits
     entry = axis.node.od.get(axis.index(address[0]), address[1])
     if isinstance(target, _ScaledTarget) and entry is not None and (bits := entry.data_type.bits) is not None:
         target.low, target.high = -(1 << bits - 1), (1 << bits - 1) - 1

@@ -379,6 +379,7 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
 def _axis_of(joint: ControlJoint) -> int:
     """Return the axis number in the device (`axis` or `channel`); RobotConfigError if invalid."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
+    # CiA 402-2, 5.1: a device has at most eight axes
     if not text.isdigit() or int(text) >= AXES:
         raise RobotConfigError(f"joint {joint.name}: axis {text!r}; a device has the axes 0 to {AXES - 1}")
     return int(text)
