@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 MAX_LINE: Final = 1 << 16  # bytes of a command
-MAX_VALUE_LINE: Final = 1 << 24  # bytes of a command that writes a text, a domain or the like
+MAX_VALUE_LINE: Final = 1 << 24  # bytes of a command that writes a text, hex or base64 value
 DEFAULT_TIMEOUT_MS: Final = 500
 DEFAULT_SCAN_MS: Final = 100
 _LONGEST_TOKEN: Final = 20
@@ -309,7 +309,7 @@ class _Line:
             self._position += 1
         following = raw[self._position : self._position + 1]
         if following and not b"\x21" <= following <= b"\x7e" and following < b"\x80":
-            raise GatewayRefusal(SYNTAX)  # a control character; bytes of UTF-8 are for texts alone
+            raise GatewayRefusal(SYNTAX)  # a control character; bytes of UTF-8 occur only in texts
 
 
 def _type_name(token: bytes) -> str:
@@ -336,7 +336,7 @@ class _Arguments(NamedTuple):
     ranges: tuple[tuple[int, int], ...] = ()
 
 
-_ABORTS: Final = {int(AbortCode.NO_OBJECT): "object does not exist"}  # the others have the text of `abort_text`
+_ABORTS: Final = {int(AbortCode.NO_OBJECT): "object does not exist"}  # all other codes have the text of `abort_text`
 _NMT: Final = {
     "start": NmtCommand.START,
     "stop": NmtCommand.STOP,
@@ -348,7 +348,7 @@ _RESETS: Final = {
     **dict.fromkeys((b"comm", b"communication"), NmtCommand.RESET_COMMUNICATION),
 }
 _SETTINGS: Final = {b"network": (0, _U16), b"node": (1, MAX_NODE_ID), b"sdo_timeout": (1, _U16), b"sdo_block": (0, 1)}
-_RESERVED_TIMING: Final = 5
+_RESERVED_TIMING: Final = 5  # CiA 305, bit timing table 0: index 5 is reserved
 _ANY: Final = (0, _U32)
 _SCAN: Final = ((0, 2), _ANY)  # scan type and value
 _LSS: Final = {
@@ -557,7 +557,7 @@ class GatewayDialect:
         **dict.fromkeys(_LSS, _lss),
     }
 
-    # -- answers, each of them to be sent in one piece, because cocomm expects a whole answer from one read
+    # -- answers, to be sent in one piece each, because cocomm expects a whole answer from one read
 
     def ok(self) -> bytes:
         """Return the answer to a successful command without a value."""

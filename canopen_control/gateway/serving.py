@@ -54,14 +54,14 @@ if TYPE_CHECKING:
 
 ALLOW_MOTION: Final = "--allow-motion"
 _CHUNK: Final = 1 << 16
-_SEND_S: Final = 5.0  # for a client that does not read
+_SEND_S: Final = 5.0  # until a client that does not read is disconnected
 _LOG_LINES: Final = 200
 
-#: indices to which a write may move a drive, or disable its supervision
+#: indices to which a write may move a drive, or disable its supervision (CiA 301, 7.5.2; CiA 302; CiA 402)
 _MOVING: Final = (
     range(0x1005, 0x1008),  # SYNC: set-points are applied with it
     range(0x100C, 0x100E),  # node guarding: a drive stops when the master is lost
-    range(0x1011, 0x1012),  # restore: other parameters after the next reset
+    range(0x1011, 0x1012),  # restore defaults: other parameters after the next reset
     range(0x1016, 0x1017),  # consumer heartbeat time, likewise
     range(0x1029, 0x102A),  # error behaviour
     range(0x1400, 0x1C00),  # PDO parameters: the sources of set-points
@@ -72,7 +72,7 @@ _LSS_CHANGES: Final = frozenset(
     {"lss_set_node", "lss_conf_bitrate", "lss_activate_bitrate", "lss_store", "lss_allnodes"}
 )
 _ABORT_IN_TEXT: Final = re.compile(r"abort 0x([0-9A-F]{8})")  # the wording of `SdoAbort`
-_SILENT: Final = frozenset({"SdoTimeout", "SdoStopped", "Timeout"})  # kinds of a robot's errors
+_SILENT: Final = frozenset({"SdoTimeout", "SdoStopped", "Timeout"})  # kinds of errors of a robot
 _HTTP: Final = re.compile(rb"\A[A-Z]+ \S+ HTTP/\d")
 
 
@@ -330,13 +330,14 @@ class GatewayService:
                 continue
             try:
                 data = sock.recv(_CHUNK)
-                if not data or (not begun and _HTTP.match(data)):  # a page in a browser can reach a port of loopback
+                # HTTP: any page in the user's browser can send requests to a port of this host
+                if not data or (not begun and _HTTP.match(data)):
                     return
                 begun = True
                 for answer in self.answers(client, data):
                     sock.sendall(answer)
             except OSError:
-                return  # the client is gone, or does not read
+                return  # the client has disconnected, or does not read
 
     def _poll_with(self, descriptor: int) -> select.poll:
         poll = select.poll()

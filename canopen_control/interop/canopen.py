@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 _TIMES = (DataType.TIME_OF_DAY, DataType.TIME_DIFFERENCE)
-_DEVICE_FIELDS = {  # attribute of `canopen`: ours
+_DEVICE_FIELDS = {  # attribute of `canopen`: attribute of DeviceInfo
     "vendor_name": "vendor_name",
     "vendor_number": "vendor_number",
     "product_name": "product_name",

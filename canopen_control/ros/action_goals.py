@@ -132,7 +132,7 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
         else:
             handle.abort()
         future = self._result_futures[uuid]
-        future._set_executor(None)  # noqa: SLF001 - else it is sent in a turn of the executor, which may have ended
+        future._set_executor(None)  # noqa: SLF001 - else the executor sends the result, which may have ended
         future.set_result(self._response(handle.status, result))
 
     def _response(self, status: int, result: RosMessage) -> RosMessage:

@@ -257,7 +257,7 @@ BY_TOPIC: Final[dict[str | None, tuple[Factory, ...]]] = {
     "reference": (PidReferences,),
     "gpio_commands": (GpioCommands,),
 }
-#: endpoints of every base controller, whatever its twist topic is called
+#: endpoints of every base controller; the name of its twist topic is a parameter
 OF_BASES: Final[tuple[Factory, ...]] = (TwistCommands, OdometrySetting)
 #: endpoints by the kind of the controller's samples (`tells` of the API), in addition to the topics of the samples
 BY_SAMPLE: Final[dict[str | None, tuple[Factory, ...]]] = {
@@ -282,7 +282,7 @@ _KINDS: Final = {kind_of(kind): kind for kind in get_args(ControllerSample)}
 def endpoints_for(ros: NodeContext, controller: ControllerReading) -> list[Endpoint]:
     """Create the topics, services and actions of one controller."""
     kind = _KINDS.get(controller.tells or "", Sample)
-    kinds = (*kind.__mro__, JointStatesSample)  # whose topics are named by the controller
+    kinds = (*kind.__mro__, JointStatesSample)  # its topics are named by the controller
     rows = [row for row in SAMPLE_TOPICS if row.bridge and row.kind in kinds and row.name(controller)]
     commands = OF_BASES if controller.is_base else BY_TOPIC.get(controller.topic, ())
     own = (*commands, *BY_SAMPLE.get(controller.tells, ()))

@@ -45,7 +45,7 @@ PROXY_TRIGGERS: Final[dict[str, RequestFactory]] = {
     "nmt_reset_node": _nmt("reset-node", boot=True),
     "nmt_start_node": _nmt("start"),
 }
-#: the same for a drive
+#: the same for drives
 TRIGGERS: Final[dict[str, RequestFactory]] = {
     **PROXY_TRIGGERS,
     "init": _axis("enable"),

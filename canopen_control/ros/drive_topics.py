@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.state import ControllerReading, NodeReading, RobotEvent, StateSample
 
 
-_AXIS: Final = 0x800
-#: controlword, mode of operation, targets of the modes, and homing method (CiA 402)
+_AXIS: Final = 0x800  # offset between the objects of two axes (CiA 402-2)
+#: controlword, mode of operation, targets of the modes, and homing method (CiA 402-2)
 _MOVING: Final = frozenset((0x6040, 0x6060, 0x607A, 0x60FF, 0x6071, 0x6042, 0x60C1, 0x6098))
 _LEVELS: Final = {"info": DiagnosticStatus.OK, "warning": DiagnosticStatus.WARN, "error": DiagnosticStatus.ERROR}
 

@@ -120,7 +120,7 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - a message, or what one of its fi
         return value
     if hasattr(value, "__len__"):
         return [plain(item) for item in value]
-    number = value.item() if hasattr(value, "item") else value  # numpy's
+    number = value.item() if hasattr(value, "item") else value  # numpy's scalars
     return None if isinstance(number, float) and not math.isfinite(number) else number
 
 

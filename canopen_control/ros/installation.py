@@ -30,9 +30,9 @@ _INSTALL_ADVICE: Final = 'pip install "canopen-control[ros]" (Linux x86_64), or 
 _EXTENSION: Final = "_rclpy_pybind11"
 PROFILE: Final = Path(__file__).with_name("loopback.xml")
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-_LOCAL_ONLY: Final = "ROS_LOCALHOST_ONLY"  # deprecated, still obeyed by Jazzy
+_LOCAL_ONLY: Final = "ROS_LOCALHOST_ONLY"  # deprecated, but still effective in Jazzy
 _PROFILES: Final = "FASTRTPS_DEFAULT_PROFILES_FILE"
-#: variables of users with their own discovery or transport settings, which the profile of this package would override
+#: variables by which a user selects discovery or transport settings, which this package's profile would override
 _USER_SETTINGS: Final = (_PROFILES, "FASTDDS_DEFAULT_PROFILES_FILE", "ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS")
 
 

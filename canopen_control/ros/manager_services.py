@@ -90,7 +90,7 @@ class ControllerManagerServices(Endpoint):
     def _list_controllers(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         make = interface("controller_manager_msgs/msg/ControllerState")
         connection = interface("controller_manager_msgs/msg/ChainConnection")
-        states: list[str] = []  # all state interfaces of the robot, for which "*" stands
+        states: list[str] = []  # all state interfaces of the robot, abbreviated as "*"
 
         def fill(answer: tuple[ControllerReading, ...]) -> None:
             commanded = {name for reading in answer for name in reading.claims}

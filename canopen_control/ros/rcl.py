@@ -52,7 +52,7 @@ def further_node(name: str, context: Context, namespace: str, arguments: Sequenc
     the node name applies only to the first node; remappings of topics apply to all nodes.
     """
     rclpy = importlib.import_module("rclpy")
-    importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # it is an argument below
+    importlib.import_module("rclpy.validate_node_name").validate_node_name(name)  # it becomes an argument below
     parameter = importlib.import_module("rclpy.parameter").Parameter
     return rclpy.create_node(
         name,

@@ -121,9 +121,9 @@ def of_uint32(data: int, length: int) -> bytes:
 #: type of rcl_interfaces/msg/ParameterValue -> field of such a value
 _FIELDS: Final = {1: "bool_value", 2: "integer_value", 3: "double_value", 4: "string_value", 5: "byte_array_value"}
 _TYPE_OF: Final[dict[type, int]] = {bool: 1, int: 2, float: 3, str: 4, bytes: 5}
-#: sizes in bytes that are tried for an object that cannot be read first, the most common size first
+#: sizes in bytes to try for an object that cannot be read, the most common size first
 _WIDTHS: Final = (4, 2, 1)
-_WRONG_LENGTH: Final = ("06070010", "06070012", "06070013")
+_WRONG_LENGTH: Final = ("06070010", "06070012", "06070013")  # abort codes for a wrong length (CiA 301, table 22)
 _LARGEST: Final = (1 << 63) - 1
 
 

@@ -201,13 +201,13 @@ class RobotDescription(Endpoint):
 # ROS time that differs from the system time: with `use_sim_time` of the bridge, stamps follow a `/clock` topic.
 #
 # Messages of the robot are stamped with the ROS time at which they arrived, and keep that stamp; before the first
-# message on `/clock` the time is 0. Of the stamp of a command only the difference to the present ROS time is used.
+# message on `/clock` the time is 0. Only the difference between a command's stamp and the present ROS time is used.
 # Timeouts are measured by the robot in its own time, so that a stopped `/clock` does not extend them. A simulated robot
 # publishes `/clock` itself: with `use_sim_time` of its controller manager, or of the bridge, stamps are simulated time,
-# else system time. The stamp of a command is read as the one of these two times to which it is closer.
+# else system time. A command's stamp is interpreted as the closer one of these two times.
 
 
-_DIGITS = 6  # decimal places of seconds: the resolution of a Unix time in a double
+_DIGITS: Final = 6  # decimal places of seconds: the resolution of a Unix time in a double
 
 
 def uses_sim_time(client: RobotClient) -> bool:
@@ -371,7 +371,7 @@ class RosSession:
                 self._common.append(make())
             except MissingInterface as error:
                 self.leave_out(error.name)
-            except Exception as error:  # noqa: BLE001 - a name of bus.yml that ROS refuses, an interface it lacks
+            except Exception as error:  # noqa: BLE001 - such as a name in bus.yml that ROS refuses
                 self._warn(str(error), str(error))
 
     def _of_nodes(self, nodes: list[RosNode]) -> list[Callable[[], Endpoint]]:
@@ -567,7 +567,7 @@ class RosSession:
     def _endpoints_of(self, controller: ControllerReading) -> list[Endpoint]:
         try:
             return endpoints_for(self._nodes.of(controller.name, controller.node_options), controller)
-        except Exception as error:  # noqa: BLE001 - a name of ros2_controllers.yaml that ROS refuses
+        except Exception as error:  # noqa: BLE001 - such as a name in ros2_controllers.yaml that ROS refuses
             reason = str(error).partition("\n")[0].rstrip(":")
             self._warn(controller.name, f"{controller.name} has no topics, because ROS refuses them: {reason}")
             return []

@@ -170,7 +170,7 @@ class TrajectoryTopic(Endpoint):
         message, self._waiting, self._sending = self._waiting, None, self._waiting
         if message is None:
             return
-        # a long trajectory may fail after some pieces, which must not end the running one: it gets its own connection
+        # a long trajectory that fails after some pieces must not end the running one, so it gets its own connection
         sender = self._followed if is_one_piece(message) else TrajectorySender(self._ros.connect)
         sender.send(pieces_of(message), partial(self._request, message), partial(self._on_answer, sender))
 

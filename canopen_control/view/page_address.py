@@ -134,8 +134,8 @@ def is_loopback(host: str) -> bool:
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9_-]{32}")
 _OTHER: Final = re.compile(r"[^A-Za-z0-9.]")
-_LONGEST: Final = 4096  # bytes of such a file
-_WAIT_S: Final = 0.5  # for a process that reads it at this moment
+_LONGEST: Final = 4096  # bytes of a page file
+_WAIT_S: Final = 0.5  # in which another process may hold the lock to read the file
 
 
 class PageAddress:

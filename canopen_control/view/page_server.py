@@ -63,7 +63,7 @@ class AccessMiddleware:
         if refused is not None:
             await _refuse(scope["type"], refused, receive, send, rules)
             return
-        if path == rules.root and scope["type"] == "http":  # the page's own addresses are relative to a folder
+        if path == rules.root and scope["type"] == "http":  # relative addresses on the page need the trailing slash
             await _answer(307, {"Location": f"{rules.root}/", **rules.response_headers()}, "", send)
             return
         scope["root_path"] = rules.root
@@ -107,7 +107,7 @@ class _Answer:
 async def _refuse(kind: str, why: str, receive: Receive, send: Send, rules: AccessRules) -> None:
     if kind == "websocket":
         await receive()
-        await send({"type": "websocket.close", "code": 1008, "reason": why[:120]})  # before it is open: 403
+        await send({"type": "websocket.close", "code": 1008, "reason": why[:120]})  # not open yet: 403
         return
     await _answer(403, rules.response_headers(), f"403: {why}\n", send)
 
@@ -148,8 +148,8 @@ os.environ.setdefault("NICEGUI_STORAGE_PATH", os.devnull)  # the page stores not
 
 
 DEFAULT_PORT: Final = 8080
-_OTHER_PORTS: Final = 20  # tried after the default one, which many programs like
-_MAX_MESSAGE: Final = 1 << 20  # bytes; a browser sends clicks
+_OTHER_PORTS: Final = 20  # tried after the default port, which other programs often use
+_MAX_MESSAGE: Final = 1 << 20  # bytes; a browser sends only clicks and short texts
 _STRANGER: Final = "canopen-control-probe.invalid"
 _WEBSOCKET: Final = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
 _UPGRADE: Final = (
@@ -201,7 +201,7 @@ class PageServer:
                 access_log=False,
                 ws="websockets-sansio",
                 ws_max_size=_MAX_MESSAGE,
-                ws_per_message_deflate=False,  # nothing is compressed for a network that is a cable long
+                ws_per_message_deflate=False,  # local networks need no compression
                 proxy_headers=False,
                 server_header=False,
                 timeout_graceful_shutdown=1,
@@ -254,7 +254,8 @@ class PageServer:
             route for route in self._outer.router.routes if getattr(route, "path", "") != path
         ]
         self._outer.add_route(path, answer, methods=["GET"])
-        self._outer.router.routes.insert(0, self._outer.router.routes.pop())  # before the toolkit, which takes all
+        # before NiceGUI's route, which matches all paths
+        self._outer.router.routes.insert(0, self._outer.router.routes.pop())
 
     def stop(self) -> None:
         """End `serve`."""

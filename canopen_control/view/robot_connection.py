@@ -233,7 +233,7 @@ class DeadMan:
 
 
 _TIMEOUT_S: Final = 2.0
-_ACTION_TIMEOUT_S: Final = 20.0  # of an action, such as enabling
+_ACTION_TIMEOUT_S: Final = 20.0  # for actions such as enabling
 
 
 class RobotConnection:
@@ -309,7 +309,7 @@ async def in_thread(function: Callable[[], T], discard: Callable[[T], object] | 
     """
     loop = asyncio.get_running_loop()
     arrival: asyncio.Future[None] = loop.create_future()
-    results: list[T] = []  # one at most; whoever pops it has it
+    results: list[T] = []  # at most one; popped either by the waiting caller or by `drop`
     abandoned = threading.Event()
 
     def drop() -> None:
@@ -330,7 +330,7 @@ async def in_thread(function: Callable[[], T], discard: Callable[[T], object] | 
         failure = None
         try:
             results.append(function())
-        except Exception as error:  # noqa: BLE001 - handed on
+        except Exception as error:  # noqa: BLE001 - raised again in the caller
             failure = error
         if abandoned.is_set():
             drop()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 SPAN_S: Final = 30.0
-RATE: Final = 10  # samples that are kept of a second
+RATE: Final = 10  # samples per second
 _SIZE: Final = round(SPAN_S * RATE) + 1
 Row = list[float | None]
 """Row of a plot: the time, and a value for each name, None if unknown."""
@@ -80,7 +80,7 @@ _UNITS: Final = {"velocity": "rad/s", "position": "rad", "effort": "Nm"}
 _LINEAR_UNITS: Final = {"velocity": "m/s", "position": "m", "effort": "N"}
 SHOWN_JOINTS: Final = 12
 STILL_S: Final = 1.0
-_MOVED: Final = 1e-3  # rad or m: an encoder that trembles by a count stands still
+_MOVED: Final = 1e-3  # rad or m: noise of an encoder below this is no motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +199,6 @@ class Stillness:
             before = self._known.get(name)
             if before is None or abs(place - before[0]) > _MOVED or command != before[1]:
                 self._known[name], self._since = (place, command), state.time
-        if state.time < self._since:  # another clock
+        if state.time < self._since:  # the clock was set back
             self._since = state.time
         return state.time - self._since >= STILL_S

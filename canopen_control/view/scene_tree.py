@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _TRAIL_POINTS: Final = 1500
 _TRAIL_STEP: Final = 0.01  # m
-_JUMP: Final = 1.0  # m; further than a robot drives between two samples: the odometry was set again
+_JUMP: Final = 1.0  # m; more than a robot drives between two samples, so the odometry was set
 
 
 class _VisualDocument(TypedDict):

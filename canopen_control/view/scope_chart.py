@@ -27,7 +27,7 @@ _TIME_LABEL: Final[Options] = {
     "fontSize": 11,
     "showMinLabel": False,
     "showMaxLabel": False,
-}  # the ends are not round numbers
+}  # hidden, because the ends are not round numbers
 _LINE: Final[Options] = {"color": "#16324f", "width": 1, "type": "solid"}
 
 
@@ -164,7 +164,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
             "markLine": {
                 "silent": True,
                 "symbol": "none",
-                "precision": 9,  # else a cursor stands at the next hundredth of a second
+                "precision": 9,  # else ECharts rounds cursors to hundredths of a second
                 "animation": False,
                 "label": {"formatter": "{b}", "fontSize": 11, "position": "end"},
                 "lineStyle": _LINE,

@@ -74,7 +74,7 @@ def drive_targets(state: StateSample, controllers: Iterable[ControllerReading]) 
     return tuple(targets)
 
 
-_DRIVEN_S: Final = 0.5  # without a word of a held button the drive has ended
+_DRIVEN_S: Final = 0.5  # the button was released if it is not renewed for this time
 
 
 class TargetSliders:
@@ -107,7 +107,7 @@ class TargetSliders:
             if at is None or joint in self._set:
                 continue
             shown = min(max(at, low), high)
-            if abs(shown - self.values[joint]) >= (high - low) / 400:  # less could not be seen
+            if abs(shown - self.values[joint]) >= (high - low) / 400:  # smaller changes would not be visible
                 self.values[joint] = moved[joint] = shown
         return moved
 

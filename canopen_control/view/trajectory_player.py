@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 # The preview shows the points of the file; the controller of the robot interpolates between them. No toolkit.
 
 
-MOST_BYTES: Final = 1_000_000  # what is read here is read beside STOP; the shell reads longer ones
+MOST_BYTES: Final = 1_000_000  # parsing a larger file could delay STOP; the command line accepts larger ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ def _number(position: float) -> str:
 HERE_HZ: Final = 4.0
 SILENT_S: Final = 1.5  # browsers limit the timers of hidden pages to once a second
 _TIMEOUT_S: Final = 5.0
-_PATIENCE_S: Final = 3600.0  # beyond its own time: it may be scaled, and wait for its goal without a limit
+_PATIENCE_S: Final = 3600.0  # in addition to the duration: speed may be scaled, and the goal time unlimited
 _CLOSED: Final = "the page that played the trajectory was closed"
 _SILENT: Final = "the page that played the trajectory does not respond"
 
@@ -248,7 +248,7 @@ class _Run:
         if not verdict.accepted:
             return TrajectoryOutcome(False, verdict.text)
         self._sent = True
-        if self._cancelled:  # while it was accepted
+        if self._cancelled:  # cancelled while waiting for the answer
             self._report()
         result = client.ask(TrajectoryEnd(), loaded.duration + _PATIENCE_S)
         return TrajectoryOutcome(result.state == "succeeded", result.text)
@@ -263,6 +263,6 @@ class _Run:
 
     def _notify(self, request: CancelTrajectory | TrajectoryHeartbeat) -> None:
         client = self._client
-        with contextlib.suppress(RemoteError):  # it is gone, and the joints brake
+        with contextlib.suppress(RemoteError):  # the robot has ended, or brakes because the connection is lost
             if client is not None:
                 client.notify(request)

@@ -170,9 +170,9 @@ def _query() -> dict[str, str]:
 
 
 SEEN_HZ: Final = 25.0  # samples of the state while a page is open
-STILL_HZ: Final = 10.0  # while it stands
+STILL_HZ: Final = 10.0  # while the robot is at standstill
 UNSEEN_HZ: Final = 5.0
-_TICK_S: Final = 0.2  # between two updates: what is read, not watched
+_TICK_S: Final = 0.2  # between two updates of the texts
 _RETRY_S: Final = 0.5
 _FAULTS_S: Final = 3.0
 _WORLD_S: Final = 0.25
@@ -293,7 +293,7 @@ class ViewApp:
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
         """Start or renew the motion of a page's held button; `on_refusal` gets a sentence if another page drives."""
         if page not in self._pages or not self.teleop:
-            return  # it was closed while this was on its way
+            return  # the page was closed in the meantime
         if not self._dead_man.hold(page, motion, time.monotonic_ns()):
             on_refusal("another page is driving; release the button there first")
         elif self._hold_timer is None:
@@ -372,7 +372,7 @@ class ViewApp:
         for page in list(self._pages.values()):
             try:
                 page.show(content)
-            except Exception as error:  # noqa: BLE001 - its feed goes on, and the other pages do
+            except Exception as error:  # noqa: BLE001 - the feed and all other pages are still updated
                 self._complain(error)
             changes = page.changes(content)
             if rows:
@@ -453,7 +453,7 @@ class ViewApp:
         self._set_rate()
         if self._connection is connection:
             asyncio.get_running_loop().add_reader(connection.fileno(), self._on_readable)
-            self._on_readable()  # what came with an answer makes no descriptor readable
+            self._on_readable()  # messages that arrived with an answer do not make the descriptor readable
 
     async def _open_connection(self) -> tuple[RobotConnection, RobotInfo] | None:
         try:

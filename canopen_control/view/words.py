@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     )
 
 
-LATE_S: Final = 0.25  # a drive that has not been heard of for so long is shown with its age
+LATE_S: Final = 0.25  # age from which the time of the last message is shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +153,7 @@ def drive_table(rows: Iterable[AxisRow]) -> str:
     if not rows:
         return "<p class='cc-note'>No drives: this robot is simulated, or runs on mock hardware.</p>"
     titles = "<tr><th>drive</th><th>state</th><th>mode</th><th>last seen</th></tr>"
-    many = " cc-many" if len(rows) > _FEW else ""  # a line for each, so that the events stay in sight
+    many = " cc-many" if len(rows) > _FEW else ""  # one line per drive, so that the events remain visible
     return f"<table class='cc-table{many}'>{titles}{''.join(_table_lines(rows))}</table>"
 
 
@@ -185,7 +185,7 @@ def joint_table(joints: Mapping[str, JointReading], linear: frozenset[str], comm
             f"<td>{_number(joint.velocity)}<wbr><small>{unit}/s</small></td><td>{_number(joint.effort)}</td>"
             f"<td>{command}</td></tr>"
         )
-        if joint.tracking is not None:  # below the joint: a column of it is wider than a card
+        if joint.tracking is not None:  # in a row of its own, because a column would be too wide
             lines.append(f"<tr class='cc-tracking'><td colspan='5'>{_tracking(joint.tracking, unit)}</td></tr>")
     titles = "".join(f"<th>{joint_title}</th>" for joint_title in _JOINT_TITLES)
     return f"<table class='cc-table cc-joints'><tr>{titles}</tr>{''.join(lines)}</table>"

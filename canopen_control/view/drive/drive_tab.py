@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Progress of a job at a node: the current step, a bar, rate and remaining time, and finally the result.
 
 
-_SHOWN: Final = 200  # of lines and rows
+_SHOWN: Final = 200  # maximum number of lines and rows
 
 
 class WorkBar:

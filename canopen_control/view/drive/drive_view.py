@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 _NO_EDS: Final = "The objects of this node are unknown, because bus.yml gives no EDS for it."
 _READING: Final = "Reading the EDS ..."
-_FULL_UPDATE: Final = 25  # showings
+_FULL_UPDATE: Final = 25  # calls of `show` between two full updates
 
 
 class ObjectsTab:
@@ -54,7 +54,7 @@ class ObjectsTab:
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
         self._page = f"{self._client.id} {context.node}"
-        self._reader = context.panel.robot.live_reader  # of this robot, also when another one is there
+        self._reader = context.panel.robot.live_reader  # kept, because `panel.robot` may change
         self._list: ObjectList | None = None
         self._tree: ObjectTree | None = None
         self._addresses: list[str] = []
@@ -95,7 +95,7 @@ class ObjectsTab:
             self._watch()
         if self._tree is not None and self._list is not None and self._has_addresses:
             self._turns += 1
-            if not self._turns % _FULL_UPDATE:  # a browser that was away for a moment has not heard all
+            if not self._turns % _FULL_UPDATE:  # a browser that was disconnected for a moment has missed updates
                 self._show_values()
             if news := self._list.news(node_jobs.live):
                 self._tree.values(news)
@@ -216,7 +216,7 @@ class StatusTab:
     async def _read(self) -> None:
         try:
             errors = await self._context.node_jobs.ask(error_history)
-        except ConfigError as error:  # a drive need not have one
+        except ConfigError as error:  # 0x1003 is optional (CiA 301, 7.5.2.4)
             self._errors.show(sentence(str(error)))
             return
         except CanopenError as error:

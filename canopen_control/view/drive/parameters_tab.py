@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 # Panel to take a node out of the robot, so that its parameters can be written, and to return it.
 
 
-_CONFIRMED: Final = ("PRE_OPERATIONAL", "STOPPED")  # the NMT states that a node is taken out by
+_CONFIRMED: Final = ("PRE_OPERATIONAL", "STOPPED")  # the NMT states of a node that is taken out
 _TORQUE: Final = tuple(state.name for state in POWERED_STATES)
 
 
@@ -206,7 +206,7 @@ class FirmwareTab:
         self._bar.show()
 
 
-MOST_PARAMETER_BYTES: Final = 4_000_000  # of a DCF
+MOST_PARAMETER_BYTES: Final = 4_000_000  # limit for a DCF
 _BACKUP: Final = (
     "Saves all read/write parameters (no commands or live values) as a DCF; each is read twice. Nothing is written to "
     "the drive, so this works while the robot runs."

@@ -41,11 +41,11 @@ _TRIGGERS: Final = {
     Condition.BELOW.value: "is below",
     _FAULT: "fault occurs",
 }
-_FIRST: Final = (0x606C, 0x6064)  # what a person looks at first
-_LIMITS: Final = (0.05, 600.0)  # of a length, in s
-_STEPS: Final = 1000  # of the cursors
-_RATE: Final = 1000.0  # Hz, of what is polled: a robot has its own limit
-_MOST_BYTES: Final = 16_000_000  # of a file that is laid below
+_FIRST: Final = (0x606C, 0x6064)  # initial selection: actual velocity and position (CiA 402)
+_LIMITS: Final = (0.05, 600.0)  # of the length of a capture in s
+_STEPS: Final = 1000  # positions of a cursor
+_RATE: Final = 1000.0  # Hz, for polled objects; a robot may limit the rate further
+_MOST_BYTES: Final = 16_000_000  # of an overlay file
 
 
 class ScopeTab:

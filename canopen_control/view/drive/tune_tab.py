@@ -141,7 +141,7 @@ class TuneTab:
 
     def _why_not(self, content: PageContent) -> str:
         if content.lost:
-            return ""  # the page shows that
+            return ""  # the banner shows this already
         if content.state.latched:
             return "STOP is latched: release it before a drive is moved."
         return jobs.refusal(content.controllers, self._context.place, int(self._axis.value), self._node_jobs.robot)

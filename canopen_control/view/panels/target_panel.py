@@ -98,7 +98,7 @@ class EnableButton:
 #: label of the button, name of the action in the runtime, colour
 _ACTIONS: Final = (("Enable", "enable", "green-8"), ("Stop", "disable", "red-8"))
 _NO_MODE: Final = "<p class='cc-note'>The present mode of operation takes no target: choose another mode.</p>"
-_MOST: Final = 1e6  # of the end of a slider
+_MOST: Final = 1e6  # largest end of a slider
 _SHOWS: Final = {"position": "Hold to go there", "velocity": "Hold to turn", "effort": "Hold to push"}
 
 
@@ -191,7 +191,7 @@ class _Row:
             return None
         resting = self._position if drive.quantity == "position" else 0.0
         if resting is None:
-            return None  # its position is unknown
+            return None  # the position is unknown
         return joint_motion(drive.controller, [float(slider.value)], [resting], drive.quantity)
 
     async def _act(self, label: str, action: str) -> None:

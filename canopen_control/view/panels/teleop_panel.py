@@ -42,11 +42,11 @@ _SIDEWAYS: Final = {
     "slide_left": ("Slide left", "⇐", "", 0, 1, 0),
     "slide_right": ("Slide right", "⇒", "", 0, -1, 0),
 }
-_LINEAR: Final = (0.0, 1.0, 0.05, 0.2)  # m/s: lowest, highest, step, at first
+_LINEAR: Final = (0.0, 1.0, 0.05, 0.2)  # m/s: lowest, highest, step, initial value
 _ANGULAR: Final = (0.0, 3.0, 0.1, 0.8)  # rad/s
 _SHARE: Final = (5.0, 100.0, 5.0, 25.0)  # percent of the joints' velocity limits
-_UNLIMITED: Final = 1.0  # rad/s or m/s: the velocity limit of a joint that has none
-_ACCELERATION: Final = 1.0  # rad/s^2 or m/s^2, of an arm that is driven by hand
+_UNLIMITED: Final = 1.0  # rad/s or m/s: assumed for a joint without a velocity limit
+_ACCELERATION: Final = 1.0  # rad/s^2 or m/s^2, of an arm during teleoperation
 _SHORTEST_S: Final = 0.2
 _NOTHING: Final = "<p class='cc-note'>No controller that takes commands is active.</p>"
 _INACTIVE: Final = "<p class='cc-note'>{} takes commands, but is not active.</p>"
@@ -60,7 +60,7 @@ class TeleopPanel:
         self._joints = context.robot.model.joints
         self._positions: dict[str, float | None] = {}
         self._targets: TargetSliders | None = None
-        self._arm: TeleopCommands | None = None  # what is held, while the sliders stay as they are
+        self._arm: TeleopCommands | None = None  # motion of the held button, until a slider is changed
         self._requested: object = None
         self._sliders: dict[str, ui.slider] = {}
         self._shown: object = None
@@ -76,7 +76,7 @@ class TeleopPanel:
             for controller in content.controllers
             if controller.is_base or controller.topic == "commands" or follows_trajectories(controller)
         )
-        drives = drive_targets(content.state, content.controllers)  # which have a panel of their own
+        drives = drive_targets(content.state, content.controllers)  # shown in `TargetPanel`
         self._frame.visible = bool(takers) or not drives
         key = tuple((taker.name, taker.state) for taker in takers)
         if key != self._shown:
@@ -121,7 +121,7 @@ class TeleopPanel:
         refused = await self._context.ask(SwitchControllers(activate=(name,), deactivate=names))
         if refused is not None:
             show_notice(f"{name} is not active", refused)
-            self._shown = None  # shows the driving page again
+            self._shown = None  # rebuild the panel with the active controller
 
     def _pad(self, controller: ControllerReading) -> None:
         """Create four direction buttons (six for a base that drives sideways) and sliders for the speeds."""
@@ -163,7 +163,7 @@ class TeleopPanel:
         def motion(_key: str) -> TeleopCommands | None:
             begins = not targets.driven
             positions = targets.targets(self._positions), float(share.value)
-            if begins or positions != self._requested:  # a slider was set; the way to it begins where the arm is now
+            if begins or positions != self._requested:  # a changed slider needs a new trajectory
                 self._requested = positions
                 self._arm = self._trajectory(controller, *positions)
             return self._arm
