@@ -32,7 +32,7 @@ _UNSTUFFED_TAIL = 1 + 2 + 7 + 3  # CRC delimiter, acknowledge slot and delimiter
 
 
 def _crc_table() -> list[int]:
-    """Return the CRC contribution of each value of the eight bits that are shifted out of the register."""
+    """Return the CRC contribution of each possible byte that is shifted out of the register."""
     table = []
     for byte in range(256):
         crc = byte << 7
@@ -92,7 +92,7 @@ def _stuffed_bytes() -> list[int]:
 
 @lru_cache(maxsize=4096)
 def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
-    """Return number, CRC and number of stuff bits of the bits before the data, and the stuffing state after them."""
+    """Return bit count, CRC and number of stuff bits of a frame before its data, and the stuffing state there."""
     content, bits = _header(can_id)
     content, bits = content << 4 | length, bits + 4
     count, state = _stuffed(0, content, bits)
@@ -142,7 +142,6 @@ def priority(can_id: int) -> int:
 
 @lru_cache(maxsize=4096)
 def _on_wire(record: bytes) -> tuple[int, int]:
-    """Return the arbitration priority and the number of bits of a raw record."""
     can_id, length, data = RECORD.unpack(record)
     return priority(can_id), frame_bits(can_id, data[:length])
 

@@ -153,7 +153,7 @@ def _bcm(inode: str, proc: Path) -> tuple[str | None, tuple[tuple[int, int], ...
 
 
 def _borrowed(pid: int, descriptor: int, protocol: str) -> tuple[str, int | None]:
-    """Return interface and number of identifiers of another process's socket; OSError if access is denied."""
+    """Return interface and number of identifiers of a socket in another process; OSError if access is denied."""
     process = os.pidfd_open(pid)
     try:
         number = _pidfd_getfd(process, descriptor)
@@ -504,7 +504,7 @@ def _problem(command: InterfaceCommand, run: Run) -> str:
 
 
 def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:
-    """Return the command prefix that gives root permissions; ConfigError if there is none."""
+    """Return the command prefix for root permissions, empty for root; ConfigError if there is none."""
     if os.geteuid() == 0:
         return ()
     if shutil.which("sudo") and run(("sudo", "-n", "true")).returncode == 0:

@@ -305,7 +305,7 @@ class FrameRouter:
 
 
 def _plain_ids(records: bytes) -> list[int]:
-    """Return the identifiers of records; [] if a record may be an error frame, which every member receives."""
+    """Return the identifiers of records; [] if any record may be an error frame, which every member receives."""
     return [] if has_error_frames(records) else memoryview(records).cast("I")[:: RECORD_SIZE // 4].tolist()
 
 

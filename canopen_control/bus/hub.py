@@ -37,8 +37,6 @@ _BUFFER_SIZE: Final = 1 << 20
 
 
 class _End:
-    """Connection of one member."""
-
     __slots__ = ("member", "reading", "socket", "writing")
 
     def __init__(self, sock: socket.socket, member: RouterPort) -> None:
@@ -83,7 +81,6 @@ class Hub:
             )
 
     def _admit(self, sock: socket.socket, hello: Hello) -> None:
-        """Add the sender of a greeting as a member."""
         member = self.router.join(hello.label, hello.pid)
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             sock.setsockopt(socket.SOL_SOCKET, option, _BUFFER_SIZE)  # the kernel limits the size

@@ -168,7 +168,7 @@ class LocalPort:
         self._dropping = dropped > 0
 
     def set_filter(self, can_ids: Iterable[int]) -> None:
-        """Subscribe to these identifiers: the hub omits chunks without any of them; others may still arrive."""
+        """Subscribe to identifiers; the hub omits chunks without these identifiers, other frames may still arrive."""
         if self._abilities & TAKES_SUBSCRIPTION:
             self._report(pack_subscription(can_ids))
 

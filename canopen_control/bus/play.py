@@ -69,7 +69,6 @@ def play(
 
 
 def _flush(port: Port, seconds: float) -> None:
-    """Send the queued records, for at most `seconds`."""
     end = time.monotonic() + seconds
     while port.wants_write:
         port.flush()

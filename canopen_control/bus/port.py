@@ -71,7 +71,7 @@ class Port(Protocol):
 
     @property
     def stats(self) -> PortStats:
-        """Counters of the port, updated continuously."""
+        """Counters of the port, updated with each call."""
 
     @property
     def wants_write(self) -> bool:

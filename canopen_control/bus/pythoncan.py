@@ -87,7 +87,7 @@ def record_of(message: can.Message) -> bytes | None:
 
 
 class AdapterClock:
-    """Conversion of an adapter's time stamps, with any origin, to monotonic time.
+    """Converter from an adapter's time stamps, whatever their origin, to monotonic time.
 
     Stamp 0 means an adapter without a clock; the result is the current time. Unix time is converted directly. The
     offset of any other clock is chosen so that no frame is later than its reading, and follows the drift; after a
@@ -324,7 +324,7 @@ class PythonCanPort:
                 self._wake.set()
 
     def _is_broken(self) -> bool:
-        """Whether the adapter has only failed for so long that it must be reopened."""
+        """Whether the adapter has failed without a success for so long that it must be reopened."""
         if self._reopen is None or not self._failing_since:
             return False
         now = time.monotonic()
@@ -375,7 +375,6 @@ class PythonCanPort:
 
 
 def _reason(error: Exception) -> str:
-    """Return the text of an exception, or its class if the driver gave none."""
     return str(error).strip() or type(error).__name__
 
 

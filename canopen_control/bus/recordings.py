@@ -125,7 +125,7 @@ def _parsed(text: str, columns: str) -> tuple[float, CanFrame] | None:
 
 
 def _kind_of(words: list[str], columns: str) -> str:
-    """Return the type of a row of version 1.0, in the terms of 1.1."""
+    """Return the type of a row of version 1.0, named as in version 1.1."""
     if words[columns.index("I")] == _STATUS_ID:
         return "Warng"
     return "Error" if "ERROR" in words else "Rx"
@@ -285,8 +285,6 @@ def _blf_reader(file: Any) -> Any:  # noqa: ANN401 - as above
 
 
 class _Format(NamedTuple):
-    """Format of a recording: how it is opened, and which frames it can represent."""
-
     writer: Callable[[Path], can.io.generic.MessageWriter] | None  # None: written here
     reader: Callable[[Any], Any] | None  # None: `lines`, read here
     holds: Callable[[CanFrame], bool]

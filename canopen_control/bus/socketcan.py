@@ -161,7 +161,7 @@ class SocketCanPort:
         return records
 
     def _follow(self, events: list[BusEvent]) -> None:
-        """Log events and update the controller state; during bus-off no frame may wait."""
+        """Log events and update the controller state; bus-off clears the send queue."""
         for event in events:
             text = event.text
             if event.kind is BusEventKind.BUS_OFF:
@@ -258,7 +258,7 @@ class SocketCanPort:
         self._rebind_at = None if self._bind(self.channel) else self._now() + _REBIND_NS
 
     def _is_back(self, address: object) -> bool:
-        """Bind again and return True if a frame came from an interface with the name of the removed one."""
+        """Bind again if a frame came from an interface with the name of the removed one; return True then."""
         if interface_of(address) != self.channel:
             return False
         self._rebind()

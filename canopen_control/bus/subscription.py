@@ -70,8 +70,6 @@ def parse_hello(data: bytes) -> Hello | None:
 
 
 class _Newcomer:
-    """Connection that has not sent a complete greeting yet."""
-
     __slots__ = ("data", "socket", "timer")
 
     def __init__(self, sock: socket.socket, timer: Timer) -> None:
@@ -224,7 +222,7 @@ class Chunk(NamedTuple):
 
     @property
     def next_ns(self) -> int:
-        """Time of the record that follows the chunk without a stamp of its own, 0 if unknown."""
+        """Time in ns of a record that follows the chunk without its own stamp, 0 if unknown."""
         return self.at_ns and self.at_ns + len(self.records) // RECORD_SIZE * STAMP_STEP_NS
 
 

@@ -214,7 +214,7 @@ MANUFACTURER_BYTES = 5
 
 @dataclass(frozen=True, slots=True)
 class EmcyMessage:
-    """One emergency message; `data` are the manufacturer-specific bytes: 5 in the standard, fewer from some devices."""
+    """Emergency message; `data` are the manufacturer-specific bytes: 5 in the standard, fewer from some devices."""
 
     node_id: int
     error_code: int

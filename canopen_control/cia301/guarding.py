@@ -73,7 +73,7 @@ class GuardingMaster:
         self._nodes.pop(node_id, None)
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the last state received; None if no state was received, it is unknown, or the node is not guarded."""
+        """Return the last received state; None if unknown, not received yet, or if the node is not guarded."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 

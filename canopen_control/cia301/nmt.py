@@ -352,6 +352,6 @@ def reaction(value: int, state: NmtState) -> NmtCommand | None:
 
 
 def check_reaction(value: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1029, None if accepted."""
+    """Return the abort code of a write to 0x1029; None if the value is valid."""
     # CiA 301, 7.5.2.32: 0, 1 and 2 are defined
     return None if value in _REACTIONS else AbortCode.INVALID_VALUE

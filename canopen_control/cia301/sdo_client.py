@@ -222,7 +222,7 @@ _FLUSHING: Final = FlushingLateAnswers()
 
 
 def first_phase(exchange: SdoTransfer, request: SdoRequest) -> tuple[Phase, bytes]:
-    """Return the first phase and the first frame of a try: of the request, or of the flush that must precede it."""
+    """Return the first phase and the first frame of a try, either of the request or of a flush before the request."""
     if request.block and exchange.may_use_blocks:
         phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
         data = initiate_block(request, exchange.options)

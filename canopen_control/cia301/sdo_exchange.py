@@ -534,7 +534,7 @@ class SdoTransfer:
         self._send_abort(code)
 
     def _may_disappear(self, request: SdoRequest, code: int, budget: RetryBudget) -> bool:
-        """Whether a busy abort may disappear after a pause: an upload is repeated once, a download repeatedly.
+        """Whether a retry after a pause may help: always for a download, once for an upload.
 
         A write may have to wait for the device. A read only waits if the server is busy with another client. Some
         servers answer every object without a value with 0x060A0023 (LocalNode of canopen), so that a code which a pause

@@ -321,7 +321,7 @@ class SdoServer:
     # -- store
 
     def _accepts(self, index: int, subindex: int, announced: int | None) -> bool:
-        """Whether a download of several frames may start; if not, an abort has been sent."""
+        """Whether a download of several frames may start; an abort is sent if not."""
         if (size := self._size(index, subindex)) is None:
             return False
         code = 0

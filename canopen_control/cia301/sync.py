@@ -44,7 +44,7 @@ PRODUCER_BIT = 1 << 30  # of 0x1005
 
 
 def parse_cob_id_sync(value: int) -> tuple[int, bool]:
-    """Return the CAN identifier (flagged if it has 29 bits) and the producer bit of a value of 0x1005."""
+    """Return the CAN identifier (with the 29-bit flag) and the producer bit of a value of 0x1005."""
     return can_id_of(value), bool(value & PRODUCER_BIT)
 
 
@@ -54,7 +54,7 @@ def is_valid_overflow(overflow: int) -> bool:
 
 
 def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, None if accepted."""
+    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`; None if the write is valid."""
     # CiA 301, 7.5.2.22: the overflow value must not change while 0x1006 is not 0
     if period_us:
         return AbortCode.DEVICE_STATE
@@ -62,7 +62,7 @@ def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
 
 
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
-    """Return the abort code of a write to 0x1005 while the object holds `present`, None if accepted."""
+    """Return the abort code of a write to 0x1005 whose current value is `present`; None if the write is valid."""
     # CiA 301, 7.5.2.5: bit 30, the device generates SYNC
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE

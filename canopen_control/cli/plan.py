@@ -150,7 +150,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
     """Return the writes that a node needs, and the reason why the node cannot be read, or None."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort
-    from canopen_control.master.boot_config import groups, needed, reads_of
+    from canopen_control.master.boot_pdos import groups, needed, reads_of
 
     values: dict[tuple[int, int], bytes | None] = {}
     for address in [(0x1000, 0), *(read for group in groups(plan.writes) for read in reads_of(group))]:

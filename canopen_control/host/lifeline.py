@@ -69,7 +69,7 @@ def _report(line: bytes) -> None:
 
 
 class LivenessReport:
-    """Repeated report of a child to `spawn`: first that it is ready, then that it is still running.
+    """Reports of a child to `spawn`: first that the child is ready, then that the child is still running.
 
     The methods have no effect in a process whose starter has not requested reports.
     """

@@ -79,7 +79,6 @@ class Connection:
         return len(self._output)
 
     def fileno(self) -> int:
-        """Return the descriptor; -1 after the connection was closed."""
         return self._socket.fileno()
 
     def expect_answer(self) -> None:

@@ -50,7 +50,7 @@ FileLike: TypeAlias = int | HasFileno
 
 
 class _Watch:
-    """Callbacks of one descriptor, and the turn from which on they are valid."""
+    """Callbacks of one descriptor, and the turn in which the descriptor was registered."""
 
     __slots__ = ("on_readable", "on_writable", "since")
 

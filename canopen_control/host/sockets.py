@@ -141,7 +141,7 @@ def socket_path(kind: SocketKind, name: str) -> Path:
 
 
 def _short_folder(folder: Path) -> Path:
-    """Return a folder with a short path that replaces `folder`, always the same for the same `folder`."""
+    """Return the folder with a short path that always replaces `folder`."""
     import hashlib
 
     digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:12]

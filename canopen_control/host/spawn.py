@@ -260,22 +260,22 @@ def spawn(
     log = None if inherit_stdout else LogFile(log_dir or state_dir(), name)
     forked = main is not None and can_fork() and (not ros or has_ros_libraries())
     environment = clean_environment(ros=ros, forked=forked)
-    with contextlib.ExitStack() as ours, contextlib.ExitStack() as theirs:
-        alive, lifeline = _pipe(theirs, ours)  # nothing is written: end of file means the end of the parent
+    with contextlib.ExitStack() as parent_ends, contextlib.ExitStack() as child_ends:
+        alive, lifeline = _pipe(child_ends, parent_ends)  # nothing is written: end of file means the end of the parent
         environment[LIFELINE] = str(alive)
         readiness = -1
         if reports:
-            readiness, ready = _pipe(ours, theirs)
+            readiness, ready = _pipe(parent_ends, child_ends)
             environment[READY] = str(ready)
         gate = -1
         if gated:
-            passage, gate = _pipe(theirs, ours)
+            passage, gate = _pipe(child_ends, parent_ends)
             environment[GATE] = str(passage)
         try:
             process = _start(argv, environment, log, main if forked else None)
         except OSError as error:
             raise CanopenError(f"cannot start {name} ({argv[0]}): {error.strerror}") from error
-        ours.pop_all()
+        parent_ends.pop_all()
     return Child(process, name, lifeline, log, readiness, gate)
 
 
@@ -323,15 +323,15 @@ def spawn_detached(
     have elapsed.
     """
     log = LogFile(log_dir or state_dir(), name)
-    ours, theirs = os.pipe()
+    reading, writing = os.pipe()
     try:
         try:
-            group = _start_detached(argv, theirs, log, main)
+            group = _start_detached(argv, writing, log, main)
         finally:
-            os.close(theirs)
-        report = _read_report(ours, time.monotonic() + ready)
+            os.close(writing)
+        report = _read_report(reading, time.monotonic() + ready)
     finally:
-        os.close(ours)
+        os.close(reading)
     if report == READY_WORD:
         return
     if report is None:

@@ -167,7 +167,7 @@ class Rhythm:
 
 
 def _fired_once(fd: int) -> bool:
-    """Read a periodic timer that has fired; return False if it did not fire exactly once and must be set again."""
+    """Read a periodic timer; False if it has not fired exactly once, so that the timer must be set again."""
     try:
         return os.read(fd, 8) == _ONCE
     except BlockingIOError:

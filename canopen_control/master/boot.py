@@ -140,10 +140,10 @@ def _identify(
     try:
         device_type = int.from_bytes((yield from transfers.read(DEVICE_TYPE)), "little")
     except (SdoTimeout, SdoAbort, SdoLengthError) as error:
-        late = "; its boot-up message came: where it answers SDO later than that, give the master a longer `boot_time`"
+        late = "; its boot-up message was received: if the node answers SDO later, increase `boot_time` of the master"
         end = late if alive and isinstance(error, SdoTimeout) else ""
         # CiA 302-2, error status B: no answer to the request of 0x1000
-        raise boot_error(plan, "B", f"no device type 0x1000:00: {reason_of(error)}{end}") from error
+        raise boot_error(plan, "B", f"device type 0x1000:00 not read: {reason_of(error)}{end}") from error
     expected = plan.identity
     if expected.device_type and device_type != expected.device_type:
         # CiA 302-2, error status C: 0x1000 differs from 0x1F84
@@ -155,7 +155,7 @@ def _identify(
         (3, "N", "revision number", expected.revision_number),
         (4, "O", "serial number", expected.serial_number),
     ):
-        value = yield from _answered(plan, "B", transfers, IDENTITY, subindex)
+        value = yield from _read_optional(plan, "B", transfers, IDENTITY, subindex)
         numbers.append(-1 if value is None else value)
         if required and value != required:
             # CiA 302-2, error status D, M, N, O: 0x1018 differs from 0x1F85 to 0x1F88
@@ -163,7 +163,7 @@ def _identify(
     if expected.eds_revision and numbers[2] != expected.eds_revision:
         transfers.warnings.append(
             f"revision number 0x{numbers[2] & 0xFFFFFFFF:08X}, the EDS was written for 0x{expected.eds_revision:08X}; "
-            "give revision_number in bus.yml to insist on one"
+            "set revision_number in bus.yml to require a revision"
         )
     return numbers[0], numbers[1], numbers[2], numbers[3]
 
@@ -179,7 +179,7 @@ def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
         raise boot_error(
             plan,
             letter,
-            f"no {monitoring} within {timeout / 1e9:g} s; power-cycle it, or let `reset_communication` be true",
+            f"no {monitoring} within {timeout / 1e9:g} s; power-cycle the node, or set `reset_communication: true`",
         )
     return state == NmtState.OPERATIONAL
 
@@ -188,10 +188,10 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
     """Compare the firmware version with `software_version` (CiA 302-2, "check and update software version")."""
     if not plan.software_version:
         return
-    version = yield from _answered(plan, "G", transfers, SOFTWARE, 1)
+    version = yield from _read_optional(plan, "G", transfers, SOFTWARE, 1)
     # CiA 302-2, error status G: the software version could not be verified
     if version is None:
-        raise boot_error(plan, "G", f"it has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")
+        raise boot_error(plan, "G", f"the node has no 0x1F56:01, and software_version is 0x{plan.software_version:08X}")
     # CiA 302-2, error status H and I: another version than 0x1F55, without a firmware download
     if version != plan.software_version:
         letter, hint = "H", ""
@@ -207,14 +207,14 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
     modes: int | None = None
     sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
-        modes = yield from _answered(plan, "J", transfers, SUPPORTED_DRIVE_MODES + offset, 0)
-        statusword = (yield from _answered(plan, "J", transfers, STATUSWORD + offset, 0)) or 0
+        modes = yield from _read_optional(plan, "J", transfers, SUPPORTED_DRIVE_MODES + offset, 0)
+        statusword = (yield from _read_optional(plan, "J", transfers, STATUSWORD + offset, 0)) or 0
         # CiA 402-2, table 30: bit 2, operation enabled
         if statusword & _OPERATION_ENABLED_BIT and not running:
-            yield from _silently(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
+            yield from _write_optional(transfers, CONTROLWORD + offset, _SHUTDOWN.to_bytes(2, "little"))
         for target, actual in _PRESETS.items():
             if (target + offset, 0) in sent:
-                value = yield from _answered(plan, "J", transfers, actual + offset, 0, signed=True)
+                value = yield from _read_optional(plan, "J", transfers, actual + offset, 0, signed=True)
                 if value is not None:
                     transfers.presets[target + offset, 0] = transfers.presets[actual + offset, 0] = value
         if (MODES_OF_OPERATION + offset, 0) in transfers.presets:  # unless bus.yml writes a mode
@@ -222,8 +222,8 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
                 if write.address == (MODES_OF_OPERATION + offset, 0):
                     transfers.presets[write.address] = int.from_bytes(write.data, "little", signed=True)
         has_velocity = (TARGET_VELOCITY + offset, 0) in plan.entry_names and not running
-        if has_velocity and (yield from _answered(plan, "J", transfers, TARGET_VELOCITY + offset, 0)):
-            yield from _silently(transfers, TARGET_VELOCITY + offset, bytes(4))
+        if has_velocity and (yield from _read_optional(plan, "J", transfers, TARGET_VELOCITY + offset, 0)):
+            yield from _write_optional(transfers, TARGET_VELOCITY + offset, bytes(4))
     return modes
 
 
@@ -238,8 +238,8 @@ def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
     missing = yield from watch_running(plan, (yield from compare_only(plan, transfers)), transfers)
     done = "only its supervision was written" if transfers.writes > written else "nothing was written"
     differs = ", ".join(f"0x{write.index:04X}:{write.subindex:02X}" for write in missing)
-    remark = f"; it differs from bus.yml in {differs}: reset it to have that written" if missing else ""
-    transfers.warnings.append(f"boot status L: {LETTERS['L']} and is to be kept alive, so {done}{remark}")
+    remark = f"; it differs from bus.yml in {differs}: reset the node to write these objects" if missing else ""
+    transfers.warnings.append(f"boot status L: {LETTERS['L']} and must be kept alive, so {done}{remark}")
     yield from _await_heartbeat(plan)
 
 
@@ -255,7 +255,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
         command = NmtCommand.RESET_COMMUNICATION if communication else NmtCommand.RESET_NODE
         # CiA 301, 7.5.2.14: restored values are valid after reset node or reset communication
         if not (yield from _reset(plan, command)):
-            raise boot_error(plan, "J", f"no boot-up within {plan.boot_up_ns / 1e9:g} s of restoring its defaults")
+            raise boot_error(plan, "J", f"no boot-up within {plan.boot_up_ns / 1e9:g} s after restoring the defaults")
     yield NextStep("configure")
     transfers.begin_configuration()
     yield from configure(plan, transfers)
@@ -282,20 +282,20 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
         yield SendNmt(NmtCommand.START)
         if (yield AwaitState(STATE_NS + plan.supervision_ns, NmtState.OPERATIONAL)):
             return
-    raise boot_error(plan, "T", f"NMT start sent {NMT_TRIES} times, no heartbeat and no TPDO ever said OPERATIONAL")
+    raise boot_error(plan, "T", f"NMT start was sent {NMT_TRIES} times, but no heartbeat or TPDO confirmed OPERATIONAL")
 
 
-def _answered(
+def _read_optional(
     plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an optional number; None if refused, BootError with `letter` if there is no valid answer."""
+    """Read an optional number; None if the node refuses, BootError with `letter` without a valid answer."""
     try:
         return (yield from transfers.number(index, subindex, signed=signed))
     except (SdoTimeout, SdoLengthError) as error:
         raise boot_error(plan, letter, f"reading 0x{index:04X}:{subindex:02X}: {reason_of(error)}") from error
 
 
-def _silently(transfers: BootTransfers, index: int, data: bytes) -> Generator[Request, Answer, None]:
+def _write_optional(transfers: BootTransfers, index: int, data: bytes) -> Generator[Request, Answer, None]:
     try:
         yield from transfers.write(index, 0, data)
     except SdoAbort as error:
@@ -304,9 +304,9 @@ def _silently(transfers: BootTransfers, index: int, data: bytes) -> Generator[Re
 
 def _mismatch(plan: NodePlan, letter: str, title: str, actual: int, expected: int) -> BootError:
     actual_text = f"0x{actual:08X}" if actual >= 0 else "missing"
-    hint = "wrong device at this node id, or wrong EDS?"
+    hint = "check the device with this node id, and its EDS"
     if letter == "C" and not actual:  # no profile, as boot-loaders show it (CiA 302-3)
-        hint = "is it in its boot-loader, without a program? `firmware` loads one; or wrong device, or wrong EDS?"
+        hint = "it may be in its boot-loader without a program, which `firmware` loads; else check device and EDS"
     return boot_error(plan, letter, f"{title} is {actual_text}, expected 0x{expected:08X} (from {plan.source}); {hint}")
 
 
@@ -364,27 +364,25 @@ class BootTask:
 
     @property
     def step(self) -> str:
-        """Name of the current step of the boot."""
         return self._step
 
     @property
     def awaits_boot_up(self) -> bool:
-        """Whether the boot is waiting for the boot-up message of the node."""
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`: 0 for now, because a TPDO may have come; None if not needed."""
-        if self._hears_tpdos:
+        """Return the time of the next `tick`; 0 means at once, for a TPDO; None means that no tick is needed."""
+        if self._accepts_tpdos:
             return 0
         return self._deadline if isinstance(self._waiting, _WAITS) else None
 
     def boot_up(self, now: int) -> None:
-        """Process a boot-up message of the node."""
+        """Handle a boot-up message of the node; no-op unless the boot waits for the message."""
         if self.awaits_boot_up:
             self._answer(True, now)
 
     def heartbeat(self, state: NmtState | None, now: int) -> None:
-        """Process a heartbeat or guarding answer of the node."""
+        """Handle a heartbeat or guarding answer, which may end the current wait."""
         waiting = self._waiting
         if isinstance(waiting, AwaitHeartbeat) and state is not None:
             self._answer(state, now)
@@ -393,13 +391,13 @@ class BootTask:
 
     def tick(self, now: int) -> None:
         """End the current wait if its timeout has expired or a TPDO was received."""
-        if self._hears_tpdos and self._count_tpdos() > self._tpdos:
+        if self._accepts_tpdos and self._count_tpdos() > self._tpdos:
             self._answer(True, now)
         elif isinstance(self._waiting, _WAITS) and now >= self._deadline:
             self._answer(None if isinstance(self._waiting, AwaitHeartbeat) else False, now)
 
     def transfer_ended(self, request: SdoRequest, now: int) -> None:
-        """Process the end of an SDO transfer, if requested by this boot."""
+        """Resume the boot after its SDO transfer has ended; other transfers are ignored."""
         if self.done or request is not self._transfer:
             return
         if request.error is not None:
@@ -417,17 +415,17 @@ class BootTask:
     _transfer: SdoRequest | None = None
 
     @property
-    def _hears_tpdos(self) -> bool:
+    def _accepts_tpdos(self) -> bool:
         return isinstance(self._waiting, AwaitState) and self._waiting.state is NmtState.OPERATIONAL
 
     def _answer(self, value: Answer, now: int) -> None:
         self._resume(now, lambda: self._generator.send(value))
 
-    def _resume(self, now: int, go_on: Callable[[], Request]) -> None:
-        """Resume the generator by calling `go_on`, and continue until the next wait or the end of the generator."""
+    def _resume(self, now: int, advance: Callable[[], Request]) -> None:
+        """Resume the generator by calling `advance`; continue until the next wait or the end of the generator."""
         self._waiting = None
         try:
-            request = go_on()
+            request = advance()
             while isinstance(request, NextStep | SendNmt):
                 self._do(request, now)
                 request = self._generator.send(None)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 HIGH = 0.70  # fraction of the bit rate
-_ON_REMOTE = (252, 253)
+_ON_REMOTE = (252, 253)  # sent on a remote frame only (CiA 301, 7.5.2.37)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Budget:
 
 
 def bits_of(length: int) -> tuple[int, int]:
-    """Return the bits of a frame with `length` data bytes: without stuff bits, and with the maximum number of them."""
+    """Return the length of a frame in bits, without stuff bits and with the maximum number of stuff bits."""
     return FRAME_BITS + 8 * length, worst_case_bits(length)
 
 
@@ -103,7 +103,7 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
             ms = round(plan.heartbeat_timeout_ns / node.supervision.multiplier / 1e6)
             yield _error_control(f"heartbeat of {name}", node.node_id, ms, period_ns)
         elif plan.guard:
-            for title in ("guarding", "its answer"):
+            for title in ("guarding request", "guarding answer"):
                 yield _error_control(f"{title}, {name}", node.node_id, node.supervision.guard_time, period_ns)
         for layout in plan.rpdos:
             yield Share(f"RPDO {layout.number} of {name}", layout.cob_id, _length(layout), 1.0)

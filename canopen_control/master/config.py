@@ -30,7 +30,8 @@ from canopen_control.master.keys import (
     NodeConfig,
 )
 from canopen_control.master.node_config import node_config, node_id_below, tolerated, with_defaults
-from canopen_control.master.plan import NodePlan, PlanInput, make_plan
+from canopen_control.master.plan import NodePlan, make_plan
+from canopen_control.master.plan_builder import PlanBuilder
 from canopen_control.od.dcf import concise_of, decode_concise
 from canopen_control.od.eds import SUFFIXES, read_eds
 from canopen_control.od.model import BIT_RATES
@@ -80,12 +81,12 @@ class Sources:
         for place in places:
             if place.is_file():
                 return place
-        sought = ", ".join(dict.fromkeys(str(place.parent) for place in places))
-        unset = "; a variable of the environment is not set" if "$" in sought or "$" in str(path) else ""
-        raise NotFound(f"no file {name!r}; sought in {sought}{unset}")
+        searched = ", ".join(dict.fromkeys(str(place.parent) for place in places))
+        unset = "; an environment variable is not set" if "$" in searched or "$" in str(path) else ""
+        raise NotFound(f"file {name!r} not found in {searched}{unset}")
 
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
-        """Return the object dictionary of an EDS or DCF for a node id, None for the file's own node id; EdsError."""
+        """Return the object dictionary of a file for a node id (None: the file's own node id); EdsError if invalid."""
         if (path, node_id) not in self._dictionaries:
             if path not in self._files:
                 self._files[path] = read_eds(path)
@@ -110,8 +111,8 @@ class Sources:
 
 
 _SECTIONS = ("options", "master", "defaults", "nodes")
-_TIME_COB_ID = 0x100  # predefined (CiA 301, 7.5.2.18)
-_SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, tables 71 and 75)
+_TIME_COB_ID = 0x100  # predefined (CiA 301, 7.3.3)
+_SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, 7.5.2.35 and 7.5.2.37)
 _NAMED_PDOS: Final = 4
 _IGNORED_ID = 255  # node id of a node that ros2_canopen's generator leaves out
 
@@ -237,7 +238,7 @@ class _Reader:
         return master
 
     def _misplaced_master(self) -> bool:
-        """Return whether keys of the master are in a wrong section, which is reported elsewhere."""
+        """Whether keys of the master are in a wrong section; that error is reported elsewhere."""
         options = self._root.get("options")
         inside = options is not None and options.get("master") is not None
         return inside or any("`master:`" in MISNAMED_ROOT.get(key, "") for key in self._root.keys())  # noqa: SIM118
@@ -248,7 +249,7 @@ class _Reader:
         if place is None or type(place.value) is not int or place.value not in [1000 * rate for rate in BIT_RATES]:
             return section
         kbits = place.value // 1000
-        self._unused["master.baudrate"] = f"{place.text} is taken as bit/s: write {kbits}, the unit is kbit/s"
+        self._unused["master.baudrate"] = f"{place.text} is interpreted as bit/s; write {kbits}, the unit is kbit/s"
         copy = Node("scalar", place.line, place.column, place.where, place.problems)
         pairs["baudrate"] = pairs["baudrate"][0], Node.scalar(copy, str(kbits), kbits, quoted=False)
         root = Node("mapping", section.line, section.column, section.where, section.problems)
@@ -274,7 +275,7 @@ class _Reader:
             merged = with_defaults(name, node, defaults, peer_merge=self._peer_merge)
             self._note_unused(merged, UNUSED_NODE)
             if (place := merged.get("node_id")) is not None and place.value == _IGNORED_ID:
-                place.warning(f"{name} is left out: node_id {_IGNORED_ID} stands for no node")
+                place.warning(f"{name} is skipped: node_id {_IGNORED_ID} means that there is no node")
                 continue
             if (read := node_config(name, merged, master, self._options)) is not None:
                 config, section_read = read
@@ -340,7 +341,7 @@ class _Reader:
             place = node.get("node_id") or node
             if node_id in owner:
                 self._doubled.add(name)
-                place.error(f"node id {node_id} is already that of {owner[node_id]}; give {name} another")
+                place.error(f"node id {node_id} is already used by {owner[node_id]}; choose another for {name}")
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
@@ -355,7 +356,7 @@ class _Reader:
                     pdo = f"{kind.upper()} {layout.number} of {name}"
                     if (first := owner.setdefault(layout.cob_id, pdo)) != pdo:
                         place = _place(nodes[name][1], f"{kind}.{layout.number}.cob_id")
-                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {pdo} is already that of {first}")
+                        place.error(f"COB-ID 0x{layout.cob_id:03X} of {pdo} is already used by {first}")
 
     def _check_sync(self, master: MasterConfig, plans: dict[str, NodePlan]) -> None:
         """Report synchronous PDOs on a bus without a SYNC producer (CiA 301, 7.5.2.35 and 7.5.2.37)."""
@@ -372,7 +373,7 @@ class _Reader:
             section = self._root.get("master") or self._root
             more = f" and {len(pdos) - _NAMED_PDOS} more" if len(pdos) > _NAMED_PDOS else ""
             (section.get("sync_period") or section).warning(
-                f"no SYNC is sent without sync_period, so that PDOs which wait for it never act: "
+                f"no SYNC is sent without sync_period, so that these synchronous PDOs have no effect: "
                 f"{', '.join(pdos[:_NAMED_PDOS])}{more}; set sync_period in us, such as 20000, or transmission: 255"
             )
 
@@ -407,23 +408,12 @@ class _Reader:
             place = _place(node, key)
             self._remarks.append(f"{self._path}: {_named(config, place, text)}")
 
-        plan = make_plan(
-            PlanInput(
-                config,
-                od,
-                source=eds_path.name,
-                master=master,
-                downloads=self._downloads(config, node, od),
-                complain=complain,
-                warn=warn,
-                note=self._note,
-                remark=remark,
-                spare_cob_ids=self._spare_cob_ids,
-            )
-        )
+        downloads = self._downloads(config, node, od)
+        builder = PlanBuilder(config, od, complain, warn, self._note, self._spare_cob_ids, downloads, remark)
+        plan = make_plan(builder, master, eds_path.name)
         if not plan.unsupervised:
             return plan
-        accepts = "`allow_unsupervised: true` accepts that, or --allow-unsupervised"
+        accepts = "accept that with `allow_unsupervised: true` or --allow-unsupervised"
         if self._allow_unsupervised:
             accepted = "nothing stops this drive when the master is lost, which --allow-unsupervised accepts"
             warn("dcf", f"{accepted}: {plan.unsupervised}")
@@ -435,7 +425,7 @@ class _Reader:
         self._unused.setdefault(key, f"has no meaning here: {text}")
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
-        """Return the SDO downloads of `configuration_file`, or the ParameterValues of a DCF given as `dcf`."""
+        """Return the SDO downloads of `configuration_file`; without this key, the ParameterValues of a DCF."""
         if not config.boot.configuration_file:
             return tuple(concise_of(od))
         place = node.get("configuration_file") or node

@@ -13,11 +13,14 @@ import sys
 from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.pdo import MAX_BITS, MappedObject, PdoCodec
+from canopen_control.cia402.objects import CONTROLWORD, STATUSWORD
+from canopen_control.cia402.state import HALT_BIT
 from canopen_control.frame import RECORD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from canopen_control.cia402.motors import MotorMap
     from canopen_control.master.plan_builder import PlannedPdo
     from canopen_control.od.model import Value
 
@@ -26,7 +29,7 @@ _HEAD: Final = "<IB3x"  # head of a record, see `canopen_control.frame`
 _NEVER: Final = -1
 _NO_END: Final = (1 << 62) - 1
 MISSED_SYNCS = 3  # default number of SYNCs without a TPDO after which its values are stale
-CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of RPDOs that a drive expects with every SYNC
+CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of PDOs exchanged at SYNCs (CiA 301, 7.5.2.35)
 
 
 class ReceivedPdo:
@@ -51,11 +54,11 @@ class ReceivedPdo:
         "long",
         "missed",
         "overdue",
+        "reported_lengths",
         "short",
         "silent",
         "since",
         "stamp",
-        "told_lengths",
         "unpack",
         "values",
     )
@@ -72,14 +75,14 @@ class ReceivedPdo:
         self.age_limit_ns = 0
         self.allow(MISSED_SYNCS)
         self.expected = self.overdue = False
-        self.told_lengths = 0  # a bit for each wrong length already reported
+        self.reported_lengths = 0  # a bit for each wrong length already reported
         self.checked = self.silent = self.since = 0
         self.values: tuple[Value, ...] = (0,) * len(objects)
         self.stamp = _NEVER
         self.count = self.short = self.long = 0
 
     def receive(self, data: bytes, length: int, now: int) -> None:
-        """Process the data of a frame: eight bytes, of which `length` were received.
+        """Decode a received frame; `data` has eight bytes, of which `length` were received.
 
         A frame that is too short only increments a counter.
         """
@@ -94,7 +97,7 @@ class ReceivedPdo:
         self.count += 1
 
     def use(self, layout: PlannedPdo, planned: Sequence[MappedObject]) -> None:
-        """Use the COB-ID and mapping that the node has kept; `layout` must contain the `planned` objects.
+        """Adopt the COB-ID and mapping that the node has kept; `layout` must contain the `planned` objects.
 
         `values` remain in the order of the `planned` objects.
         """
@@ -177,13 +180,13 @@ class Output:
                 pdo.changed = True
 
     def write(self, value: Value) -> None:
-        """Set the value for the next frames, and let the RPDOs be sent even if the value is unchanged."""
+        """Set the value for the next frames, and send the RPDOs even if the value is unchanged."""
         self.record(value)
         for pdo, _ in self.places:
             pdo.changed = True
 
     def record(self, value: Value) -> None:
-        """Record a value that the node has already, for later frames, without triggering an RPDO."""
+        """Store a value that the node already has, for later frames; no RPDO is triggered."""
         self.value = value
         for pdo, position in self.places:
             pdo.values[position] = value
@@ -224,18 +227,18 @@ class SentPdo:
         self.enabled, self.count = False, 0
         self.refresh = 0
         self.sent_in = 0  # cycle of the last transmission
-        self._carry(outputs)
+        self._set_outputs(outputs)
 
     def use(self, layout: PlannedPdo, outputs: Sequence[Output]) -> None:
-        """Use the COB-ID and mapping that the node has kept; `outputs` are the mapped objects."""
+        """Adopt the COB-ID and mapping that the node has kept; `outputs` are the mapped objects."""
         for output in self.outputs:
             output.places = [place for place in output.places if place[0] is not self]
         self.cob_id, self.codec = layout.cob_id, PdoCodec(layout.objects)
         self._packer = _packer(self.codec)
         self.cyclic = layout.transmission_type in CYCLIC_SYNCHRONOUS
-        self._carry(outputs)
+        self._set_outputs(outputs)
 
-    def _carry(self, outputs: Sequence[Output]) -> None:
+    def _set_outputs(self, outputs: Sequence[Output]) -> None:
         self.outputs = outputs
         self.repeated = self.changed = any(output.driven for output in outputs)
         self.values: list[Value] = [output.value for output in outputs]
@@ -263,7 +266,8 @@ class SentPdo:
 def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
     """Return a function that packs a whole record at once, None if that is not possible for a mapping.
 
-    Records have the host's byte order, values are little-endian; objects that are not whole bytes cannot be packed so.
+    Records have the host's byte order, values are little-endian; a mapping with objects that are not whole bytes cannot
+    be packed this way.
     """
     if codec.struct is None or sys.byteorder != "little":
         return None
@@ -290,7 +294,7 @@ class ProcessImage:
     def add_tpdo(
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
     ) -> ReceivedPdo:
-        """Add a TPDO of a node; if several TPDOs map an object, its input is in the first."""
+        """Add a TPDO of a node; an object mapped by several TPDOs is read from the first one added."""
         pdo = ReceivedPdo(cob_id, objects, transmission_type)
         self.inputs[cob_id] = pdo
         for position, mapped in enumerate(objects):
@@ -345,7 +349,7 @@ class ProcessImage:
             self._outputs[node_id, *copy] = output
 
     def put_before(self, node_id: int, index: int, output: Output) -> None:
-        """Let the method `output` return the given output for object `index`; the RPDOs are not changed."""
+        """Make `output()` return the given output for object `index`; the RPDOs are unchanged."""
         self._of_axes[node_id, index, 0] = output
 
     def collect(self, sync: bytes = b"") -> bytes:
@@ -370,3 +374,68 @@ class ProcessImage:
             return sync
         records.append(sync)
         return b"".join(records)
+
+
+# Process data of objects that the motors of one device share, presented as separate objects per axis (`cia402.motors`).
+#
+# The controlword of the device is combined from those of its axes: an enabling bit is set if all axes set it, halt and
+# fault reset are set if any axis sets them. So all axes are enabled together, and a stop of one axis stops all. An axis
+# in a fault reacts only to a fault reset, and its enabling bits are ignored, so that the other axes can still be
+# stopped in a controlled way.
+
+
+_ANY: Final = HALT_BIT | 0x80  # bits that are set if any axis sets them: halt, fault reset
+_FAULT_MASK: Final = 0x4F
+_FAULTS: Final = (0x08, 0x0F)  # masked statuswords: FAULT, FAULT REACTION ACTIVE (CiA 402-2, table 30)
+
+
+class AxisControlword(Output):
+    """Controlword of one axis; `whole` is the controlword of the device, `axes` the controlwords of all its axes."""
+
+    __slots__ = ("axes", "statusword", "whole")
+
+    def __init__(self, whole: Output, statusword: Input | None, axes: list[AxisControlword]) -> None:
+        super().__init__()
+        self.whole, self.statusword, self.axes = whole, statusword, axes
+        axes.append(self)
+
+    @property
+    def counts(self) -> bool:
+        """Whether the enabling bits of the axis count, because the axis is not in a fault."""
+        status = self.statusword
+        return status is None or not status.fresh or status.value & _FAULT_MASK not in _FAULTS
+
+    def drive(self) -> None:
+        """Mark the controlword as moving an axis, so that the RPDOs of the device's controlword are sent."""
+        self.driven = True
+        self.whole.drive()
+
+    def set(self, value: int) -> None:
+        """Set the controlword of this axis, and the combined controlword of the device."""
+        self.value = value
+        self.whole.set(combined(self.axes))
+
+
+def combined(axes: Sequence[AxisControlword]) -> int:
+    """Return the controlword of a device, combined from the controlwords of the axes that joints use."""
+    every, some = 0xFFFF, 0
+    for axis in axes:
+        if axis.driven:  # used by a joint
+            some |= axis.value
+            if axis.counts:
+                every &= axis.value
+    return (0 if every == 0xFFFF else every & ~_ANY) | some & _ANY
+
+
+def share_objects(image: ProcessImage, node_id: int, motors: MotorMap) -> None:
+    """Add to `image` the objects that the axes of a node share, per axis; the node's PDOs must be in `image`."""
+    for address, copies in motors.shared.items():
+        for copy in copies:
+            image.share(node_id, address, copy)
+    whole = image.output(node_id, CONTROLWORD)
+    if whole is None:
+        return
+    axes: list[AxisControlword] = []
+    for index, _ in ((CONTROLWORD, 0), *motors.shared[CONTROLWORD, 0]):
+        statusword = image.input(node_id, STATUSWORD + index - CONTROLWORD)
+        image.put_before(node_id, index, AxisControlword(whole, statusword, axes))

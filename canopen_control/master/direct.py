@@ -55,7 +55,7 @@ class Core(FrameListener, Protocol):
         """Return the time of the next `tick` in monotonic ns, None if not needed."""
 
     def frames(self) -> list[CanFrame]:
-        """Return the frames to send, and clear them."""
+        """Return and clear the frames to send."""
 
 
 class DirectBus:
@@ -146,7 +146,7 @@ class DirectBus:
         try:
             self._run(client, request)
         except BaseException:
-            client.cancel_all(BusClosed(self.port.channel, "broken off"))
+            client.cancel_all(BusClosed(self.port.channel, "interrupted"))
             self.port.send(pack_records(client.frames()))
             raise
         client.events()
@@ -155,7 +155,7 @@ class DirectBus:
         return request.data
 
     def _error(self, request: SdoRequest) -> CanopenError | None:
-        """Return the error of a request; a timeout is replaced if the interface is down or the node is STOPPED."""
+        """Return the error of a request; a timeout becomes BusError on a bus that is down, SdoStopped in STOPPED."""
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
             return BusError(f"{self._down}; node {error.node_id} could not be read")
@@ -245,8 +245,8 @@ class DirectBus:
 
     def _receive(self, cores: Sequence[Core], now: int) -> None:
         records = self.port.receive()
-        if len(records) > _FEW and len(cores) == 1 and isinstance(only := cores[0], SdoClient):
-            deliver(records, now, only.receive_records, partial(self._hand_out, cores))
+        if len(records) > _FEW and len(cores) == 1 and isinstance(client := cores[0], SdoClient):
+            deliver(records, now, client.receive_records, partial(self._hand_out, cores))
         else:  # every core gets every frame
             for can_id, length, data in RECORD.iter_unpack(records):
                 self._hand_out(cores, CanFrame(can_id, data[:length]), now)

@@ -70,13 +70,13 @@ def _span(seconds: float) -> str:
 
 
 def _few(event: Event) -> int:
-    """Return how many occurrences of an event are reported one by one before they are summarised."""
+    """Return the number of occurrences of an event that are reported individually."""
     good_news = event.level is Level.INFO and not event.kind.startswith(_MACHINES)
     return FEW if good_news or event.kind in _ACTS else 1
 
 
 class _Repeated:
-    """Series of equal events: newest occurrence, count, reported count, and end of the current window."""
+    """Series of equal events with the newest occurrence, its counts and the end of the current window."""
 
     __slots__ = ("count", "event", "reported", "since", "until", "window_ns")
 
@@ -176,7 +176,7 @@ class EventLog:
         return events
 
     def take(self) -> list[Event]:
-        """Return the events that were reported since the last call, and clear them."""
+        """Return and clear the events that were reported since the last call."""
         events = list(self.waiting)
         self.waiting.clear()
         return events

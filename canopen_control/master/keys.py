@@ -120,7 +120,7 @@ UNUSED_NODE = {
 
 @dataclass(frozen=True)
 class PdoObjectKeys:
-    """Object in the mapping of a PDO; `bits` is None if not given."""
+    """Object in the mapping of a PDO; `bits` is None if the key is absent."""
 
     index: int = setting(low=0x0001, high=0xFFFF)
     sub_index: int = setting(0, low=0, high=0xFF)
@@ -209,7 +209,7 @@ class MasterConfig:
 
     @property
     def sends_sync_first(self) -> bool:
-        """Whether this program, if it sends SYNC, sends it before the RPDOs of its cycle."""
+        """Whether SYNC frames of this program precede the RPDOs of the cycle."""
         return self.sync_order == "first"
 
     @property

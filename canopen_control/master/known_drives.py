@@ -41,7 +41,8 @@ def proposals(
 ) -> Iterator[tuple[BusKey, str]]:
     """Yield the keys of bus.yml that a drive needs and that are missing, each with the text to write.
 
-    `written` are the indexes in the `sdo:` list. The mode of a command interface is proposed if that is `commanded`.
+    `written` are the indexes in the `sdo:` list. The mode of a command interface is proposed if the interface is in
+    `commanded`.
     """
     for key in drive.bus_keys:
         text = _CYCLE_PERIOD.sub(rf"\g<1>{sync_us}", key.text) if sync_us else key.text

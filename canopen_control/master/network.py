@@ -16,10 +16,9 @@ from canopen_control.cia301.nmt import NmtCommand, NmtState, nmt_frame, state_of
 from canopen_control.cia301.sync import SyncProducer
 from canopen_control.frame import BROADCAST, RECORD, CanFrame, Service, cob_id, pack_records
 from canopen_control.master.boot_config import value_of
-from canopen_control.master.cycle import ProcessImage
+from canopen_control.master.cycle import ProcessImage, share_objects
 from canopen_control.master.event_log import Event, Level
 from canopen_control.master.remote_node import RemoteNode
-from canopen_control.master.shared_objects import share_objects
 from canopen_control.master.supervision import BusReader, PdoWatch
 from canopen_control.rpc.messages.fault import FaultEvent
 
@@ -80,7 +79,7 @@ class SecondMasterDetector:
         self._sync_since = self._syncs = 0
         self._last = -_FORGET_NS
 
-    def saw(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
+    def record(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
         """Record a frame of another master or tool; `title` and `example` describe the frame."""
         if now - self._last >= _FORGET_NS:
             self._reported = 0
@@ -104,7 +103,7 @@ class SecondMasterDetector:
         clearest = max(identifiers.evidence for identifiers in self._sightings.values())
         self._reported = clearest
         identifiers = ", ".join(str(self._sightings[can_id]) for can_id in sorted(self._sightings))
-        kind, level, text = _TELLING[clearest]
+        kind, level, text = _REPORTS[clearest]
         details = FaultEvent(identifiers=tuple(f"0x{can_id:03X}" for can_id in sorted(self._sightings)))
         self._report(Event(now, kind, "", text.format(bus=self._name, seen=identifiers), level, details))
 
@@ -123,52 +122,52 @@ class SecondMasterDetector:
             yield can_id, self._on_sdo(can_id, node)
 
     def on_rpdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return the handler for the reception of an RPDO to a node, which only another master can have sent."""
+        """Return the handler for an RPDO of a node; only another master can have sent such a frame."""
         return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.who}")
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
-        """Count a SYNC that the kernel or a node is to send; a surplus is evidence of another SYNC producer."""
+        """Count a SYNC of the kernel or of a node; a surplus is evidence of another SYNC producer."""
         if late or now - self._sync_since >= _SYNCS * period_ns:  # frames that were read together show no rate
             self._sync_since, self._syncs = now, 0
         self._syncs += 1
         if self._syncs > _SYNCS + _SYNCS // 2:
-            self.saw(can_id, Evidence.MASTER, f"SYNC 0x{can_id:03X} beside the kernel's", now)
+            self.record(can_id, Evidence.MASTER, f"SYNC 0x{can_id:03X} in addition to the kernel's", now)
 
     def _handler(self, can_id: int, evidence: Evidence, title: str) -> Callable[[bytes, int, int], None]:
-        return lambda _data, _length, now: self.saw(can_id, evidence, title, now)
+        return lambda _data, _length, now: self.record(can_id, evidence, title, now)
 
     def _on_sdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return the handler for SDO requests of other programs to a node, which count only while the node is ready."""
+        """Return the handler for SDO requests of other programs to a node; they count only while the node is ready."""
         title = f"SDO 0x{can_id:03X} to {node.who}"
-        return lambda _data, _length, now: self.saw(can_id, Evidence.SDO, title, now) if node.ready else None
+        return lambda _data, _length, now: self.record(can_id, Evidence.SDO, title, now) if node.ready else None
 
     def _on_nmt(self, data: bytes, length: int, now: int) -> None:
         example = data[:length].hex() or "empty"
         if length == 2:
             name = _COMMANDS.get(data[0], f"0x{data[0]:02X}")
             example = f"{name}, {f'node {data[1]}' if data[1] else 'all nodes'}"
-        self.saw(0, Evidence.NMT, "NMT 0x000", now, example)
+        self.record(0, Evidence.NMT, "NMT 0x000", now, example)
 
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-_TELLING: Final = {
+_REPORTS: Final = {
     Evidence.SDO: (
         "other_sdo_client",
         Level.INFO,
-        "bus {bus}: another program reads or writes objects: {seen}; its answers and this master's can be mixed up",
+        "bus {bus}: another program reads or writes objects: {seen}; the answers to both can be confused",
     ),
     Evidence.NMT: (
         "other_master",
         Level.WARNING,
-        "bus {bus}: another program commands nodes: {seen}; if it is not your tool, another master is on the bus",
+        "bus {bus}: another program commands nodes: {seen}; unless it is your tool, another master is active",
     ),
     Evidence.MASTER: (
         "other_master",
         Level.WARNING,
-        "bus {bus}: another master is on it: {seen}; two masters fight over the drives, end one of them",
+        "bus {bus}: another master is active: {seen}; two masters contend for the drives; end one of them",
     ),
 }
 
@@ -240,7 +239,7 @@ class Network:
         return self._handlers.keys()
 
     def receive(self, records: bytes, now: int, since: int | None = None) -> None:
-        """Process received records; `since` is given by a late process, whose frames came between `since` and `now`."""
+        """Process received records; a late process passes `since`: the frames arrived between `since` and `now`."""
         self._since, stamp = since, now if since is None else since
         if records == self._last_records:
             if self._repeated is None:
@@ -264,7 +263,7 @@ class Network:
                 handler(data, length, now)
 
     def _pdos_of(self, records: bytes) -> list[ReceivedPdo]:
-        """Return the TPDOs of the records in order; [] if a record is no TPDO or has an unexpected length."""
+        """Return the TPDOs of the records in order; [] if any record is another frame or has an unexpected length."""
         received = []
         for can_id, length, _ in RECORD.iter_unpack(records):
             pdo = self._pdos.get(can_id)
@@ -302,7 +301,7 @@ class Network:
         return self._deadline
 
     def take(self) -> bytes:
-        """Return the records of the waiting frames, without process data, and clear them."""
+        """Return and clear the records of the waiting frames, without process data."""
         if not self.outgoing:
             return b""
         records = pack_records(self.outgoing)
@@ -323,13 +322,13 @@ class Network:
         return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
     def synced(self, now: int) -> None:
-        """Check, after a SYNC was sent or received, whether the TPDOs for the previous SYNC have come."""
+        """Check, after a SYNC was sent or received, whether the TPDOs for the previous SYNC were received."""
         if changed := self.pdo_watch.sync(now):
             for pdo in changed:
                 self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
-        """Let another producer send SYNC, and call `on_sync(now)` for every received SYNC."""
+        """Stop producing SYNC, and call `on_sync(now)` for every SYNC received from another producer."""
         self._sync_elsewhere = True
         can_id, period = self.sync.cob_id, self.config.master.sync_period * 1000
 
@@ -395,7 +394,6 @@ class Network:
         return node
 
     def _connect(self, node: RemoteNode) -> None:
-        """Register the handlers for the identifiers of a node."""
         handlers, node_id = self._handlers, node.node_id
         sdo, emcy = cob_id(Service.SDO_SERVER, node_id), cob_id(Service.EMCY, node_id)
         error_control = cob_id(Service.HEARTBEAT, node_id)
@@ -469,9 +467,9 @@ class Network:
             output.record(value)
 
     def _watch_defaults(self, node: RemoteNode) -> None:
-        """Record frames with the default identifier of a TPDO that has another one, to which some nodes return.
+        """Detect nodes that send a TPDO with its default COB-ID instead of the configured one.
 
-        durand 0.5.0 (PyPI) returns to it at NMT start, although it accepts every write before that.
+        durand 0.5.0 (PyPI) returns to the default at NMT start, although it accepts every write before that.
         """
         for layout, pdo in zip(node.plan.tpdos, node.received, strict=True):
             service = _DEFAULT_TPDOS.get(layout.number)
@@ -479,14 +477,16 @@ class Network:
             if default is None or default == pdo.cob_id or default in self._handlers:
                 continue
 
-            def astray(_data: bytes, _length: int, _now: int, pdo: ReceivedPdo = pdo, default: int = default) -> None:
+            def on_default_identifier(
+                _data: bytes, _length: int, _now: int, pdo: ReceivedPdo = pdo, default: int = default
+            ) -> None:
                 if pdo.expected:
                     node.log.astray[pdo] = default
 
-            self._handlers[default] = astray
+            self._handlers[default] = on_default_identifier
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
-        """Return a handler for a TPDO, which also reports frames with a wrong length."""
+        """Return a handler for a TPDO that also reports frames with a wrong length."""
         right, receive = pdo.codec.length, pdo.receive
 
         def on_pdo(data: bytes, length: int, now: int) -> None:
@@ -500,7 +500,7 @@ class Network:
         self._stale = True
 
     def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
-        """Start or stop node guarding of a node whose plan has guarding."""
+        """Start or stop node guarding, if the plan of the node has guarding."""
         if node.plan.guard is None:
             return
         if self._guarding is None:
@@ -525,7 +525,6 @@ class Network:
         return happened
 
     def _collect(self) -> None:
-        """Collect the frames of all services, to be sent."""
         self.outgoing.extend(self._producer.frames())
         if self._guarding is not None:
             self.outgoing.extend(self._guarding.frames())

@@ -56,7 +56,7 @@ def tolerated(
         elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and section.get(close[0]) is None:
             place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
         else:
-            place.warning(f"unknown key {key!r}: it has no effect, here as in ros2_canopen; remove it")
+            place.warning(f"unknown key {key!r} has no effect, neither here nor in ros2_canopen; remove it")
     return tolerated_keys
 
 
@@ -86,7 +86,7 @@ def _suggestion(key: str, section: Node, keys: Collection[str], misnamed: Mappin
 
 
 def _respelled(section: Node) -> Node:
-    """Return a section with misnamed keys replaced by the correct ones, so that an error is not reported twice."""
+    """Return a section with misnamed keys corrected, so that an error is not reported twice."""
     pairs = {key.text: (key, value) for key, value in section.pairs()}
     for key, pair in list(pairs.items()):
         if (spelling := _SPELLING.fullmatch(MISNAMED_NODE.get(key, ""))) and spelling[1] not in pairs:
@@ -125,14 +125,14 @@ def _require_modes(motion: MotionKeys, node: Node) -> None:
         fits = ", ".join(f"{mode} ({OperationMode(mode).name})" for mode, of in sorted(_MODES.items()) if of == served)
         if number < 0:
             problem = (
-                f"{key}: {number} is a mode of the manufacturer, whose target object is not known here; give it by "
+                f"{key}: {number} is a manufacturer-specific mode, whose target object is unknown; set "
                 f"`{served}_target`, such as `{served}_target: {_TARGET_EXAMPLES[served]}`"
             )
             fits = f"or {fits}"
             place.error(f"{problem}, {fits}")
             continue
-        problem = f"{key}: {mode_name(number)} serves no {served} interface"
-        place.error(f"{problem}; give one of {fits}")
+        problem = f"{key}: {mode_name(number)} does not support the {served} interface"
+        place.error(f"{problem}; choose one of {fits}")
 
 
 _TARGET_EXAMPLES: Final = {"position": "0x607A", "velocity": "0x60FF", "effort": "0x6071"}
@@ -144,33 +144,33 @@ def _check_own_target(motion: MotionKeys, node: Node, kind: str, number: int | N
     if kind == "torque" or (place := node.get(key)) is None:
         return
     if motion.own_target(kind) is None:
-        place.error(f"{key} {place.text!r} is not an object: 0x60FF, or 0x60F6:08 with a subindex")
+        place.error(f"{key} {place.text!r} is not an object; write 0x60FF, or 0x60F6:08 with a subindex")
     elif number is None and not (kind == "effort" and motion.torque_mode is not None):
-        place.error(f"{key} needs {kind}_mode, the mode that takes it")
+        place.error(f"{key} needs {kind}_mode, the mode that uses it")
 
 
 def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: bool) -> Node:
     """Merge `defaults` into a node, and warn of values that differ between the two methods of merging."""
     if defaults is None:
         return node
-    ours, theirs = node.over(defaults), _peer_merged(node, defaults)
+    own_first, defaults_first = node.over(defaults), _peer_merged(node, defaults)
     for key, place in node.keys().items():
         if key in MISNAMED_NODE or (default := defaults.get(key)) is None or default.value == node.value:
             continue
-        here, there = _plain(ours, key), _plain(theirs, key)
+        here, there = _plain(own_first, key), _plain(defaults_first, key)
         if here == there:
             continue
         if peer_merge:
-            place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge takes {_brief(there)} of `defaults`")
+            place.warning(f"{name} has {key}: {_brief(here)}, but --peer-merge uses {_brief(there)} from `defaults`")
         else:
             place.warning(
-                f"the node's own {key} counts; ros2_canopen takes {_brief(there)} of `defaults` (--peer-merge)"
+                f"the node's own {key} is used; ros2_canopen would use {_brief(there)} from `defaults` (--peer-merge)"
             )
-    return theirs if peer_merge else ours
+    return defaults_first if peer_merge else own_first
 
 
 def _peer_merged(node: Node, defaults: Node) -> Node:
-    """Return a node whose keys are replaced by those of `defaults`, as ros2_canopen's generator does."""
+    """Merge as ros2_canopen's generator does: keys of `defaults` replace the node's own keys."""
     if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
         return node.over(defaults)
     pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
@@ -194,14 +194,14 @@ def _indented(node: Node) -> Node:
         section = node.get(kind)
         entries = {} if section is None else {key.text: (key, value) for key, value in section.pairs()}
         numbers = [key for key in entries if key.isdigit()]
-        beside = {key: pair for key, pair in entries.items() if key in _PDO_KEYS}
-        if section is None or not numbers or not beside:
+        misplaced = {key: pair for key, pair in entries.items() if key in _PDO_KEYS}
+        if section is None or not numbers or not misplaced:
             continue
         node.problems.forget(section.where)  # duplicate keys
-        key = next(iter(beside.values()))[0]
+        key = next(iter(misplaced.values()))[0]
         key.error(f"{key.text!r} belongs to a PDO: indent the keys of each PDO below its number, `{numbers[0]}:`")
         place, _ = entries[numbers[-1]]
-        last = {numbers[-1]: (place, Node.mapping(_at(place, "mapping"), beside))}
+        last = {numbers[-1]: (place, Node.mapping(_at(place, "mapping"), misplaced))}
         pairs[kind] = pairs[kind][0], Node.mapping(_at(section, "mapping"), last)
     return Node.mapping(_at(node, "mapping"), pairs)
 
@@ -211,12 +211,12 @@ _DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy"
 
 
 def _foreign_driver(node: Node) -> str:
-    """Return the `driver` of a node, with a warning, if it is not one of ros2_canopen; else ""."""
+    """Return the `driver` of a node, with a warning, if ros2_canopen does not have this driver; otherwise ""."""
     place = node.get("driver")
     driver = "" if place is None or not isinstance(place.value, str) else place.value
     if place is None or not driver or any(name in driver.lower() for name in _DRIVERS):
         return ""
-    place.warning(f"{driver} is not part of this package: the node is what its EDS describes, without its driver")
+    place.warning(f"{driver} is not part of this package: the node is operated by its EDS alone, without this driver")
     return driver
 
 
@@ -230,11 +230,11 @@ def node_config(name: str, node: Node, master: MasterConfig, options: FileOption
     for number in keys.motion.transition_timeouts_ms:
         if number not in _TRANSITIONS:
             place = node.get("transition_timeouts_ms") or node
-            place.error(f"no transition {number}; CiA 402 numbers them 0 to {_TRANSITIONS[-1]}")
+            place.error(f"transition {number} does not exist; CiA 402 numbers the transitions 0 to {_TRANSITIONS[-1]}")
     _require_modes(keys.motion, node)
     supervision = keys.supervision
     if supervision.retry_factor == 0 and supervision.guard_time and not supervision.life_time_factor:
-        # CiA 301, object 0x100D: 0 disables guarding
+        # CiA 301, 7.5.2.12: a life time factor of 0 disables guarding
         place = node.get("retry_factor") or node
         place.error("0 switches node guarding off, but guard_time is set; remove one of the two")
     config = replace(
@@ -263,7 +263,7 @@ def _required(keys: BootKeys, node: Node) -> bool:
     if None not in (keys.required, keys.mandatory) and keys.required != keys.mandatory:
         place.error("`required` and `mandatory` mean the same and differ; keep one")
     if not keys.enabled and (keys.required or keys.mandatory):
-        place.error("a node with `boot: false` is never started, so nothing can wait for it")
+        place.error("a node with `boot: false` is never started, so that the robot cannot wait for it")
     mandatory = keys.mandatory if keys.required is None else keys.required
     return keys.enabled if mandatory is None else mandatory
 
@@ -275,7 +275,7 @@ def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
 
 
 def _units(keys: UnitKeys, node: Node) -> UnitKeys:
-    """Return the units of a node, with scales computed from counts_per_revolution or checked as given."""
+    """Return the units of a node; scales follow from counts_per_revolution, or are checked as written."""
     named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
     scales = [key for key in SCALES if node.get(key) is not None]
     if not named:

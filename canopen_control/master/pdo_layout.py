@@ -103,7 +103,7 @@ def _objects(
 
 
 def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
-    """Return the scale of a signal of a device, None if there is none or if objects of the device affect the scale."""
+    """Return the scale of a device signal; None without a signal, or if objects of the device determine the scale."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
             own = signal.data_type in (None, mapped.data_type)
@@ -112,7 +112,7 @@ def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
 
 
 def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Collection[tuple[str, int]]) -> _Meaning:
-    """Return the scale of a drive's object by bus.yml, the default if bus.yml gives no scale."""
+    """Return the scale of a drive object from bus.yml, or no scale if bus.yml does not define one."""
     base, axis = objects.axis_of(mapped.index)
     quantity = _QUANTITIES.get(base) if plan.axes and not mapped.subindex else None
     if quantity is None or not _is_scaled(config, plan.name, axis, quantity.scale):
@@ -127,7 +127,7 @@ def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Co
 
 
 def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
-    """Whether bus.yml defines the scale of a quantity of an axis; ros2_canopen's default does not count."""
+    """Whether bus.yml sets the scale of a quantity of an axis; the defaults of ros2_canopen do not count."""
     units = config.nodes[node].units
     if units.counts_per_revolution is not None and quantity != "eff":
         return True

@@ -58,7 +58,7 @@ from canopen_control.profiles.device_type import Profile, profile_of
 from canopen_control.rpc.messages.robot import NodeIdentity
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from canopen_control.cia301.pdo import MappedObject
     from canopen_control.master.keys import MasterConfig, NodeConfig, SdoEntry, SupervisionKeys
@@ -78,7 +78,7 @@ FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RAT
 """Objects that determine the position counts per turn."""
 _MILLISECOND = 1_000_000
 _STOPS = "a lost master stops the motor"
-_NO_HEARTBEAT = "guarding takes the place of the heartbeat, and a heartbeat would switch it off"
+_NO_HEARTBEAT = "node guarding replaces the heartbeat, which would disable it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,64 +128,36 @@ class NodePlan:
         return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
     def carried(self, pdos: Sequence[PlannedPdo]) -> set[tuple[int, int]]:
-        """Return the addresses of all objects in PDOs; an object that axes share has an address for each axis."""
+        """Return the addresses of all objects mapped into `pdos`; shared objects have one address per axis."""
         carried = {(mapped.index, mapped.subindex) for pdo in pdos for mapped in pdo.objects}
         shared = {} if self.motors is None else self.motors.shared
         return carried.union(*(shared.get(address, ()) for address in carried))
 
     def address(self, index: int, subindex: int = 0) -> tuple[int, int]:
-        """Return the address in the device of an object of an axis."""
+        """Convert the address of an axis object to its address in the device."""
         return (index, subindex) if self.motors is None else self.motors.address(index, subindex)
 
 
-@dataclass(frozen=True, slots=True)
-class PlanInput:
-    """Input of a plan; `complain(key, text)` receives errors and `warn(key, text)` warnings about keys of bus.yml.
+def make_plan(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePlan:
+    """Plan the configuration of a node; after a call of `builder.complain` the plan must not be used.
 
-    `note` receives keys without effect, `remark` further information. `downloads` are the SDO downloads of a
-    `configuration_file` or of a DCF; `source` is the name of the EDS for messages; `spare_cob_ids` are the COB-IDs for
-    PDOs above 4 with `cob_id: auto`, shared by all nodes of a bus.
+    `source` is the name of the EDS for messages.
     """
-
-    node: NodeConfig
-    od: ObjectDictionary
-    source: str
-    master: MasterConfig
-    complain: Callable[[str, str], None]
-    warn: Callable[[str, str], None]
-    note: Callable[[str, str], None]
-    remark: Callable[[str, str], None] = lambda _key, _text: None
-    downloads: tuple[tuple[int, int, bytes], ...] = ()
-    spare_cob_ids: Iterator[int] = field(default_factory=lambda: itertools.count(0x680))
-
-
-def make_plan(plan_input: PlanInput) -> NodePlan:
-    """Plan the configuration of a node; after a call of `complain` the plan must not be used."""
-    node, od = plan_input.node, plan_input.od
-    builder = PlanBuilder(
-        node,
-        od,
-        plan_input.complain,
-        plan_input.warn,
-        plan_input.note,
-        plan_input.spare_cob_ids,
-        plan_input.downloads,
-        plan_input.remark,
-    )
+    node, od = builder.node, builder.od
     motors = _motors(builder)
     view = od if motors is None else motors.view
-    _plan_communication(builder, plan_input.master)
+    _plan_communication(builder, master)
     profile = Profile(node.profile) if node.profile else profile_of(od)
     signals = plan_signals(builder, profile, tuple(_axes(od)))
-    heartbeat_ms = _plan_values(builder, plan_input.master)
+    heartbeat_ms = _plan_values(builder, master)
     guard = _guard(node.supervision) if node.supervision.guarded and not heartbeat_ms else None
-    watches = _watches(builder, plan_input.master, guarded=guard is not None)
-    if not watches:
+    monitors = _monitors_master(builder, master, guarded=guard is not None)
+    if not monitors:
         warn_of_unwatched_outputs(builder, signals.values())
     return NodePlan(
         node.name,
         node.node_id,
-        plan_input.source,
+        source,
         _identity(node, od),
         builder.ordered_writes(),
         _of_axes(builder.layouts["rpdo"], motors),
@@ -200,19 +172,19 @@ def make_plan(plan_input: PlanInput) -> NodePlan:
         restore=_store_object(builder, 0x1011, node.boot.restore_configuration, "restore_configuration"),
         save=_store_object(builder, 0x1010, node.boot.save_configuration, "save_configuration"),
         boot_up_ns=node.boot.boot_timeout_ms * _MILLISECOND,
-        sdo_timeout_ns=plan_input.master.boot_timeout * _MILLISECOND if plan_input.master.boot_timeout else None,
+        sdo_timeout_ns=master.boot_timeout * _MILLISECOND if master.boot_timeout else None,
         profile=profile,
         signals=signals,
         reads=tuple(builder.reads),
         expected=tuple(_expected(builder)),
         turns=_turns(node, view),
         motors=motors,
-        unsupervised=_why_unsupervised(builder, plan_input.master, watches=watches),
+        unsupervised=_why_unsupervised(builder, master, monitors=monitors),
     )
 
 
 def _names(od: ObjectDictionary, view: ObjectDictionary) -> tuple[dict[tuple[int, int], str], dict[int, str]]:
-    """Return the names of the entries in the dictionary and in the axes' view, and the names of the view's objects."""
+    """Return the names of all entries by address, and the names of the objects in the axes' view by index."""
     entries = {address: entry.name for each in (od, view) for address, entry in each.entries.items()}
     return entries, {index: info.name for index, info in view.objects.items()}
 
@@ -260,17 +232,17 @@ def _motors(builder: PlanBuilder) -> MotorMap | None:
         if mode is not None and mode > 0 and mode not in MODES:
             builder.complain(
                 f"{kind}_mode",
-                f"{mode_name(mode)} starts each motion by bits of the controlword, which is that of all motors of "
-                f"{builder.file} (motor_subindices); give velocity_mode: 3 (PV)",
+                f"{mode_name(mode)} starts each motion with bits of the controlword, which is shared by all motors of "
+                f"{builder.file} (motor_subindices); set velocity_mode: 3 (PV)",
             )
         if builder.node.motion.own_target(kind) is not None:
-            text = "the targets of these motors are found by motor_subindices; remove one of the two keys"
+            text = "motor_subindices defines the targets of these motors; remove one of the two keys"
             builder.complain(f"{kind}_target", text)
     return MotorMap(builder.od, subindices)
 
 
 def _of_axes(layouts: Sequence[PlannedPdo], motors: MotorMap | None) -> tuple[PlannedPdo, ...]:
-    """Return PDOs whose objects have the addresses of the axes' view."""
+    """Return the PDOs with the object addresses of the axes' view."""
     if motors is None:
         return tuple(layouts)
     return tuple(replace(layout, objects=motors.split(layout.objects)) for layout in layouts)
@@ -283,15 +255,15 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
         return
     names = ", ".join(f"0x{index:04X}" for index in motors)
     problem = problem_of(builder.od, (1, 2))
-    way = f"; they cannot be moved: {problem}" if problem else "; give `motor_subindices: [1, 2]` to move both"
+    remedy = f"; they cannot be moved: {problem}" if problem else "; give `motor_subindices: [1, 2]` to move both"
     target = next((index for index in (TARGET_VELOCITY, TARGET_POSITION, TARGET_TORQUE) if index in motors), None)
     if target is not None:
         kind = {TARGET_POSITION: "position", TARGET_TORQUE: "effort"}.get(target, "velocity")
-        way += f", or `{kind}_mode` with `{kind}_target: 0x{target:04X}:01` to move one of them without feedback"
+        remedy += f", or `{kind}_mode` with `{kind}_target: 0x{target:04X}:01` to move one of them without feedback"
     builder.warn(
         "dcf",
         f"{names} of {builder.file} have a subindex for each of two motors, behind one controlword (as ZLTECH's "
-        f"ZLAC8015D){way}",
+        f"ZLAC8015D){remedy}",
     )
 
 
@@ -303,12 +275,12 @@ def _check_identity(builder: PlanBuilder) -> None:
         ("product_code", expected.product_code, device.product_number),
     ):
         if value and actual and value != actual:
-            text = f"0x{value:X} is required of the device, {builder.file} is for 0x{actual:X}; correct one of them"
+            text = f"0x{value:X} is required, but {builder.file} is for 0x{actual:X}; correct one of them"
             builder.warn(key, text)
 
 
 def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
-    """Return the identity that the boot compares; a number 0 is not compared.
+    """Return the identity that the boot compares; the number 0 disables a comparison.
 
     Vendor id and product code are from bus.yml, else from the EDS; revision and serial number only from bus.yml. EDS
     values count only if the EDS has the entry of 0x1018: only the vendor id is mandatory there (CiA 301, 7.5.2.21),
@@ -334,7 +306,7 @@ def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
 
 
 def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
-    """Return the position counts per turn by axis offset, without axes that have the default scale."""
+    """Return the position counts per turn by axis offset; axes with the default scale are omitted."""
     turns = {}
     for number, offset in enumerate(_axes(od)):
         to_device = node.units.of_axis(number)["pos_to_dev"]
@@ -344,9 +316,10 @@ def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
 
 
 def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
-    """Yield the unwritten objects on which scales depend: 0x607E, and with a scale in bus.yml 0x608F, 0x6091, 0x6092.
+    """Yield the objects that determine the scales of bus.yml and that no write of the plan changes.
 
-    They are not written, because they describe motor and mechanics, and a commissioned drive has the right values.
+    They are polarity (0x607E) and, with a scale in bus.yml, encoder, gear and feed (0x608F, 0x6091, 0x6092). The plan
+    does not write them, because they describe motor and mechanics: a commissioned drive has the right values.
     """
     scaled = _turns(builder.node, builder.od)
     for offset in _axes(builder.od):
@@ -355,7 +328,7 @@ def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
             entry = builder.od.get(index + offset, subindex)
             if entry is None or not entry.readable or not isinstance(entry.default, int):
                 continue
-            if builder.asked_value(index + offset, subindex) is None:
+            if builder.requested_value(index + offset, subindex) is None:
                 data = encode(entry.default, entry.data_type)
                 yield PlannedWrite(*entry.address, data, entry.name, STORED, data_type=entry.data_type)
 
@@ -368,6 +341,7 @@ def _axes(od: ObjectDictionary) -> Iterator[int]:
 
 
 def _store_object(builder: PlanBuilder, index: int, subindex: int, key: str) -> int:
+    # CiA 301, 7.5.2.13 and 7.5.2.14: a device may lack subindexes of 0x1010 and 0x1011
     if subindex and (index, subindex) not in builder.od:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} is not in {builder.file}")
     return subindex
@@ -390,7 +364,7 @@ def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
         if value:
             builder.write(index, 0, value if guarded else 0, key)
     if guarded and not keys.life_time_factor:
-        builder.write(LIFE_TIME, 0, keys.life_factor, "guard_time", "the node notices when it is guarded no more")
+        builder.write(LIFE_TIME, 0, keys.life_factor, "guard_time", "the node detects the loss of node guarding")
     for subindex, value in keys.error_behavior.items():
         builder.write(ERROR_BEHAVIOUR, subindex, value, "error_behavior")
     for subindex in builder.od.subindices(ERROR_BEHAVIOUR)[1:]:
@@ -401,7 +375,7 @@ def _plan_error_control(builder: PlanBuilder, master: MasterConfig) -> int:
 
 
 def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan the consumer entry in 0x1016 for the master's heartbeat, besides entries for other nodes.
+    """Plan the consumer entry in 0x1016 for the master's heartbeat; entries for other nodes are kept.
 
     Devices refuse two entries for one node (CiA 301, 7.5.2.19), so an existing entry for the master is used.
     """
@@ -412,7 +386,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
             builder.write_downloaded(CONSUMER, subindex)
         if keys.heartbeat_consumer:
             builder.complain(
-                "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot watch the master"
+                "heartbeat_consumer", f"0x1016:01 is not in {builder.file}, so the node cannot monitor the master"
             )
         return
     # CiA 301, 7.5.2.19: the heartbeat time is UNSIGNED16, in ms
@@ -437,10 +411,10 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
         node_id, ms = entries[subindex]
         if subindex != chosen and subindex not in listed:
             if node_id == master.node_id and ms:
-                builder.write(CONSUMER, subindex, 0, "dcf", f"0x1016:{chosen:02X} watches the master", optional=True)
+                builder.write(CONSUMER, subindex, 0, "dcf", f"0x1016:{chosen:02X} monitors the master", optional=True)
             else:
                 builder.write_downloaded(CONSUMER, subindex)
-    reason = "" if keys.heartbeat_consumer else "the node notices when the master is lost"
+    reason = "" if keys.heartbeat_consumer else "the node detects the loss of the master"
     builder.write(CONSUMER, chosen, consumer_entry(master.node_id, timeout), "heartbeat_consumer", reason)
     builder.note_overruled(CONSUMER, chosen, "heartbeat_consumer")
 
@@ -453,10 +427,11 @@ def _plan_producer(builder: PlanBuilder) -> int:
     """
     keys = builder.node.supervision
     fixed = 0 if builder.can_write(PRODUCER, 0) else builder.default(PRODUCER, 0) or 0
+    # CiA 301, 7.2.8.3.2: heartbeat or node guarding, not both
     if keys.guarded:
         if fixed:
-            text = f"0x1017 is {fixed} ms and cannot be written: the node sends heartbeats, which switch guarding off"
-            builder.warn("guard_time", f"{text} (CiA 301, 7.2.8.3); the heartbeat is what is watched")
+            text = f"0x1017 is {fixed} ms and cannot be written: the node sends heartbeats, which disable guarding"
+            builder.warn("guard_time", f"{text} (CiA 301, 7.2.8.3); the heartbeat is monitored instead")
         elif builder.can_write(PRODUCER, 0):
             builder.write(PRODUCER, 0, 0, "guard_time", _NO_HEARTBEAT)
             builder.note_overruled(PRODUCER, 0, "guard_time")
@@ -464,19 +439,19 @@ def _plan_producer(builder: PlanBuilder) -> int:
     if not keys.heartbeat_producer:
         if (listed := builder.listed_value(PRODUCER)) is not None:
             if not listed:
-                builder.warn("sdo", "0x1017 is set to 0: the master does not notice when this node is lost")
+                builder.warn("sdo", "0x1017 is set to 0: the master cannot detect the loss of this node")
             return listed
         if fixed or not builder.can_write(PRODUCER, 0):
             if not fixed:
                 cannot = "cannot be written" if (PRODUCER, 0) in builder.od else f"is not in {builder.file}"
                 can_guard = builder.can_write(GUARD_TIME, 0) and builder.can_write(LIFE_TIME, 0)
-                way = "give it guard_time" if can_guard else "it has no node guarding (0x100C, 0x100D) either"
-                builder.warn("dcf", f"0x1017 {cannot}: the master does not notice when this node is lost; {way}")
+                remedy = "set guard_time" if can_guard else "it has no node guarding (0x100C, 0x100D) either"
+                builder.warn("dcf", f"0x1017 {cannot}: the master cannot detect the loss of this node; {remedy}")
             return fixed
         if period := builder.downloaded_value(PRODUCER):
             builder.write_downloaded(PRODUCER, 0)
             return period
-    reason = "" if keys.heartbeat_producer else "the master notices when the drive is lost"
+    reason = "" if keys.heartbeat_producer else "the master detects the loss of the drive"
     builder.write(PRODUCER, 0, keys.heartbeat_ms, "heartbeat_producer", reason)
     builder.note_overruled(PRODUCER, 0, "heartbeat_producer" if keys.heartbeat_producer else "the default")
     return keys.heartbeat_ms
@@ -489,15 +464,16 @@ def _plan_reactions(builder: PlanBuilder) -> None:
     only if no axis depends on it.
     """
     keys = builder.node.supervision
-    watches = keys.heartbeat_consumer is not False or keys.guarded
+    monitors = keys.heartbeat_consumer is not False or keys.guarded
     by_nmt = False  # whether an axis is stopped by the NMT state alone
+    # CiA 402-2: 0x6007, the reaction to the loss of communication; CiA 301, 7.5.2.32: 0x1029
     for offset in _axes(builder.od):
         index = ABORT_CONNECTION + offset
         if (index, 0) not in builder.od:
             by_nmt = True
             continue
         if builder.listed_value(index) is None:
-            if builder.downloaded_value(index) or not watches:
+            if builder.downloaded_value(index) or not monitors:
                 builder.write_downloaded(index, 0)
             else:
                 builder.write(index, 0, FAULT_REACTION, "dcf", _STOPS)
@@ -506,15 +482,16 @@ def _plan_reactions(builder: PlanBuilder) -> None:
     is_configured = 1 in keys.error_behavior or builder.listed_value(ERROR_BEHAVIOUR, 1) is not None
     if is_configured or (ERROR_BEHAVIOUR, 1) not in builder.od:
         return
-    if by_nmt and watches:
+    if by_nmt and monitors:
         builder.write(ERROR_BEHAVIOUR, 1, STOPPED, "error_behavior", _STOPS)
         builder.note_overruled(ERROR_BEHAVIOUR, 1, "the default")
     else:
         builder.write_downloaded(ERROR_BEHAVIOUR, 1)
 
 
-def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
+def _monitors_master(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bool:
     """Whether a node, configured by the plan, detects the loss of the master; warn if the timeout is too short."""
+    # CiA 301, 7.5.2.11 and 7.5.2.12: a product of 0 disables life guarding
     if guarded and builder.final(GUARD_TIME, 0) and builder.final(LIFE_TIME, 0):
         return True
     consumers = [parse_consumer_entry(builder.final(CONSUMER, sub) or 0) for sub in builder.od.subindices(CONSUMER)[1:]]
@@ -522,44 +499,46 @@ def _watches(builder: PlanBuilder, master: MasterConfig, *, guarded: bool) -> bo
     if times and min(times) <= master.heartbeat_ms:
         builder.warn(
             "heartbeat_consumer",
-            f"0x1016 gives the master {min(times)} ms, and its heartbeat comes every {master.heartbeat_ms} ms: "
-            "the node repeatedly regards it as lost; give it three heartbeats",
+            f"the consumer time in 0x1016 is {min(times)} ms, the heartbeat period of the master {master.heartbeat_ms} "
+            "ms: the node repeatedly reports the master as lost; set the time of three heartbeats",
         )
     return bool(times)
 
 
-def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, watches: bool) -> str:
+def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, monitors: bool) -> str:
     """Return the reason why the loss of the master would not stop a node's axes after the boot, "" if it would."""
     axes = tuple(_axes(builder.od))
     if not axes:
         return ""
-    if not watches:
+    if not monitors:
         if (listed := builder.listed_value(CONSUMER, 1)) is not None:
-            return f"the sdo: list sets 0x1016:01 to 0x{listed:08X}, which does not watch node {master.node_id}"
-        return "it has neither a heartbeat consumer (0x1016) that can be set nor node guarding"
+            return f"the sdo: list sets 0x1016:01 to 0x{listed:08X}, which does not monitor node {master.node_id}"
+        return "it has neither a writable heartbeat consumer (0x1016) nor node guarding"
     for offset in axes:
         index = ABORT_CONNECTION + offset
         if (index, 0) in builder.od:
             if not builder.final(index, 0):
-                return f"it notices, and 0x{index:04X} = 0 lets the motor turn on"
+                return f"it detects the loss, but 0x{index:04X} = 0 lets the motor continue to turn"
         elif (ERROR_BEHAVIOUR, 1) in builder.od and builder.final(ERROR_BEHAVIOUR, 1) != STOPPED:
             value = builder.final(ERROR_BEHAVIOUR, 1)
-            return f"it notices, has no 0x{index:04X}, and 0x1029:01 = {value} lets the motor turn on; 2 stops it"
+            return f"it has no 0x{index:04X}, and 0x1029:01 = {value} lets the motor continue to turn; 2 stops it"
     return ""
 
 
 def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
-    if not master.sync_overflow or builder.asked_for(SYNC_OVERFLOW):
+    if not master.sync_overflow or builder.is_requested(SYNC_OVERFLOW):
         return
     if (SYNC_OVERFLOW, 0) in builder.od:
         period = builder.default(SYNC_PERIOD, 0) if builder.can_write(SYNC_PERIOD, 0) else 0
         if period:  # 0x1019 is refused while it is not 0 (CiA 301, 7.5.2.22)
-            builder.write(SYNC_PERIOD, 0, 0, "dcf", "0x1019 can be written while it is 0", optional=True)
-        builder.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC carries a counter")
+            builder.write(SYNC_PERIOD, 0, 0, "dcf", "0x1019 can be written only while 0x1006 is 0", optional=True)
+        builder.write(SYNC_OVERFLOW, 0, master.sync_overflow, "dcf", "the master's SYNC contains a counter")
         if period:
-            builder.write(SYNC_PERIOD, 0, period, "dcf", "as it was", optional=True)
+            builder.write(SYNC_PERIOD, 0, period, "dcf", "the former value", optional=True)
     else:
-        builder.warn("dcf", f"0x1019 is not in {builder.file}, and SYNC carries a counter: it may answer EMCY 0x8240")
+        builder.warn(
+            "dcf", f"0x1019 is not in {builder.file}, but SYNC contains a counter: the node may send EMCY 0x8240"
+        )
 
 
 def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
@@ -569,32 +548,37 @@ def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
     produces SYNC (bit 30) is not changed.
     """
     if master.sync_producer != "other" or not (builder.default(SYNC, 0) or 0) & PRODUCER_BIT:
-        _plan_service(builder, SYNC, SYNC_COB_ID, "SYNC is sent there")
-    _plan_service(builder, EMCY, cob_id(Service.EMCY, builder.node.node_id), "EMCY is heard there alone")
+        _plan_service(builder, SYNC, SYNC_COB_ID, "the COB-ID of the master's SYNC")
+    _plan_service(
+        builder, EMCY, cob_id(Service.EMCY, builder.node.node_id), "the only COB-ID on which EMCY is received"
+    )
 
 
-def _plan_service(builder: PlanBuilder, index: int, identifier: int, why: str) -> None:
-    """Plan the COB-ID of a service (object `index`), if the node has that object; `why` completes the messages."""
+def _plan_service(builder: PlanBuilder, index: int, identifier: int, purpose: str) -> None:
+    """Plan the COB-ID of a service (object `index`), if the node has that object; `purpose` names it in messages."""
     if (index, 0) not in builder.od:
         return
     listed = builder.listed_value(index)
     if listed is not None:
         if listed & 0x7FF != identifier:  # bits 30 and 31 may differ: a node that sends SYNC, or no EMCY
-            builder.warn("sdo", f"0x{index:04X} = 0x{listed:X}, and {why} (0x{identifier:03X})")
+            builder.warn("sdo", f"0x{index:04X} = 0x{listed:X} is not {purpose}, 0x{identifier:03X}")
         return
     default = builder.default(index, 0)
     if not builder.can_write(index, 0):
         if default is not None and default & 0x7FF != identifier:
-            builder.warn("dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} cannot be written, and {why}")
+            builder.warn(
+                "dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} cannot be written, and is not {purpose}"
+            )
         return
     if default is not None and not default & INVALID_BIT and is_restricted(default & 0x7FF):
         builder.remark(
-            "dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} is not a COB-ID; 0x{identifier:03X} is written"
+            "dcf",
+            f"0x{index:04X} = 0x{default:X} in {builder.file} is not a valid COB-ID; 0x{identifier:03X} is written",
         )
     same = default is not None and default & (0x7FF | INVALID_BIT if index == EMCY else 0xFFFFFFFF) == identifier
     value = default if same else identifier
-    builder.write(index, 0, value, "dcf", STORED if same else why, optional=True)
-    builder.note_overruled(index, 0, why)
+    builder.write(index, 0, value, "dcf", STORED if same else purpose, optional=True)
+    builder.note_overruled(index, 0, purpose)
 
 
 def _plan_downloads(builder: PlanBuilder) -> None:
@@ -615,12 +599,12 @@ def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]
         if written.get(address) == entry.value:
             builder.warn(
                 f"sdo[{number}].index",
-                f"0x{address[0]:04X}:{address[1]:02X} is written twice; was one meant for another?",
+                f"0x{address[0]:04X}:{address[1]:02X} is written twice; was another object meant?",
             )
         written[address] = entry.value
         builder.write(*address, _signature(entry.value), f"sdo[{number}]")
 
 
 def _signature(value: object) -> object:
-    """Replace `save` or `load` by the signature for 0x1010 or 0x1011; return any other value unchanged."""
+    """Replace `save` or `load` by the signature for 0x1010 or 0x1011 (CiA 301, 7.5.2.13); keep any other value."""
     return {"save": 0x65766173, "load": 0x64616F6C}.get(value, value) if isinstance(value, str) else value

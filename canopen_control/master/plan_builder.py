@@ -50,7 +50,7 @@ def add_feed_forward(builder: PlanBuilder, axes: Sequence[int]) -> None:
             continue
         text = _why_not(builder, index) or _add_feed_forward(builder, index, TARGET_POSITION + offset)
         if text:
-            builder.warn("feed_forward", f"{text}; done without feed-forward of {name}")
+            builder.warn("feed_forward", f"{text}; feed-forward of {name} is not used")
 
 
 def _why_not(builder: PlanBuilder, index: int) -> str:
@@ -59,7 +59,9 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
         return f"0x{index:04X} is not in {builder.file}"
     if not entry.rpdo_mappable or entry.data_type.bits is None:
         return f"0x{index:04X} {entry.name} cannot be mapped into an RPDO"
-    return "" if builder.node.boot.rpdo else f"no RPDO stands in bus.yml; map 0x{index:04X} together with what is used"
+    return (
+        "" if builder.node.boot.rpdo else f"bus.yml configures no RPDO; add one with 0x{index:04X} and the used objects"
+    )
 
 
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
@@ -70,16 +72,20 @@ def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
     for number in mine:
         pdo = rpdos[number]
         if pdo.mapping is not None and _has_room(builder, number, pdo.mapping, index):
-            return _put(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObjectKeys(index)]))
-    beside = next((rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig())
+            return _set_rpdo(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObjectKeys(index)]))
+    of_target = next(
+        (rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig()
+    )
     for number in _PREDEFINED:
         used = number in rpdos and rpdos[number].is_on
         if not used and _has_room(builder, number, [], index):
-            return _put(builder, number, PdoConfig(transmission=beside.transmission, mapping=[PdoObjectKeys(index)]))
+            return _set_rpdo(
+                builder, number, PdoConfig(transmission=of_target.transmission, mapping=[PdoObjectKeys(index)])
+            )
     return f"no RPDO of {builder.file} has room for 0x{index:04X}"
 
 
-def _put(builder: PlanBuilder, number: int, pdo: PdoConfig) -> str:
+def _set_rpdo(builder: PlanBuilder, number: int, pdo: PdoConfig) -> str:
     boot = builder.node.boot
     builder.node = replace(builder.node, boot=replace(boot, rpdo={**boot.rpdo, number: pdo}))
     return ""
@@ -126,7 +132,7 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
         index = INTERPOLATION_TIME_PERIOD + offset
         if (index, 1) not in builder.od:
             continue
-        if builder.asked_for(index):
+        if builder.is_requested(index):
             _compare(builder, index, sync_period_us)
         else:
             _add_interpolation(builder, index, sync_period_us)
@@ -137,25 +143,25 @@ def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:
 
     Delta's ASDA-A2 reports a SYNC alarm if 0x1006 differs from 0x60C2 (canfestival-rtt, issue 18; canopen, issue 407).
     """
-    period, line = builder.asked_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
-    if builder.asked_for(_CYCLE_PERIOD):
+    period, line = builder.requested_value(_CYCLE_PERIOD), f"{{index: 0x1006, sub_index: 0, value: {sync_period_us}}}"
+    if builder.is_requested(_CYCLE_PERIOD):
         if period is not None and period not in (0, sync_period_us):
             number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == _CYCLE_PERIOD), None)
             key = "dcf" if number is None else f"sdo[{number}]"
-            builder.warn(key, f"0x1006 is {period} us, SYNC comes every {sync_period_us} us; write `{line}`")
+            builder.warn(key, f"0x1006 is {period} us, but the SYNC period {sync_period_us} us; write `{line}`")
     elif builder.node.motion.position_mode == _IP and builder.can_write(_CYCLE_PERIOD, 0):
         period = builder.default(_CYCLE_PERIOD, 0)
         if period != sync_period_us:
             builder.remark(
                 "position_mode",
-                f"0x1006, the period of SYNC in us, stays {period or 0}; drives that report an alarm of SYNC in IP "
+                f"0x1006, the SYNC period in us, remains {period or 0}; drives that report a SYNC alarm in IP "
                 f"(Delta ASDA-A2) need `{line}` under `sdo:`",
             )
 
 
 def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
     """Warn of a requested interpolation period that differs from the SYNC period."""
-    value, exponent = builder.asked_value(index, 1), builder.asked_value(index, 2)
+    value, exponent = builder.requested_value(index, 1), builder.requested_value(index, 2)
     value = builder.default(index, 1) if value is None else value
     exponent = builder.signed_default(index, 2) if exponent is None else exponent
     if value is None or exponent is None or exponent not in _EXPONENTS:
@@ -164,8 +170,8 @@ def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
         number = next((n for n, entry in enumerate(builder.node.boot.sdo) if entry.index == index), None)
         builder.warn(
             "dcf" if number is None else f"sdo[{number}]",
-            f"0x{index:04X} is {value} * 10^{exponent} s, SYNC comes every {sync_period_us / 1e6:g} s: "
-            "positions would be interpolated over the wrong time; leave 0x60C2 out, the boot writes it",
+            f"0x{index:04X} is {value} * 10^{exponent} s, but the SYNC period {sync_period_us / 1e6:g} s: "
+            "positions would be interpolated over the wrong time; remove 0x60C2, the boot writes the SYNC period",
         )
 
 
@@ -181,15 +187,15 @@ def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) ->
             builder.warn(
                 "dcf",
                 f"0x{index:04X}:02, the unit of the interpolation period, cannot be written, and {sync_period_us} us "
-                f"cannot be expressed in {unit}; done without ({reason})",
+                f"cannot be expressed in {unit}; not written ({reason})",
             )
             return
         value = fitting
     elif value * Fraction(10) ** exponent != Fraction(sync_period_us, 1_000_000):
         builder.warn(
             "dcf",
-            f"0x{index:04X} holds 1 to {_MOST} units of a power of ten, and {sync_period_us} us is none: "
-            f"{value} * 10^{exponent} s is written, and positions tick; take another sync_period",
+            f"0x{index:04X} can be 1 to {_MOST} units of a power of ten, but not {sync_period_us} us: "
+            f"{value} * 10^{exponent} s is written, and motion is not smooth; choose another sync_period",
         )
     builder.write(index, 1, value, "dcf", reason, optional=True)
     if builder.can_write(index, 1) and builder.can_write(index, 2):
@@ -197,7 +203,7 @@ def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) ->
 
 
 def _in_unit(period_us: int, exponent: int) -> int | None:
-    """Return a period as a whole number of 10^exponent seconds, None if that does not fit into one byte."""
+    """Return a period in units of 10^exponent s; None if the number is not whole or does not fit into one byte."""
     if exponent not in _EXPONENTS:
         return None
     value, rest = divmod(period_us * 1000, 10 ** (exponent + 9))
@@ -205,7 +211,7 @@ def _in_unit(period_us: int, exponent: int) -> int | None:
 
 
 def _interpolation(period_us: int) -> tuple[int, int]:
-    """Return a period as value and power of ten in s, rounded so that the value fits into one byte."""
+    """Return a period as (value, power of ten) in s, rounded so that the value fits into one byte."""
     value, exponent = period_us, -6
     while value % 10 == 0 or value > _MOST:
         value, exponent = (value // 10 if value % 10 == 0 else round(value / 10)), exponent + 1
@@ -214,7 +220,7 @@ def _interpolation(period_us: int) -> tuple[int, int]:
     return value, exponent
 
 
-STORED = "as in the EDS, but the device may have stored something else"
+STORED = "as in the EDS, but the device may have stored another value"
 """Reason of a write that has no effect if the device has the values of its EDS."""
 _PROCEDURES = frozenset((0x1010, 0x1011))  # objects that do not return the written value
 _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
@@ -307,7 +313,7 @@ class PlanBuilder:
 
     @property
     def download_reason(self) -> str:
-        """Text that names the file of the downloads, for messages."""
+        """Text with the name of the file that the downloads come from, for messages."""
         name = self.node.boot.configuration_file or self.file
         return f"from {name}"
 
@@ -358,7 +364,7 @@ class PlanBuilder:
 
     def _cannot(self, key: str, reason: str, text: str) -> None:
         if reason:
-            self.warn(key, f"{text}; done without ({reason})")
+            self.warn(key, f"{text}; not written ({reason})")
         else:
             self.complain(key, text)
 
@@ -370,7 +376,7 @@ class PlanBuilder:
         place = f"0x{index:04X}:{subindex:02X}"
         key = "configuration_file" if self.node.boot.configuration_file else "dcf"
         if entry is None:
-            self.warn(key, f"{place} is written {self.download_reason} and is not in {self.file}")
+            self.warn(key, f"{place} is written {self.download_reason}, but is not in {self.file}")
         elif (bits := entry.data_type.bits) is not None and len(data) != (bits + 7) // 8:
             self.complain(key, f"{place} {entry.name}: {len(data)} bytes, {entry.data_type.name} has {(bits + 7) // 8}")
             return
@@ -406,10 +412,10 @@ class PlanBuilder:
         for write in reversed(self.writes):
             if write.address == (index, subindex):
                 return int.from_bytes(write.data, "little", signed=signed)
-        return self._held(index, subindex)
+        return self._eds_value(index, subindex)
 
-    def _held(self, index: int, subindex: int) -> int | None:
-        """Return the number of an object in the EDS: the default if writable, not the ParameterValue of a DCF."""
+    def _eds_value(self, index: int, subindex: int) -> int | None:
+        """Return the EDS value of an object: its default if writable, not the ParameterValue of a DCF."""
         entry = self.od.get(index, subindex)
         value = None if entry is None else entry.default if entry.writable else entry.value
         return value if isinstance(value, int) else None
@@ -419,26 +425,26 @@ class PlanBuilder:
         final, place = self.final(index, subindex), f"0x{index:04X}:{subindex:02X}"
         listed, downloaded = self.listed_value(index, subindex), self.downloaded_value(index, subindex)
         if listed is not None and listed != final:
-            self.warn("sdo", f"{place} = 0x{listed:X} is overruled by {key}, which is written last: 0x{final or 0:X}")
+            self.warn("sdo", f"{place} = 0x{listed:X} is replaced by {key}, which is written later: 0x{final or 0:X}")
         elif downloaded is not None and downloaded != final and final is not None:
-            self.remark("dcf", f"{place} = 0x{downloaded:X} {self.download_reason} is overruled by {key}: 0x{final:X}")
+            self.remark("dcf", f"{place} = 0x{downloaded:X} {self.download_reason} is replaced by {key}: 0x{final:X}")
 
-    def asked_for(self, index: int) -> bool:
+    def is_requested(self, index: int) -> bool:
         """Whether the `sdo:` list of bus.yml or a file writes an object, at any subindex."""
         return any(entry.index == index for entry in self.node.boot.sdo) or any(
             download[0] == index for download in self.downloads
         )
 
-    def asked_value(self, index: int, subindex: int = 0) -> int | None:
+    def requested_value(self, index: int, subindex: int = 0) -> int | None:
         """Return the last number that the `sdo:` list, else a file, writes to an object; None if there is none."""
         if any((entry.index, entry.sub_index) == (index, subindex) for entry in self.node.boot.sdo):
             return self.listed_value(index, subindex)
         return self.downloaded_value(index, subindex)
 
     def default(self, index: int, subindex: int) -> int | None:
-        """Return the number of an object without the keys of bus.yml: by a file, else by the EDS; None if unknown."""
+        """Return the number that a file, else the EDS, gives an object, ignoring bus.yml; None if unknown."""
         data = self._downloaded.get((index, subindex))
-        return self._held(index, subindex) if data is None else int.from_bytes(data, "little")
+        return self._eds_value(index, subindex) if data is None else int.from_bytes(data, "little")
 
     def signed_default(self, index: int, subindex: int) -> int | None:
         """Return `default` of an object as a signed number, even if the object is unsigned in the EDS."""
@@ -471,7 +477,7 @@ class PlanBuilder:
 
 
 def _bytes_of(value: object, data_type: DataType) -> Value:
-    """Convert hexadecimal text to bytes for an OCTET_STRING or DOMAIN; return any other value unchanged. ValueError."""
+    """Convert hexadecimal text for an OCTET_STRING or DOMAIN to bytes, ValueError if invalid; keep other values."""
     if isinstance(value, str) and data_type in _BYTES:
         try:
             return bytes.fromhex(value)

@@ -63,11 +63,11 @@ def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) 
     named: set[str] = set()
     for number, keys in enumerate(builder.node.signals):
         if keys.name in named:
-            builder.complain(f"signals[{number}].name", f"a second signal {keys.name!r}; name each once")
+            builder.complain(f"signals[{number}].name", f"signal {keys.name!r} is defined twice; use each name once")
         named.add(keys.name)
         signal = _configured(builder, f"signals[{number}]", keys, signals.get(keys.name), tuple(signals))
         if signal is not None and signal.index in moving:
-            builder.complain(f"signals[{number}].object", f"{signal.where} moves an axis; a joint commands it")
+            builder.complain(f"signals[{number}].object", f"{signal.where} moves an axis; only a joint can command it")
         elif signal is not None:
             signals[keys.name] = signal
     _plan_outputs(builder, signals.values())
@@ -79,10 +79,10 @@ def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) 
 def _configured(
     builder: PlanBuilder, key: str, keys: SignalKeys, known: Signal | None, names: tuple[str, ...]
 ) -> Signal | None:
-    """Return a signal as configured in bus.yml, None after an error was reported."""
+    """Return a signal with the settings of bus.yml; None if an error was reported."""
     if keys.object is None:
         if known is None:
-            text = f"no signal {keys.name!r} of the device's profile{nearest(keys.name, names)}; give its object"
+            text = f"the device profile has no signal {keys.name!r}{nearest(keys.name, names)}; set `object`"
             builder.complain(f"{key}.name", text)
             return None
         signal = known
@@ -99,7 +99,7 @@ def _configured(
 def _object(builder: PlanBuilder, key: str, text: int | str) -> tuple[Entry, int | None] | None:
     address = (text, 0, None) if isinstance(text, int) else object_of(text)
     if address is None:
-        builder.complain(key, f"{text!r} is not an object: 0x6401:01, or 0x6000:01.3 for bit 3 of one")
+        builder.complain(key, f"{text!r} is not an object; write 0x6401:01, or 0x6000:01.3 for bit 3")
         return None
     index, subindex, bit = address
     entry = builder.od.get(index, subindex)
@@ -108,14 +108,13 @@ def _object(builder: PlanBuilder, key: str, text: int | str) -> tuple[Entry, int
     elif (bits := entry.data_type.bits) is None:
         builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} is not a number")
     elif bit is not None and bit >= bits:
-        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has the bits 0 to {bits - 1}")
+        builder.complain(key, f"0x{index:04X}:{subindex:02X} {entry.name} has only bits 0 to {bits - 1}")
     else:
         return entry, bit
     return None
 
 
 def _is_output(builder: PlanBuilder, entry: Entry) -> bool:
-    """Whether an object is an output, because a planned RPDO maps the object."""
     return entry.address in _mapped_signals(builder, "rpdo")
 
 
@@ -135,15 +134,15 @@ def _fits_type(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Signal)
 def _fits_numbers(builder: PlanBuilder, key: str, keys: SignalKeys, signal: Signal) -> bool:
     wrong = []
     if keys.factor is not None and (keys.factor == 0 or not math.isfinite(keys.factor)):
-        wrong.append(("factor", f"{keys.factor:g} gives no value: expected a finite number other than 0"))
+        wrong.append(("factor", f"{keys.factor:g} cannot be used: expected a finite number other than 0"))
     if keys.offset is not None and not math.isfinite(keys.offset):
-        wrong.append(("offset", f"{keys.offset:g} gives no value: expected a finite number"))
+        wrong.append(("offset", f"{keys.offset:g} cannot be used: expected a finite number"))
     if keys.safe is not None and not signal.output:
-        wrong.append(("safe", f"{signal.name} is an input; only an output has a value without the master"))
+        wrong.append(("safe", f"{signal.name} is an input; only an output has a safe value"))
     elif isinstance(keys.safe, float) and not math.isfinite(keys.safe):
         wrong.append(("safe", f"{keys.safe:g} is not a value: expected a finite number or keep"))
     if keys.max_rate is not None and signal.output:
-        wrong.append(("max_rate", f"{signal.name} is an output; only an input can jump"))
+        wrong.append(("max_rate", f"{signal.name} is an output; only an input has a maximum rate"))
     for name, text in wrong:
         builder.complain(f"{key}.{name}", text)
     return not wrong
@@ -191,14 +190,14 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
 
 
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
-    """Plan error mode and error value of outputs; return False if they would unintentionally keep their values."""
+    """Plan error mode and error value of an output; return False if the output would unintentionally keep its value."""
     if output.mode_at is None:
         return not output.mode  # bus.yml requests that all outputs keep their values
-    mode = builder.asked_value(*output.mode_at)
+    mode = builder.requested_value(*output.mode_at)
     if mode is not None:
         return mode != 0
     builder.write(*output.mode_at, output.mode, "dcf", _SAFE, optional=True)
-    if output.value_at is not None and builder.asked_value(*output.value_at) is None and output.mode:
+    if output.value_at is not None and builder.requested_value(*output.value_at) is None and output.mode:
         builder.write(*output.value_at, output.value, "dcf", _SAFE, optional=True)
     return builder.can_write(*output.mode_at) or bool(builder.default(*output.mode_at))
 
@@ -214,10 +213,10 @@ def _plan_analogue_inputs(builder: PlanBuilder) -> None:
     ]
     if not inputs:
         return
-    if (AI_ENABLE, 0) in builder.od and not builder.asked_for(AI_ENABLE):
+    if (AI_ENABLE, 0) in builder.od and not builder.is_requested(AI_ENABLE):
         builder.write(AI_ENABLE, 0, 1, "dcf", "analogue inputs are sent when they change", optional=True)
     for subindex in dict.fromkeys(inputs):
-        unset = not builder.default(AI_DELTA, subindex) and not builder.asked_for(AI_DELTA)
+        unset = not builder.default(AI_DELTA, subindex) and not builder.is_requested(AI_DELTA)
         if unset and builder.can_write(AI_DELTA, subindex):
             reason = "analogue inputs are sent when they change by 0.2 %"
             builder.write(AI_DELTA, subindex, _SMALLEST_CHANGE, "dcf", reason, optional=True)
@@ -242,7 +241,7 @@ _A: Final = {"rpdo": "an RPDO", "tpdo": "a TPDO"}
 _PREDEFINED = {"rpdo": rpdo_cob_id, "tpdo": tpdo_cob_id}
 _PREDEFINED_COUNT = 4
 _LAST_SPARE = 0x6DF
-_NONE = "none a PDO may have (CiA 301, table 40)"
+_NOT_ALLOWED = "not allowed for PDOs (CiA 301, table 40)"
 _SETTINGS = (2, 3, 5, 6)  # subindexes: transmission type, inhibit time, event timer, SYNC start value
 _SIGNED = frozenset(
     (
@@ -309,7 +308,7 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
             if number in listed or number in downloaded:
                 _adopt(builder, kind, number, cob_id or 0)
             elif wrong := _wrong_default(builder, kind, number, cob_id or 0):
-                builder.warn(kind, f"{kind.upper()} {number} is left off, because of {wrong}")
+                builder.warn(kind, f"{kind.upper()} {number} is disabled, because of {wrong}")
                 _switch_off(builder, kind, number, cob_id, in_file=False)
             else:
                 _plan_pdo(builder, kind, number, PdoConfig(), STORED)
@@ -328,12 +327,12 @@ def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) ->
         if layout.cob_id == cob_id & 0x7FF
     )
     if owner := next(same, ""):
-        text = f"its COB-ID in {builder.file}, 0x{cob_id & 0x7FF:03X}, which {owner} has too"
-        return f"{text}; correct the file, or give {kind}.{number} a cob_id here"
+        text = f"its COB-ID in {builder.file}, 0x{cob_id & 0x7FF:03X}, which {owner} also uses"
+        return f"{text}; correct the file, or set {kind}.{number}.cob_id in bus.yml"
     mapping = _default_mapping(builder, kind, number)
-    found = (_unmappable(builder, kind, index, subindex) for index, subindex, _ in mapping)
-    if wrong := next((text for text in found if text), ""):
-        return f"its mapping in {builder.file}: {wrong}; correct the file, or give {kind}.{number} a mapping here"
+    problems = (_unmappable(builder, kind, index, subindex) for index, subindex, _ in mapping)
+    if wrong := next((text for text in problems if text), ""):
+        return f"its mapping in {builder.file}: {wrong}; correct the file, or set {kind}.{number}.mapping in bus.yml"
     return ""
 
 
@@ -341,16 +340,15 @@ def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None
     """Plan to make a PDO invalid that is not listed or has no valid COB-ID, even if the PDO is invalid in the EDS."""
     reason = STORED
     if cob_id is None or not (cob_id & INVALID_BIT or _usable(cob_id)):
-        builder.remark(kind, f"{kind.upper()} {number} has no COB-ID in {builder.file} that a PDO may have; it is off")
-        reason = (
-            f"its COB-ID in {builder.file} is none that a PDO may have" if cob_id else "it has no COB-ID by default"
-        )
+        builder.remark(kind, f"{kind.upper()} {number} has no valid COB-ID in {builder.file}; it is disabled")
+        reason = f"its COB-ID in {builder.file} is not allowed for PDOs" if cob_id else "it has no COB-ID by default"
     elif not cob_id & INVALID_BIT:
-        reason = "live by default, and not configured"
+        reason = "valid by default, but not configured"
         if in_file:
-            reason = f"live {builder.download_reason}, and bus.yml lists others"
+            reason = f"valid {builder.download_reason}, but bus.yml lists other PDOs"
             builder.remark(
-                kind, f"{kind.upper()} {number} is live {builder.download_reason}; bus.yml does not list it: off"
+                kind,
+                f"{kind.upper()} {number} is valid {builder.download_reason}, but not in bus.yml; it is disabled",
             )
     index = COMMUNICATION[kind] + number - 1
     off = (cob_id or 0) & ~EXTENDED_BIT | INVALID_BIT
@@ -374,7 +372,7 @@ def _compare_listed(builder: PlanBuilder, kind: str, number: int) -> None:
         same = final is not None and (final ^ listed) & (~NO_RTR_BIT if address[1] == 1 else -1) == 0
         if not same and not (address[0] >= MAPPING[kind] and not address[1] and not listed):
             where = f"0x{address[0]:04X}:{address[1]:02X}"
-            text = f"{where} = 0x{listed:X} is not what {kind}.{number} says (0x{final or 0:X}); keep one of them"
+            text = f"{where} = 0x{listed:X} differs from {kind}.{number} (0x{final or 0:X}); keep one of the two"
             builder.complain(f"sdo[{place}]", text)
 
 
@@ -397,7 +395,9 @@ def plan_downloaded_pdos(builder: PlanBuilder) -> None:
             cob_id = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0
             if not cob_id & INVALID_BIT and not _usable(cob_id):
                 place = next(iter(listed.values()))[0]
-                builder.complain(f"sdo[{place}]", f"{kind.upper()} {number} would have COB-ID 0x{cob_id:X}, {_NONE}")
+                builder.complain(
+                    f"sdo[{place}]", f"{kind.upper()} {number} would have COB-ID 0x{cob_id:X}, which is {_NOT_ALLOWED}"
+                )
             _plan_record(builder, kind, number, {address: data for address, (_, data) in listed.items()}, "")
 
 
@@ -411,6 +411,7 @@ def _plan_record(
     def put(index: int, subindex: int, data: bytes) -> None:
         builder.write_raw(index, subindex, data, reason, pdo=pdo)
 
+    # CiA 301, 7.5.2.36 and 7.5.2.38: invalid, number of objects 0, entries, number of objects, valid
     put(communication, 1, (cob_id | INVALID_BIT).to_bytes(4, "little"))
     for (index, subindex), data in values.items():
         if index == communication and subindex > 1:
@@ -448,6 +449,7 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
     off = not pdo.is_on and (builder.default(index, 1) or 0) & INVALID_BIT
     settings = _settings(builder, kind, number, pdo)
     planned = _Requested(kind, number, key, _cob_id(builder, kind, number, pdo), settings, reason)
+    # CiA 301, 7.5.2.35 and 7.5.2.37: bit 31 of subindex 1 makes the PDO invalid before it is changed
     if not builder.is_fixed_cob_id(index, 1, planned.cob_id) or not pdo.is_on:
         _check_fixed(builder, planned, pdo)
         _write(builder, planned, 1, planned.cob_id | INVALID_BIT, STORED if off else reason)
@@ -455,7 +457,9 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
         return
     objects = _mapped(builder, kind, number, pdo)
     if not objects and pdo.mapping is None:
-        builder.warn(key, f"{kind.upper()} {number} has no mapping here and none in {builder.file}: it is left off")
+        builder.warn(
+            key, f"{kind.upper()} {number} has no mapping in bus.yml and none in {builder.file}; it is disabled"
+        )
         return
     _plan_live(builder, planned, objects, stored_mapping=pdo.mapping is None)
     if not reason:
@@ -477,12 +481,12 @@ def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> N
     name = f"{planned.kind.upper()} {planned.number}"
     problem = f"0x{planned.communication:04X}:01 is {entry.access} in {builder.file}, so the COB-ID of {name} "
     if not pdo.is_on:
-        builder.remark(planned.key, f"{problem}may not be made invalid; its mapping is emptied then")
+        builder.remark(planned.key, f"{problem}may be impossible to make invalid; its mapping is then cleared")
     elif default & INVALID_BIT:
-        builder.warn(planned.key, f"{problem}may not be made valid; use another {planned.kind.upper()}")
+        builder.warn(planned.key, f"{problem}may be impossible to make valid; use another {planned.kind.upper()}")
     else:
-        text = f"{problem}may stay 0x{default & 0x7FF:03X}, and 0x{planned.cob_id & 0x7FF:03X} is asked for"
-        builder.warn(f"{planned.key}.cob_id", f"{text}; give `cob_id: 0x{default & 0x7FF:03X}`")
+        text = f"{problem}may remain 0x{default & 0x7FF:03X}, but 0x{planned.cob_id & 0x7FF:03X} is requested"
+        builder.warn(f"{planned.key}.cob_id", f"{text}; set `cob_id: 0x{default & 0x7FF:03X}`")
 
 
 def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tuple[MappedObject, ...]) -> None:
@@ -494,15 +498,17 @@ def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tup
         fixed = entry is not None and not entry.writable and held is not None
         if entry is not None and fixed and (held != value or (differs and not subindex)):
             default = _default_mapping(builder, planned.kind, planned.number)
-            own = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "which is empty"
+            own = ", ".join(f"0x{index:04X}:{sub:02X}" for index, sub, _ in default) or "empty"
             text = f"0x{planned.mapping:04X}:{subindex:02X} is {entry.access} in {builder.file}"
-            builder.warn(f"{planned.key}.mapping", f"{text}: the drive may keep its own mapping, {own}; give that")
+            builder.warn(
+                f"{planned.key}.mapping", f"{text}: the drive may keep its own mapping ({own}); use that mapping"
+            )
             break
     (_, transmission), *_ = planned.settings
     entry, held = builder.od.get(planned.communication, 2), builder.default(planned.communication, 2)
     if entry is not None and not entry.writable and None not in (transmission, held) and transmission != held:
-        text = f"0x{planned.communication:04X}:02 is {entry.access} in {builder.file}: the drive may keep transmission"
-        builder.warn(f"{planned.key}.transmission", f"{text} {held}; give that")
+        text = f"0x{planned.communication:04X}:02 is {entry.access} in {builder.file}: the drive may keep type"
+        builder.warn(f"{planned.key}.transmission", f"{text} {held}; use that type")
 
 
 def _plan_live(
@@ -515,6 +521,7 @@ def _plan_live(
         elif subindex in _RELIED_ON and default is not None and (planned.communication, subindex) in builder.od:
             _write(builder, planned, subindex, default, STORED, optional=True)
     pdo, mapping = (planned.kind, planned.number), planned.mapping
+    # CiA 301, 7.5.2.36 and 7.5.2.38: number of objects 0, entries, number of objects
     if (mapping, 0) in builder.od:
         reason = STORED if stored_mapping else planned.reason
         builder.write(mapping, 0, 0, planned.key, reason, pdo=pdo)
@@ -549,7 +556,9 @@ def _settings(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> t
             continue
         key, listed = of_tpdos.get(subindex, ("", None))
         if kind == "rpdo" and listed is not None:
-            builder.note(f"{kind}.{number}.{key}", f"it is that of a TPDO, and {builder.file} has none here")
+            builder.note(
+                f"{kind}.{number}.{key}", f"the setting is for TPDOs, and {builder.file} has no such object here"
+            )
             values[subindex] = None
         elif key and not value:
             values[subindex] = None
@@ -560,19 +569,20 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
     """Return the valid COB-ID of a PDO: by bus.yml, else by the EDS, else predefined; bit 30 is as in the EDS."""
     default, key = builder.default(COMMUNICATION[kind] + number - 1, 1) or 0, f"{kind}.{number}"
     if isinstance(pdo.cob_id, int):
+        # CiA 301, 7.3.5: restricted identifiers
         if pdo.cob_id & EXTENDED_BIT or is_restricted(pdo.cob_id & 0x7FF):
-            builder.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is {_NONE}")
+            builder.complain(f"{key}.cob_id", f"COB-ID 0x{pdo.cob_id:X} is {_NOT_ALLOWED}")
         return (pdo.cob_id & ~INVALID_BIT) | default & NO_RTR_BIT
     if pdo.cob_id is None and _usable(default):
         return default & ~INVALID_BIT
+    # CiA 301, 7.3.3: the predefined connection set has COB-IDs for four PDOs in each direction
     if number > _PREDEFINED_COUNT:
         return _spare(builder, key, pdo) | default & NO_RTR_BIT
     predefined = _PREDEFINED[kind](number, builder.node.node_id)
     if pdo.cob_id is None and pdo.is_on:
         builder.warn(
             key,
-            f"no cob_id here and none that a PDO may have in {builder.file}; 0x{predefined:03X}, the predefined one, "
-            "is used",
+            f"no cob_id in bus.yml, and no valid one in {builder.file}; the predefined 0x{predefined:03X} is used",
         )
     return predefined | default & NO_RTR_BIT
 
@@ -582,10 +592,10 @@ def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
     if not pdo.is_on:
         return 0
     if pdo.cob_id is None:
-        builder.complain(key, "only PDO 1 to 4 have a predefined COB-ID; give cob_id a number, or auto")
+        builder.complain(key, "only PDO 1 to 4 have a predefined COB-ID; set cob_id to a number, or to auto")
         return 0
     if (spare := next(builder.spare_cob_ids)) > _LAST_SPARE:
-        builder.complain(key, "no COB-ID is left for auto; give cob_id a number")
+        builder.complain(key, "no COB-ID is available for auto; set cob_id to a number")
     return spare
 
 
@@ -599,11 +609,14 @@ def _mapped(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig | None)
             _check_bits(builder, f"{key}[{slot}].bits", entry)
     addresses = [_map_one(builder, kind, f"{key}[{slot}]", *fields) for slot, fields in enumerate(mapping)]
     objects = tuple(mapped for mapped in addresses if mapped is not None)
+    # the data of a classic CAN frame
     if (bits := sum(mapped.bits for mapped in objects)) > MAX_BITS:
-        builder.complain(key, f"{bits} bits, a PDO holds {MAX_BITS}")
+        builder.complain(key, f"the mapping has {bits} bits, a PDO at most {MAX_BITS}")
     slots = sum((MAPPING[kind] + number - 1, slot) in builder.od for slot in range(1, 65))
     if pdo is not None and pdo.mapping is not None and 0 < slots < len(objects):
-        builder.complain(key, f"{len(objects)} objects, {kind.upper()} {number} of {builder.file} holds {slots}")
+        builder.complain(
+            key, f"the mapping has {len(objects)} objects, {kind.upper()} {number} of {builder.file} at most {slots}"
+        )
     return objects
 
 
@@ -613,7 +626,7 @@ def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
     if entry is None or mapped.bits in (None, entry.data_type.bits):
         return
     text = f"0x{mapped.index:04X}:{mapped.sub_index:02X} has {entry.data_type.bits} bits in {builder.file}"
-    builder.warn(key, f"{text}, which count, not {mapped.bits}; correct or remove `bits`")
+    builder.warn(key, f"{text}, which replace the {mapped.bits} here; correct or remove `bits`")
 
 
 def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:
@@ -631,9 +644,10 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
 
 def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> str:
     """Return the reason why an object cannot be mapped, "" if it can; a dummy needs an RPDO and [DummyUsage]."""
+    # CiA 306, [DummyUsage]: the dummy entries that a device accepts, in RPDOs only
     if index in DUMMY_TYPES and not subindex:
         allowed = kind == "rpdo" and index in builder.od.dummy_usage
-        return "" if allowed else f"the dummy 0x{index:04X} is none that {builder.file} allows in {_A[kind]}"
+        return "" if allowed else f"{builder.file} does not allow the dummy entry 0x{index:04X} in {_A[kind]}"
     place, entry = f"0x{index:04X}:{subindex:02X}", builder.od.get(index, subindex)
     if entry is None:
         return f"{place} is not in {builder.file}"

@@ -48,7 +48,7 @@ _CHAIN = "; if a fault reset has no effect: nmt reset-comm, then axis fault-rese
 _HINTS = {
     0x8120: _CHAIN,
     0x8130: _CHAIN,
-    0x8240: "; the length of SYNC is not what it expects: compare sync_overflow of bus.yml with its 0x1019",
+    0x8240: "; the node expects another SYNC length: compare sync_overflow in bus.yml with its 0x1019",
 }
 """Advice by EMCY error code."""
 
@@ -82,7 +82,9 @@ class NodeLog:
     def tick(self, now: int) -> None:
         """Report the number of suppressed EMCY messages, if due."""
         if count := self._gate.summary(now):
-            self.report(now, "emcy_flood", f"{count} more EMCY within a second, not listed one by one", Level.WARNING)
+            self.report(
+                now, "emcy_flood", f"{count} more EMCY within a second, not reported individually", Level.WARNING
+            )
 
     def heartbeat_changed(self, period_ns: int) -> None:
         """Set the expected heartbeat period of the node in ns."""
@@ -99,7 +101,7 @@ class NodeLog:
             if is_passed:
                 active = ", ".join(f"0x{code:04X}" for code in self.errors.active)
                 also = f"; still active: {active}" if active else ""
-                cleared = f"an error is gone (EMCY 0x{code:04X}){also}"
+                cleared = f"error reset (EMCY 0x{code:04X}){also}"
                 self.report(now, "emcy_reset", cleared, details=fault)
             return None
         text = f"EMCY {fault.code_text}"
@@ -114,65 +116,65 @@ class NodeLog:
         """Report that a TPDO is overdue, or received again."""
         title = f"TPDO with identifier 0x{pdo.cob_id:03X}"
         if not pdo.overdue:
-            self.report(now, "pdo_back", f"its {title} is back")
+            self.report(now, "pdo_back", f"its {title} is received again")
         elif pdo.stamp < 0:
-            advice = self._astray_words(pdo) or "check its transmission type and inhibit time"
-            text = f"its {title} has not come within {pdo.silent} SYNCs of its start; {advice}"
+            advice = self._stray_text(pdo) or "check its transmission type and inhibit time"
+            text = f"its {title} was not received within {pdo.silent} SYNCs after the start; {advice}"
             self.report(now, "pdo_missing", text, Level.ERROR)
         else:
-            astray = self._astray_words(pdo)
-            text = f"no {title} for {pdo.silent} SYNCs; what it carries is stale{astray and f'; {astray}'}"
+            stray = self._stray_text(pdo)
+            text = f"no {title} for {pdo.silent} SYNCs; its values are stale{stray and f'; {stray}'}"
             self.report(now, "pdo_stale", text, Level.ERROR)
 
-    def _astray_words(self, pdo: ReceivedPdo) -> str:
+    def _stray_text(self, pdo: ReceivedPdo) -> str:
         """Return a text about frames with the default identifier of a TPDO, "" if none were received."""
         default = self.astray.get(pdo)
         if default is None:
             return ""
         return (
-            f"frames with 0x{default:03X}, its default, come instead: the node went back to its own COB-IDs, those of "
-            "its RPDOs too; write `cob_id: auto` for its PDOs in bus.yml"
+            f"frames with its default 0x{default:03X} are received instead: the node has returned to its own COB-IDs, "
+            "also for its RPDOs; set `cob_id: auto` for its PDOs in bus.yml"
         )
 
     def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
         """Report a TPDO frame with a wrong length, once per boot, TPDO and length."""
-        if pdo.told_lengths & 1 << length:
+        if pdo.reported_lengths & 1 << length:
             return
-        pdo.told_lengths |= 1 << length
+        pdo.reported_lengths |= 1 << length
         kind, reaction = ("short", "it is dropped") if length < pdo.codec.length else ("long", "the rest is ignored")
         text = f"its TPDO 0x{pdo.cob_id:03X} is too {kind}: {length} bytes instead of {pdo.codec.length}; {reaction}"
         self.report(now, f"pdo_{kind}", text, Level.WARNING)
 
     def heartbeat(self, now: int, since: int | None = None) -> None:
-        """Process a heartbeat; report if the rate indicates two nodes with the same node id."""
+        """Record a heartbeat, and report a rate that indicates two nodes with the same node id."""
         if self._duplicates.heartbeat(now, since):
-            self._report_duplicate("its heartbeats come twice as often as configured", now)
+            self._report_duplicate("its heartbeats are twice as frequent as configured", now)
 
     def reset(self) -> None:
-        """Record that a reset was sent to the node, so that its boot-up is expected."""
+        """Expect a boot-up, because a reset was sent to the node."""
         self._duplicates.reset()
 
     def boot_up(self, now: int, since: int | None = None) -> None:
-        """Process a boot-up: clear earlier errors, and report two nodes with one node id, or endless boot-ups."""
+        """Clear earlier errors after a boot-up; report two nodes with one node id, and endless boot-ups."""
         self.errors.forget()
         self.astray.clear()
         was_stuck = self._duplicates.stuck
         if self._duplicates.boot_up(now, since):
-            self._report_duplicate("two boot-ups came at once", now)
+            self._report_duplicate("two boot-ups arrived at once", now)
         elif self._duplicates.stuck and not was_stuck:
             text = (
-                "it sends its boot-up (0x00) again and again, as others send heartbeats, and never shows a state: it "
-                "did not leave INITIALISING after a reset. Its program has to (a LocalNode of python canopen: "
-                "node.nmt.state = 'PRE-OPERATIONAL' after each reset), or restart it"
+                "it repeats its boot-up (0x00) like a heartbeat and never shows a state: it has not left INITIALISING "
+                "after a reset. Correct its program (LocalNode of python canopen: set node.nmt.state = "
+                "'PRE-OPERATIONAL' after each reset), or restart the node"
             )
             self.report(now, "boot_up_repeated", text, Level.ERROR)
 
     def _report_duplicate(self, evidence: str, now: int) -> None:
-        text = f"two devices seem to have this node id: {evidence}; give one of them another (lss, or its switches)"
+        text = f"two devices seem to have this node id: {evidence}; change one of them (lss, or switches of the device)"
         self.report(now, "duplicate_node", text, Level.ERROR)
 
 
-FAREWELL_NS = 2_000_000_000  # time in which stop commands are still sent to a silent node
+STOPPING_NS = 2_000_000_000  # time in which stop commands are still sent to a silent node
 _QUICK_STOP = b"\x02\x00"
 RETRY_NS = 1_000_000_000  # CiA 302-2: a request without an answer is repeated after a second
 
@@ -233,7 +235,7 @@ class RemoteNode:
         self._wake, self._guard, self._lay_out, self._written = wake, guard, lay_out, written
         self._guarding_boot = False
         self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
-        self._farewell_until: int | None = None
+        self._stopping_until: int | None = None
         self._task: BootTask | None = None
         self._retry_at: int | None = None
 
@@ -252,7 +254,7 @@ class RemoteNode:
         self._abandon()
         self._guard(False, now)
         self._watch(self.node_id, 0)
-        if self._farewell_until is None:
+        if self._stopping_until is None:
             self._stop_sending()
         else:
             self._send_controlwords()
@@ -277,7 +279,7 @@ class RemoteNode:
         if place is None:
             self.sdo.read(index, subindex).context = done
         else:
-            self.sdo.read(place.index, place.subindex).context = _taking(place, done)
+            self.sdo.read(place.index, place.subindex).context = _with_part(place, done)
         self._wake()
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
@@ -312,7 +314,7 @@ class RemoteNode:
         self._send_nmt(command, self.node_id)
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
-        """Process an event of the heartbeat consumer; the frame was received between `since` and `now`."""
+        """Handle an event of the heartbeat consumer; the frame was received between `since` and `now`."""
         kind = event.kind
         # CiA 301, 7.2.8.3: boot-up, heartbeat event and its resolution
         if kind is HeartbeatEventKind.BOOT_UP:
@@ -325,7 +327,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _on_silence(self, age_ns: int, now: int) -> None:
-        """Process a missing heartbeat, which is only reported for a node taken out of use."""
+        """Drop a node whose heartbeat is missing; only report the loss if a user has taken the node out of use."""
         self.nmt_state = None
         lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
         if self.is_taken_out:
@@ -342,7 +344,7 @@ class RemoteNode:
         self.begin_boot(now)
 
     def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
-        """Process the NMT state in a heartbeat or guarding answer; None is an unknown state."""
+        """Handle the NMT state in a heartbeat or guarding answer; None is an unknown state."""
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
         # CiA 301, 7.3.2: PDOs exist only in OPERATIONAL
@@ -353,7 +355,7 @@ class RemoteNode:
             self._settle(now)
 
     def on_guarding(self, event: GuardingEvent, now: int) -> None:
-        """Process an event of node guarding."""
+        """Handle an event of node guarding."""
         kind = event.kind
         if self.is_taken_out:
             self._guarded_outside(kind, now)
@@ -403,7 +405,7 @@ class RemoteNode:
         return {_SYNC_LENGTH: "; the SYNC counter is not yet set, the boot under way writes its 0x1019"}
 
     def on_pdo(self, pdo: ReceivedPdo, now: int) -> None:
-        """Process a TPDO that became overdue or is received again."""
+        """Update `stale`, and report a TPDO that became overdue or is received again."""
         self.stale = any(tpdo.overdue for tpdo in self.received)
         self.log.pdo(pdo, now)
 
@@ -426,7 +428,7 @@ class RemoteNode:
         self._settle(now)
 
     def tick(self, now: int) -> None:
-        """Process the timeouts of the SDO client, the boot, the next boot and delayed events."""
+        """Process the timeouts of the SDO client and the boot, start the next boot, and report delayed events."""
         self.sdo.tick(now)
         if self._task is not None:
             self._task.tick(now)
@@ -434,7 +436,7 @@ class RemoteNode:
         if self._retry_at is not None and now >= self._retry_at:
             # A node that may just be starting is not reset, since it would then restart forever.
             self.begin_boot(now, reset=self.last_seen is not None and now - self.last_seen < 2 * RETRY_NS)
-        if self._farewell_until is not None and now >= self._farewell_until:
+        if self._stopping_until is not None and now >= self._stopping_until:
             self._stop_sending()
         self.log.tick(now)
 
@@ -442,7 +444,7 @@ class RemoteNode:
         """Return the time of the next `tick`, None if not needed."""
         task = self._task.next_deadline() if self._task is not None else None
         earliest = self.sdo.next_deadline()
-        for deadline in (task, self._retry_at, self._farewell_until, self.log.deadline):
+        for deadline in (task, self._retry_at, self._stopping_until, self.log.deadline):
             if deadline is not None and (earliest is None or deadline < earliest):
                 earliest = deadline
         return earliest
@@ -475,7 +477,7 @@ class RemoteNode:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:
-        """Process a wrong toggle bit in a guarding answer, which shows a restart or a second node with the node id."""
+        """Handle a wrong toggle bit in a guarding answer, which shows a restart or a second node with the node id."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
             self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
@@ -485,7 +487,7 @@ class RemoteNode:
 
     def _left_operational(self, state: NmtState | None, now: int) -> None:
         name = "an unknown state" if state is None else state.name
-        self._drop(now, f"{self.who} went to {name} without a command; booting it again", Level.ERROR, kind="nmt")
+        self._drop(now, f"{self.who} changed to {name} without a command; booting it again", Level.ERROR, kind="nmt")
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:
@@ -498,20 +500,20 @@ class RemoteNode:
         self.error = str(error) if error is not None else text
         for received in self.received:
             received.forget()
-        self._farewell_until = None
+        self._stopping_until = None
         if was_ready and kind in _MAY_BE_ALIVE:
-            self._bid_farewell(now)
+            self._stop_silent_drive(now)
         else:
             self._stop_sending()
         if was_used:
             self._report(Event(now, kind, self.name, text, level))
 
-    def _bid_farewell(self, now: int) -> None:
-        """Send a quick stop by SDO, and let RPDOs be sent for `FAREWELL_NS`, since a silent drive may still receive.
+    def _stop_silent_drive(self, now: int) -> None:
+        """Send a quick stop by SDO, and RPDOs for `STOPPING_NS` more, since a silent drive may still receive.
 
         The owner of the axes provides the values; the SDO also reaches a drive in an NMT state without PDOs.
         """
-        self._farewell_until = now + FAREWELL_NS
+        self._stopping_until = now + STOPPING_NS
         for offset in self.plan.axes:
             self.write(CONTROLWORD + offset, 0, _QUICK_STOP)
 
@@ -526,7 +528,7 @@ class RemoteNode:
             sent.enabled = any(mapped.index in controlwords for mapped in sent.codec.objects)
 
     def _stop_sending(self) -> None:
-        self._farewell_until = None
+        self._stopping_until = None
         for sent in self.sent:
             sent.enabled = False
 
@@ -560,15 +562,15 @@ class RemoteNode:
         self.identity, self.error, self.state, self.ready = result, None, NodeState.READY, True
         if not self._guarding_boot:
             self._guard(True, now)
-        self._farewell_until = None
+        self._stopping_until = None
         confirmed = self.nmt_state is NmtState.OPERATIONAL
         self.nmt_state = NmtState.OPERATIONAL  # shown by a TPDO if not by a heartbeat
         if not self.plan.supervision_ns and not confirmed:
-            text = "it has neither heartbeat nor guarding: NMT OPERATIONAL is what was commanded, nothing confirms it"
+            text = "it has neither heartbeat nor guarding: OPERATIONAL was commanded, but cannot be confirmed"
             self.log.report(now, "nmt_unconfirmed", text)
         self._lay_out(result)
         for received in self.received:
-            received.expected, received.told_lengths = True, 0
+            received.expected, received.reported_lengths = True, 0
         for sent in self.sent:
             sent.start()
         for warning in result.warnings:
@@ -582,11 +584,11 @@ class RemoteNode:
     def _guard_at_once(self, request: SdoRequest, now: int) -> None:
         """Start guarding when the boot has written guard time or life time factor.
 
-        Some devices expect guarding from then on, instead of after the first remote frame (CiA 301, 7.2.8.3.2.1), and
-        send EMCY 0x8130 if the first remote frame comes only after the life time.
+        Some devices expect guarding from this write on, instead of after the first remote frame (CiA 301, 7.2.8.3.2.1),
+        and send EMCY 0x8130 if the first remote frame comes only after the life time.
         """
-        begins = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
-        if begins and self.plan.guard is not None and not self._guarding_boot:
+        writes_guarding = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
+        if writes_guarding and self.plan.guard is not None and not self._guarding_boot:
             self._guarding_boot = True
             self._guard(True, now)
 
@@ -596,13 +598,13 @@ class RemoteNode:
             return
         ms = int.from_bytes(request.data, "little")
         if not ms:
-            text = "0x1017 was set to 0 by SDO: its heartbeat ends, and it will count as lost"
+            text = "0x1017 was set to 0 by SDO: its heartbeat ends, and it will be reported as lost"
             self.log.report(now, "heartbeat_changed", text, Level.WARNING)
             return
         self.log.heartbeat_changed(ms * 1_000_000)
         timeout = round(ms * self.config.supervision.multiplier * 1_000_000)
         self._watch(self.node_id, timeout)
-        text = f"0x1017 was set to {ms} ms by SDO: it counts as lost after {timeout / 1e9:g} s, until it boots again"
+        text = f"0x1017 was set to {ms} ms by SDO: until the next boot its heartbeat timeout is {timeout / 1e9:g} s"
         self.log.report(now, "heartbeat_changed", text)
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
@@ -615,7 +617,7 @@ class RemoteNode:
 
 
 def _is_absence(request: SdoRequest) -> bool:
-    """Whether an upload was aborted because the object does not exist, which is no failure."""
+    """Whether an upload was aborted because the object does not exist, which does not count as a failure."""
     error = request.error
     return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
 
@@ -632,7 +634,7 @@ _COMMANDED = {
 }
 
 
-def _taking(place: ObjectPlace, done: Callable[[SdoRequest], None]) -> Callable[[SdoRequest], None]:
+def _with_part(place: ObjectPlace, done: Callable[[SdoRequest], None]) -> Callable[[SdoRequest], None]:
     """Return a callback that reduces the data of an upload to the part of one motor, and calls `done`."""
 
     def take(request: SdoRequest) -> None:

@@ -44,14 +44,14 @@ LETTERS = {
 
 @dataclass(frozen=True, slots=True)
 class NextStep:
-    """Beginning of the boot step `name`, for timing; answered with None."""
+    """Beginning of the boot step `name`, for timing; the answer is None."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """SDO upload of an object; answered with the bytes."""
+    """SDO upload of an object; the answer is its bytes."""
 
     index: int
     subindex: int = 0
@@ -59,7 +59,7 @@ class Read:
 
 @dataclass(frozen=True, slots=True)
 class WriteObject:
-    """SDO download of an object; answered with None. `timeout_ns` is for slow objects, None for the default."""
+    """SDO download of an object, with `timeout_ns` for slow objects (None: default); the answer is None."""
 
     index: int
     subindex: int
@@ -69,21 +69,21 @@ class WriteObject:
 
 @dataclass(frozen=True, slots=True)
 class SendNmt:
-    """NMT command for the node; answered with None."""
+    """NMT command for the node; the answer is None."""
 
     command: NmtCommand
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitBootUp:
-    """Wait for the boot-up message; answered with whether the message was received in time."""
+    """Wait for the boot-up message; the answer is True if the message was received in time."""
 
     timeout_ns: int
 
 
 @dataclass(frozen=True, slots=True)
 class AwaitState:
-    """Wait for a heartbeat, with `state` if given; answered with whether such a heartbeat was received in time.
+    """Wait for a heartbeat, with `state` if given; the answer is True if it was received in time.
 
     A TPDO proves OPERATIONAL too, because TPDOs are sent in no other state.
     """
@@ -94,7 +94,7 @@ class AwaitState:
 
 @dataclass(frozen=True, slots=True)
 class AwaitHeartbeat:
-    """Wait for a heartbeat; answered with the NMT state in the heartbeat, None after the timeout."""
+    """Wait for a heartbeat; the answer is the NMT state in the heartbeat, None after the timeout."""
 
     timeout_ns: int
 
@@ -129,7 +129,7 @@ class BootTransfers:
         self._before = self.writes
 
     def read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes]:
-        """Upload an object; SdoAbort, SdoTimeout or SdoLengthError if that fails."""
+        """Upload an object; raise SdoAbort, SdoTimeout or SdoLengthError if the transfer fails."""
         self.reads += 1
         place = self._places.get((index, subindex))
         data = yield Read(index, subindex) if place is None else Read(place.index, place.subindex)
@@ -137,29 +137,31 @@ class BootTransfers:
         return content if place is None else place.part_of(content)
 
     def try_read(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an optional object, None if the node refuses; SdoTimeout or SdoLengthError."""
+        """Upload an optional object; None if the node refuses. Raises SdoTimeout or SdoLengthError."""
         try:
             return (yield from self.read(index, subindex))
         except SdoAbort:
             return None
 
     def held(self, index: int, subindex: int = 0) -> Generator[Request, Answer, bytes | None]:
-        """Upload an object to compare; None if refused or, with a warning, if the length is unexpected. SdoTimeout."""
+        """Upload an object for comparison; None if refused or, with a warning, of another length. Raises SdoTimeout."""
         try:
             return (yield from self.try_read(index, subindex))
         except SdoLengthError as error:
-            self.warnings.append(f"0x{index:04X}:{subindex:02X}: {error.answered} by its EDS; taken as another value")
+            self.warnings.append(
+                f"0x{index:04X}:{subindex:02X}: {error.answered} by its EDS; treated as a different value"
+            )
             return None
 
     def number(self, index: int, subindex: int = 0, *, signed: bool = False) -> Generator[Request, Answer, int | None]:
-        """Upload an optional object as a number, None if the node refuses; SdoTimeout or SdoLengthError."""
+        """Upload an optional object as a number; None if the node refuses. Raises SdoTimeout or SdoLengthError."""
         data = yield from self.try_read(index, subindex)
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def write(
         self, index: int, subindex: int, data: bytes, timeout_ns: int | None = None
     ) -> Generator[Request, Answer, None]:
-        """Download an object; SdoAbort or SdoTimeout. Only accepted writes are counted."""
+        """Download an object, and count the write if accepted; raise SdoAbort or SdoTimeout."""
         place = self._places.get((index, subindex))
         address = (index, subindex) if place is None else place.address
         yield WriteObject(*address, data, timeout_ns)

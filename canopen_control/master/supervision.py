@@ -56,7 +56,7 @@ class PdoWatch:
             self._pdos.append(pdo)
 
     def sync(self, now: int = 0) -> Sequence[ReceivedPdo]:
-        """Count a SYNC, before its answers come; return the TPDOs that became overdue or were received again."""
+        """Count a SYNC before its answers arrive; return the TPDOs that became overdue or were received again."""
         changes = self._changes
         if changes:
             changes.clear()
@@ -93,9 +93,8 @@ class PdoWatch:
         return False
 
 
-def _is_like(gap: int, code: int) -> bool:
-    """Whether two intervals are equal within 25 %."""
-    return 4 * abs(gap - code) < code
+def _is_like(gap: int, other: int) -> bool:
+    return 4 * abs(gap - other) < other
 
 
 class EmcyGate:
@@ -143,7 +142,7 @@ class DuplicateWatch:
         self._window = 0
         self._count = 0
         self._boot_up = -_SECOND
-        self._sign = -_FORGET_NS
+        self._last_evidence = -_FORGET_NS
         self.stuck = False
         """Whether the node repeats its boot-up like a heartbeat (as a LocalNode of canopen 2.4 does after a reset)."""
         self._beat = 0  # time of the last heartbeat
@@ -159,7 +158,7 @@ class DuplicateWatch:
         self.stuck = False
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
-        """Process a heartbeat; return True if the rate newly shows two devices with the node id."""
+        """Record a heartbeat; return True if the rate is new evidence of two devices with the node id."""
         self.stuck, self._alike = False, 0
         self._age_resets(now)
         if not self._period:
@@ -172,7 +171,7 @@ class DuplicateWatch:
         return self._count >= _DOUBLE and self._is_new(now)
 
     def _was_held(self, now: int) -> bool:
-        """Return whether a heartbeat may have been delayed in transmission."""
+        """Whether the heartbeat may have been delayed in transmission."""
         gap, self._beat = now - self._beat, now
         if 2 * gap >= 3 * self._period:
             self._held += gap // self._period
@@ -196,7 +195,7 @@ class DuplicateWatch:
             self._resets = 0
 
     def boot_up(self, now: int, since: int | None = None) -> bool:
-        """Process a boot-up; return True if it newly shows two devices with the node id."""
+        """Record a boot-up; return True if the interval is new evidence of two devices with the node id."""
         self._age_resets(now)
         expected = self._resets > 0
         self._resets -= expected
@@ -205,12 +204,12 @@ class DuplicateWatch:
         self._gap = gap
         self._alike = self._alike + 1 if not expected and gap < _LONGEST_BEAT_NS and _is_like(gap, before) else 0
         self.stuck = self._alike >= _STUCK
-        # CiA 301, 7.3.2: one boot-up per initialisation
+        # CiA 301, 7.3.2.2.1: one boot-up per initialisation
         close = gap < _BOOT_UPS_APART_NS and not (late or expected or self._alike or _is_like(gap, self._period))
         self._window = self._count = 0
         return close and self._is_new(now)
 
     def _is_new(self, now: int) -> bool:
         """Record evidence of two devices; return whether the last evidence is at least ten seconds old."""
-        before, self._sign = self._sign, now
+        before, self._last_evidence = self._last_evidence, now
         return now - before >= _FORGET_NS

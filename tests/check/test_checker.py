@@ -119,7 +119,7 @@ def test_keys_with_the_wrong_names_are_told_the_right_ones(tmp_path):
         "write `velocity_mode: 9` (CSV)",
         "write `1:` under `tpdo:`",
         "write `1:` under `rpdo:`",
-        "88 bits, a PDO holds 64",  # of the PDO under the wrong name
+        "the mapping has 88 bits, a PDO at most 64",  # of the PDO under the wrong name
     )
     assert len(errors) == len(wanted), errors
     for text, words in zip(errors, wanted, strict=True):
@@ -200,8 +200,8 @@ def test_peer_merge_and_the_difference_to_it_are_told(tmp_path):
     config = copy_robby(tmp_path, bus=changed)
     (ours,) = texts(check(config), Severity.WARNING)
     (theirs,) = texts(check(config, peer_merge=True), Severity.WARNING)
-    assert "heartbeat_producer counts; ros2_canopen takes 100" in ours
-    assert "--peer-merge takes 100" in theirs
+    assert "heartbeat_producer is used; ros2_canopen would use 100" in ours
+    assert "--peer-merge uses 100" in theirs
 
 
 def test_an_eds_full_of_doubts_is_summed_up(tmp_path):

@@ -80,7 +80,7 @@ def test_feedback_that_an_inhibit_time_holds_back_is_told_where_it_stands(tmp_pa
 
 def test_an_interpolation_period_that_is_not_syncs_is_told_where_it_stands(tmp_path):
     told = warnings(arm(tmp_path, bus=("sub_index: 1, value: 20} ", "sub_index: 1, value: 10} ")))
-    assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, SYNC comes every 0.02 s" in told[0]
+    assert "bus.yml:20:7: warning: defaults.sdo[1]: 0x60C2 is 10 * 10^-3 s, but the SYNC period 0.02 s" in told[0]
 
 
 @pytest.mark.parametrize(

@@ -145,10 +145,10 @@ def test_a_mode_that_is_shown_late_has_its_own_time(robot, monkeypatch):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("velocity_mode: -3", "-3 is a mode of the manufacturer"),
-        ("velocity_mode: 11", "CSTCA serves no velocity interface"),
-        ("velocity_mode: 5", r"mode 5 \(reserved\) serves no velocity interface"),
-        ("velocity_mode: 8", "CSP serves no velocity interface"),
+        ("velocity_mode: -3", "-3 is a manufacturer-specific mode"),
+        ("velocity_mode: 11", "CSTCA does not support the velocity interface"),
+        ("velocity_mode: 5", r"mode 5 \(reserved\) does not support the velocity interface"),
+        ("velocity_mode: 8", "CSP does not support the velocity interface"),
     ],
 )
 def test_a_mode_that_cannot_serve_its_interface_is_refused_with_its_line(tmp_path, keys, message):

@@ -75,10 +75,10 @@ def test_a_target_object_of_the_manufacturer_takes_the_target(robot):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("velocity_mode: -3", "give it by `velocity_target`, such as `velocity_target: 0x60FF`"),
-        ("velocity_mode: -3\nvelocity_target: torque", "'torque' is not an object: 0x60FF, or 0x60F6:08"),
+        ("velocity_mode: -3", "set `velocity_target`, such as `velocity_target: 0x60FF`"),
+        ("velocity_mode: -3\nvelocity_target: torque", "'torque' is not an object; write 0x60FF, or 0x60F6:08"),
         ("effort_target: 0x6071", "effort_target needs effort_mode"),
-        ("velocity_mode: 8\nvelocity_target: 0x60FF", "CSP serves no velocity interface"),
+        ("velocity_mode: 8\nvelocity_target: 0x60FF", "CSP does not support the velocity interface"),
     ],
 )
 def test_what_is_wrong_with_them_is_said_with_its_line(tmp_path, keys, message):

@@ -146,7 +146,7 @@ def _without(*places):
         ({"key": "motor_subindices: [1]"}, "a subindex for each of two or more motors is needed, such as [1, 2]"),
         ({"key": "motor_subindices: [1, 4]"}, "0x607A:04, 0x60FF:04"),
         ({"edit": _without("606Csub2")}, "0x606C:02 is not in it"),
-        ({"mode": "position_mode: 1"}, "PP starts each motion by bits of the controlword"),
+        ({"mode": "position_mode: 1"}, "PP starts each motion with bits of the controlword"),
         ({"mode": "velocity_mode: 3\n    velocity_target: 0x60FF:01"}, "remove one of the two keys"),
     ],
 )

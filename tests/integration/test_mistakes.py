@@ -59,13 +59,13 @@ def test_usage(stage, what):
 
 
 FILES = {
-    "a missing EDS": ("bus", 'dcf: "TMCM-1270.eds"', 'dcf: "TMCM-1.eds"', PLACE + ".*no file 'TMCM-1.eds'"),
-    "a node id twice": ("bus", "node_id: 2\n", "node_id: 3\n", PLACE + ".*node id 3 is already that of left_drive"),
+    "a missing EDS": ("bus", 'dcf: "TMCM-1270.eds"', 'dcf: "TMCM-1.eds"', PLACE + ".*file 'TMCM-1.eds' not found"),
+    "a node id twice": ("bus", "node_id: 2\n", "node_id: 3\n", PLACE + ".*node id 3 is already used by left_drive"),
     "the master's node id": (
         "bus",
         "node_id: 2\n",
         "node_id: 1\n",
-        PLACE + ".*node id 1 is already that of the master",
+        PLACE + ".*node id 1 is already used by the master",
     ),
     "no YAML": ("bus", "nodes:", "nodes: [", PLACE),
     "a tab": ("bus", "  baudrate", "\tbaudrate", PLACE),

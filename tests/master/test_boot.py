@@ -272,7 +272,7 @@ def test_another_device_at_the_node_id_is_refused_with_the_letter_of_the_standar
 def test_a_node_without_a_profile_may_be_in_its_boot_loader():
     error = failure({**DRIVE, (0x1000, 0): 0})
     assert error.letter == "C"
-    assert "is it in its boot-loader, without a program? `firmware` loads one" in str(error)
+    assert "it may be in its boot-loader without a program, which `firmware` loads" in str(error)
 
 
 @pytest.mark.parametrize(("field", "subindex", "letter"), [("revision_number", 3, "N"), ("serial_number", 4, "O")])
@@ -362,7 +362,7 @@ def test_a_node_to_be_kept_alive_with_other_process_data_is_refused():
     device = Device({(0x1800, 1): b"\x83\x01\0\0"}, state=NmtState.OPERATIONAL)
     write = PlannedWrite(0x1800, 1, b"\x93\x01\0\0", "cob id", pdo=("tpdo", 1), data_type=DataType.UNSIGNED32)
     plan = scripted(keep_alive=True, writes=(write,), tpdos=(PlannedPdo(1, 0x193, 255, ()),))
-    with pytest.raises(BootError, match=r"its TPDO 1 is not as in bus\.yml: reset_communication: true"):
+    with pytest.raises(BootError, match=r"but TPDO 1 differ from bus\.yml; set reset_communication: true"):
         device.run(boot(plan, reset=True))
     assert device.written == []
 
@@ -420,7 +420,7 @@ def test_restoring_writes_load_and_resets_what_makes_it_effective(subindex, comm
 def test_a_node_that_does_not_come_back_from_restoring_is_letter_j():
     device = Device()
     device.boots = False
-    with pytest.raises(BootError, match=r"boot error J.*no boot-up within 1 s of restoring"):
+    with pytest.raises(BootError, match=r"boot error J.*no boot-up within 1 s after restoring"):
         device.run(boot(scripted(restore=1), reset=False))
 
 

@@ -63,5 +63,5 @@ def test_a_sync_counter_is_a_byte_and_no_sync_is_no_frame(tmp_path):
 def test_a_guarded_node_costs_question_and_answer(tmp_path):
     budget = budget_of(bus(tmp_path, node=", guard_time: 100, life_time_factor: 3"), 10 * MS)
     names = [share.name for share in budget.shares if share.cob_id == 0x703]
-    assert names == ["guarding, drive", "its answer, drive"]
+    assert names == ["guarding request, drive", "guarding answer, drive"]
     assert all(share.per_cycle == 0.1 for share in budget.shares if share.cob_id == 0x703)

@@ -21,7 +21,7 @@ def test_pdos_that_wait_for_a_sync_that_is_not_sent_are_named(tmp_path):
     text = MERGED.replace("rpdo: {1:", f"tpdo: {{1: {pdo % 1}, 2: {pdo % 255}}}\n      rpdo: {{1:")
     (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "SYNC" in note]
     assert "bus.yml:1:" in warning
-    assert "never act: TPDO 1 of left; set sync_period" in warning
+    assert "have no effect: TPDO 1 of left; set sync_period" in warning
     told = warnings_of(write(tmp_path, text.replace("node_id: 1", "node_id: 1, sync_period: 20000")))
     assert not [note for note in told if "no SYNC" in note]
     with pytest.raises(BusConfigError) as error:  # the key that is wrong explains it
@@ -76,7 +76,7 @@ def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
 def test_a_wrong_node_id_of_the_master_is_one_mistake(tmp_path, node_id):
     text = f"master: {{node_id: {node_id}}}\nnodes:\n  left: {{node_id: 1, dcf: TMCM-1270.eds}}\n"
     found = mistakes(tmp_path, text)
-    assert "already that of the master" not in found
+    assert "already used by the master" not in found
     assert found.count("bus.yml:") == 1, found
 
 
@@ -84,14 +84,14 @@ def test_the_length_of_a_mapped_object_may_be_given_and_is_compared(tmp_path):
     text = MERGED.replace("{index: 0x6040}", "{index: 0x6040, bits: 16}")
     assert not [note for note in warnings_of(write(tmp_path, text)) if "bits" in note]
     (warning,) = [note for note in warnings_of(write(tmp_path, text.replace("16}", "32}"))) if "bits" in note]
-    assert "0x6040:00 has 16 bits in TMCM-1270.eds, which count, not 32; correct or remove `bits`" in warning
+    assert "0x6040:00 has 16 bits in TMCM-1270.eds, which replace the 32 here; correct or remove `bits`" in warning
 
 
 def test_a_missing_file_names_the_places_and_a_variable_that_is_not_set(tmp_path, monkeypatch):
     monkeypatch.delenv("NOT_SET", raising=False)
-    with pytest.raises(NotFound, match=f"no file 'x.eds'; sought in .*{tmp_path}"):
+    with pytest.raises(NotFound, match=f"file 'x.eds' not found in .*{tmp_path}"):
         Sources(tmp_path).find("x.eds")
-    with pytest.raises(NotFound, match="variable of the environment is not set"):
+    with pytest.raises(NotFound, match="environment variable is not set"):
         Sources(tmp_path, "$NOT_SET/eds").find("x.eds")
 
 
@@ -173,12 +173,12 @@ def test_all_mistakes_are_told_at_once_with_line_and_nearest_key(tmp_path):
 
 def test_two_nodes_with_one_node_id_name_each_other_and_the_line(tmp_path):
     said = mistakes(tmp_path, NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 3}"))
-    assert "node id 3 is already that of left_drive" in said
+    assert "node id 3 is already used by left_drive" in said
     assert "bus.yml:13:" in said
 
 
 def test_a_node_may_not_have_the_masters_id(tmp_path):
-    assert "already that of the master" in mistakes(tmp_path, NESTED.replace("node_id: 3", "node_id: 1"))
+    assert "already used by the master" in mistakes(tmp_path, NESTED.replace("node_id: 3", "node_id: 1"))
 
 
 def test_objects_that_the_eds_lacks_are_errors_of_the_file(tmp_path):
@@ -250,8 +250,8 @@ def test_ten_different_mistakes_are_ten_messages_with_the_right_lines(tmp_path):
         11: "200 is out of range 1..127",
         14: "0x1008:00 Manufacturer device name cannot be mapped into a TPDO",
         15: "1.5 is not a valid UNSIGNED32: expected a whole number",
-        17: "no file 'missing.eds'",
-        20: "node id 3 is already that of right",
+        17: "file 'missing.eds' not found",
+        20: "node id 3 is already used by right",
         23: "counts_per_revolution and scale_pos_to_dev define the same scales",
     }
     source = textwrap.dedent(TEN_MISTAKES).splitlines()
@@ -276,7 +276,7 @@ def test_an_unknown_section_beside_nodes_is_no_silent_node(tmp_path):
 def test_a_time_of_tpdos_at_an_rpdo_without_it_is_a_note(tmp_path, key):
     bus = with_node(tmp_path, f"rpdo: {{1: {{{key}}}}}")
     name = key.partition(":")[0]
-    assert any(f"rpdo.1.{name}: has no meaning here: it is that of a TPDO" in each for each in bus.notes)
+    assert any(f"rpdo.1.{name}: has no meaning here: the setting is for TPDOs" in each for each in bus.notes)
     assert all(write.address[0] != 0x1400 or write.subindex in (1, 2) for write in bus.plans["right_drive"].writes)
 
 
@@ -284,7 +284,9 @@ def test_a_time_of_tpdos_at_an_rpdo_without_it_is_a_note(tmp_path, key):
 def test_a_bit_rate_in_bits_per_second_is_taken_and_noted(tmp_path, rate):
     bus = read_bus(write(tmp_path, NESTED.replace("node_id: 1\n", f"node_id: 1\n      baudrate: {rate}000\n")))
     assert bus.master.baudrate == rate
-    assert f"{bus.path}: master.baudrate: {rate}000 is taken as bit/s: write {rate}, the unit is kbit/s" in bus.notes
+    assert (
+        f"{bus.path}: master.baudrate: {rate}000 is interpreted as bit/s; write {rate}, the unit is kbit/s" in bus.notes
+    )
 
 
 @pytest.mark.parametrize(
@@ -301,7 +303,7 @@ def test_vendor_and_product_are_those_of_bus_yml_before_the_edss(tmp_path, keys,
     bus = with_node(tmp_path, keys)
     identity = bus.plans["right_drive"].identity
     assert (identity.vendor_id, identity.product_code) == (vendor, product)
-    told = [each for each in bus.notes if "is required of the device" in each]
+    told = [each for each in bus.notes if "is required, but" in each]
     assert len(told) == len(warned)
     assert all(key in text for key, text in zip(warned, told, strict=True))
 
@@ -339,7 +341,7 @@ def test_sections_that_are_indented_too_far_are_told_and_no_missing_master(tmp_p
 
 def test_two_live_pdos_with_one_cob_id_are_refused(tmp_path):
     text = NESTED.replace("right_drive: {node_id: 2}", "right_drive: {node_id: 2, tpdo: {1: {cob_id: 0x183}}}")
-    assert "COB-ID 0x183 of TPDO 1 of right_drive is already that of TPDO 1 of left_drive" in mistakes(tmp_path, text)
+    assert "COB-ID 0x183 of TPDO 1 of right_drive is already used by TPDO 1 of left_drive" in mistakes(tmp_path, text)
 
 
 def test_the_node_id_may_be_the_dcfs_and_255_leaves_a_node_out(tmp_path):
@@ -355,7 +357,7 @@ def test_the_node_id_may_be_the_dcfs_and_255_leaves_a_node_out(tmp_path):
         """
     bus = read_bus(write(tmp_path, text))
     assert {name: node.node_id for name, node in bus.nodes.items()} == {"wheel": 7}
-    assert any("spare is left out" in note for note in bus.notes)
+    assert any("spare is skipped" in note for note in bus.notes)
     without = text.replace("dcf: drive.dcf}", "dcf: TMCM-1270.eds}", 1)
     assert "missing key 'node_id'; TMCM-1270.eds has none either" in mistakes(tmp_path, without)
 
@@ -375,7 +377,7 @@ def test_every_unused_key_is_named_once_with_what_takes_its_place(tmp_path):
     text = NESTED.replace(
         "sync_period: 20000", "sync_period: 20000\n      vendor_id: 5\n      start_nodes: false\n      dcf_path: x"
     ).replace("dcf: TMCM-1270.eds", "dcf: TMCM-1270.eds\n      software_file: a.bin\n      channels: [{}]")
-    notes = [note.split(": ", 1)[1] for note in read_bus(write(tmp_path, text)).notes if "has no meaning" in note]
+    notes = [note.split(": ", 1)[1] for note in read_bus(write(tmp_path, text)).notes if "has no meaning here" in note]
     assert [note.split(":")[0] for note in notes] == ["dcf_path", "software_file", "start_nodes", "vendor_id"]
 
 

@@ -151,7 +151,7 @@ def test_a_sync_beside_the_kernels_is_another_masters(between, told):
         net.tick(ms * MS)
     found = [event.text for event in events if event.kind == "other_master"]
     assert len(found) == told
-    assert all("SYNC 0x080 beside the kernel's" in text for text in found)
+    assert all("SYNC 0x080 in addition to the kernel's" in text for text in found)
 
 
 frames = st.builds(
@@ -267,7 +267,7 @@ def test_a_node_that_keeps_a_mapping_of_its_own_order_is_driven_in_that_order(tm
         assert robby.joint(LEFT).states["position"].value > 2.0
         warned = robby.texts("boot_warning")
         assert len(warned) == 4
-        assert all("node 3 (left_drive)" in text and "is used as the node has it" in text for text in warned)
+        assert all("node 3 (left_drive)" in text and "is used with the node's own mapping" in text for text in warned)
         left, right = (robby.robot.nodes[name] for name in ("left_drive", "right_drive"))
         assert [mapped.index for mapped in left.sent[0].codec.objects] == [0x6040, 0x6060]
         assert [mapped.index for mapped in right.sent[0].codec.objects] == [0x6060, 0x6040]
@@ -342,12 +342,12 @@ def test_a_tpdo_that_comes_with_its_default_identifier_is_named_with_it():
     pdo.overdue, pdo.silent = True, 10
     node.on_pdo(pdo, 200 * MS)
     assert events[-1].kind == "pdo_missing"
-    assert "frames with 0x183, its default, come instead" in events[-1].text
+    assert "frames with its default 0x183 are received instead" in events[-1].text
     assert "`cob_id: auto`" in events[-1].text
     pdo.stamp = 0
     node.on_pdo(pdo, 400 * MS)
     assert events[-1].kind == "pdo_stale"
-    assert "0x183, its default" in events[-1].text
+    assert "its default 0x183" in events[-1].text
     assert 0x182 in net.identifiers, "the right drive has its default"
 
 

@@ -50,7 +50,7 @@ def test_each_sign_of_a_master_is_told_within_a_second_and_once(robby, frame, wo
     master_like(robby, 1.0, frame)
     (event,) = told(robby)
     assert (event.kind, event.level) == ("other_master", Level.WARNING)
-    assert "bus can: another master is on it: " in event.text
+    assert "bus can: another master is active: " in event.text
     assert words in event.text
     assert event.details.identifiers == (f"0x{frame[:3]}",)
     master_like(robby, 5.0, frame)
@@ -74,7 +74,7 @@ def test_a_tool_is_told_as_one_and_a_master_after_it_as_one(robby):
     say(robby, "000#0103")
     robby.run(1000)
     assert "NMT 0x000 (start, node 3)" in told(robby)[-1].text
-    assert "if it is not your tool" in told(robby)[-1].text
+    assert "unless it is your tool" in told(robby)[-1].text
     master_like(robby, 1.0, "080#")
     say(robby, "603#4000100000000000", "000#0103")
     robby.run(1000)

@@ -14,9 +14,12 @@ def test_peer_merge_lets_whole_defaults_win_and_either_way_the_difference_is_tol
     assert theirs.nodes["left"].supervision.heartbeat_producer == 100
     assert sorted(theirs.nodes["left"].boot.rpdo) == [1]
     told = [note for note in ours.notes if "bus.yml:9:" in note]
-    assert "the node's own heartbeat_producer counts; ros2_canopen takes 100 of `defaults` (--peer-merge)" in told[0]
+    assert (
+        "the node's own heartbeat_producer is used; ros2_canopen would use 100 from `defaults` (--peer-merge)"
+        in told[0]
+    )
     told = [note for note in theirs.notes if "bus.yml:9:" in note]
-    assert "heartbeat_producer: 50, but --peer-merge takes 100 of `defaults`" in told[0]
+    assert "heartbeat_producer: 50, but --peer-merge uses 100 from `defaults`" in told[0]
     assert [note for note in ours.notes if "bus.yml:10:" in note]
 
 
@@ -46,12 +49,12 @@ def test_who_is_waited_for(tmp_path, keys, required):
     ("keys", "words"),
     [
         ("required: true, mandatory: false", "mean the same and differ"),
-        ("boot: false, required: true", "nothing can wait for it"),
+        ("boot: false, required: true", "the robot cannot wait for it"),
         ("effort_mode: 4, torque_mode: 10", "`torque_mode` and `effort_mode` mean the same"),
         ("gear_ratio: 2.0", "gear_ratio needs counts_per_revolution"),
         ("counts_per_revolution: 1600, gear_ratio: [1]", "motor turns, joint turns"),
         ("scale_vel_to_dev: 0.0", "expected a finite number other than 0"),
-        ("transition_timeouts_ms: {17: 100}", "no transition 17"),
+        ("transition_timeouts_ms: {17: 100}", "transition 17 does not exist"),
     ],
 )
 def test_keys_that_contradict_each_other_are_told_at_their_line(tmp_path, keys, words):
@@ -78,7 +81,7 @@ def test_a_misspelt_key_is_one_mistake_and_its_value_is_read(tmp_path):
     said = mistakes(tmp_path, text)
     assert "unknown key 'eds'; write `dcf`" in said
     assert "missing key" not in said
-    assert "no file 'TMCM-1271.eds'" in said
+    assert "file 'TMCM-1271.eds' not found" in said
 
 
 def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp_path):
@@ -89,7 +92,7 @@ def test_pdos_written_as_keys_of_their_own_are_one_mistake_each_and_are_read(tmp
     found = mistakes(tmp_path, text % full)
     assert "unknown key 'tpdo1'; write `1:` under `tpdo:`" in found
     assert "unknown key 'rpdo1'; write `1:` under `rpdo:`" in found
-    assert "80 bits, a PDO holds 64" in found
+    assert "the mapping has 80 bits, a PDO at most 64" in found
     assert "expected" not in found
 
 
@@ -138,7 +141,7 @@ def test_a_driver_of_ros2_canopen_is_none_of_somebody_else(tmp_path, driver):
 def test_a_key_near_one_that_is_there_too_has_no_effect(tmp_path):
     text = NESTED.replace("{node_id: 2}", "{node_id: 2, position_modes: 1, position_mode: 1}")
     (warning,) = [note for note in warnings_of(write(tmp_path, text)) if "position_modes" in note]
-    assert "it has no effect, here as in ros2_canopen; remove it" in warning
+    assert "has no effect, neither here nor in ros2_canopen; remove it" in warning
     text = NESTED.replace("{node_id: 2}", "{node_id: 2, scale_eff_to_dev: 1.0}")
     (note,) = [note for note in read_bus(write(tmp_path, text)).notes if "scale_eff_to_dev" in note]
     assert "has no meaning here: efforts are commanded in the unit of 0x6071" in note
@@ -166,7 +169,7 @@ def test_a_nodes_own_keys_win_over_the_defaults_at_every_depth(tmp_path):
         ("recovery: maybe", "expected boot or enable, got the text 'maybe'"),
         ("name: other", "unknown key 'name'"),
         ("tpdo: {1: {cob_id: automatic}}", "cob_id"),
-        ("tpdo: {1: {cob_id: 0x601}}", "none a PDO may have"),
+        ("tpdo: {1: {cob_id: 0x601}}", "not allowed for PDOs"),
         ("heartbeat_consumer: true, dcf: generic_cia402.eds, restore_configuration: 99", "0x1011:63 is not in"),
         ("time_cob_id: 0x100", "0x1012:00 is not in TMCM-1270.eds"),
         ("rpdo: {1: {event_deadline: 3}}", "0x1400:05 is not in TMCM-1270.eds"),
@@ -179,7 +182,7 @@ def test_a_nodes_own_keys_win_over_the_defaults_at_every_depth(tmp_path):
         ("eds: x.eds", "write `dcf`"),
         ("serial_number: 22320XXX", "expected an integer, got the text '22320XXX'; 0 accepts any"),
         ("heartbeat_consumer: 2000", "heartbeat_producer x heartbeat_multiplier"),
-        ("configuration_file: none.bin", "no file 'none.bin'"),
+        ("configuration_file: none.bin", "file 'none.bin' not found"),
     ],
 )
 def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
@@ -189,4 +192,4 @@ def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
 @pytest.mark.parametrize("key", ["line: 3", "mandatory_slave_heartbeat: 2000", "foo_bar: {a: 1}"])
 def test_a_key_that_no_other_one_is_like_is_told_and_without_effect(tmp_path, key):
     (note,) = [each for each in with_node(tmp_path, key).notes if "unknown key" in each]
-    assert "it has no effect, here as in ros2_canopen" in note
+    assert "has no effect, neither here nor in ros2_canopen" in note

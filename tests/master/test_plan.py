@@ -55,7 +55,7 @@ def test_a_pdo_is_disabled_emptied_filled_counted_and_enabled_with_bit_30_kept(t
     order = [(w.index, w.subindex, w.data.hex()) for w in plan.writes if w.index in (0x1400, 0x1600)]
     assert order == [
         (0x1400, 1, "030200c0"),
-        (0x1400, 2, "ff"),  # as in the EDS, but the device may have stored something else
+        (0x1400, 2, "ff"),  # as in the EDS, but the device may have stored another value
         (0x1600, 0, "00"),
         (0x1600, 1, "10004060"),
         (0x1600, 2, "08006060"),
@@ -130,7 +130,7 @@ def test_supervision_is_written_last_and_a_file_does_not_switch_it_off(tmp_path)
     assert not errors
     assert [write.index for write in plan.writes][-3:] == [0x1016, 0x1017, 0x6007]
     assert final(plan, 0x1016, 1) == 1 << 16 | 300
-    assert any("0x1016:01 = 0x0 from" in note and "overruled" in note for note in notes)
+    assert any("0x1016:01 = 0x0 from" in note and "replaced" in note for note in notes)
 
 
 NOTHING_WATCHES = encode_concise(((0x1016, 1, bytes(4)), (0x1017, 0, bytes(2)), (0x6007, 0, bytes(2))))
@@ -178,12 +178,16 @@ def test_a_configuration_is_stored_with_its_supervision(tmp_path):
 @pytest.mark.parametrize(
     ("node", "dcf", "words"),
     [
-        ("sdo: [{index: 0x6007, value: 0}]", "generic_cia402.eds", "0x6007 = 0 lets the motor turn on"),
-        ("error_behavior: {1: 0}", "TMCM-1270.eds", "0x1029:01 = 0 lets the motor turn on"),
-        ("sdo: [{index: 0x1029, sub_index: 1, value: 1}]", "TMCM-1270.eds", "0x1029:01 = 1 lets the motor turn on"),
+        ("sdo: [{index: 0x6007, value: 0}]", "generic_cia402.eds", "0x6007 = 0 lets the motor continue to turn"),
+        ("error_behavior: {1: 0}", "TMCM-1270.eds", "0x1029:01 = 0 lets the motor continue to turn"),
+        (
+            "sdo: [{index: 0x1029, sub_index: 1, value: 1}]",
+            "TMCM-1270.eds",
+            "0x1029:01 = 1 lets the motor continue to turn",
+        ),
         ("sdo: [{index: 0x1016, sub_index: 1, value: 0}]", "TMCM-1270.eds", "sets 0x1016:01 to 0x00000000"),
-        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x501F4}]", "TMCM-1270.eds", "does not watch node 1"),
-        ("guard_time: 100\nheartbeat_producer: 100", EDITS / "guardhb.eds", "neither a heartbeat consumer"),
+        ("sdo: [{index: 0x1016, sub_index: 1, value: 0x501F4}]", "TMCM-1270.eds", "does not monitor node 1"),
+        ("guard_time: 100\nheartbeat_producer: 100", EDITS / "guardhb.eds", "neither a writable heartbeat consumer"),
     ],
 )
 def test_a_plan_that_leaves_a_drive_unsupervised_is_an_error_unless_it_is_allowed(tmp_path, node, dcf, words):
@@ -217,15 +221,13 @@ def test_guarding_that_bus_yml_asks_for_goes_before_a_heartbeat_of_the_file(tmp_
     assert any("0x1017:00 = 0x64 from" in note for note in notes)
 
 
-@pytest.mark.parametrize(
-    ("guarded", "words"), [(True, "give it guard_time"), (False, "no node guarding (0x100C, 0x100D)")]
-)
+@pytest.mark.parametrize(("guarded", "words"), [(True, "set guard_time"), (False, "no node guarding (0x100C, 0x100D)")])
 def test_guarding_is_advised_only_where_the_node_has_it(tmp_path, guarded, words):
     text = data_path("eds", "generic_cia402.eds").read_text().replace("[1017]", "[5017]")
     text = text if guarded else text.replace("[100C]", "[500C]").replace("[100D]", "[500D]")
     (tmp_path / "silent.eds").write_text(text)
     _, notes, _ = read_plan(tmp_path, dcf="silent.eds")
-    (told,) = [note for note in notes if "the master does not notice when this node is lost" in note]
+    (told,) = [note for note in notes if "the master cannot detect the loss of this node" in note]
     assert words in told
 
 
@@ -238,7 +240,7 @@ def test_what_a_device_beats_without_end_is_watched_instead_of_guarding(tmp_path
     (tmp_path / "fixed.eds").write_text(f"{head}[1017]\n{section}\n\n{rest}")
     plan, notes, (error,) = read_plan(tmp_path, "guard_time: 100", "fixed.eds")
     assert (plan.guard, plan.heartbeat_timeout_ns) == (None, 300_000_000)
-    assert "neither a heartbeat consumer" in error
+    assert "neither a writable heartbeat consumer" in error
     assert any("0x1017 is 100 ms and cannot be written" in note for note in notes)
 
 
@@ -259,7 +261,7 @@ def test_the_sync_counter_is_written_before_anything_else(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "index", "words"), [("nocob", 0x1803, "TPDO 4 has no COB-ID"), ("sync0", 0x1005, "0x1005 = 0x0 in")]
+    ("name", "index", "words"), [("nocob", 0x1803, "TPDO 4 has no valid COB-ID"), ("sync0", 0x1005, "0x1005 = 0x0 in")]
 )
 def test_a_cob_id_that_the_file_lacks_is_named_and_written(tmp_path, name, index, words):
     plan, notes, errors = read_plan(tmp_path, "tpdo: {1: {}}\nrpdo: {1: {}}", EDITS / f"{name}.eds")
@@ -274,21 +276,21 @@ def test_a_pdo_of_the_file_is_off_unless_bus_yml_lists_it(tmp_path):
     assert not errors
     assert [layout.number for layout in plan.tpdos] == [1]
     assert final(plan, 0x1802, 1) & 1 << 31
-    assert any("TPDO 3 is live from" in note and "off" in note for note in notes)
+    assert any("TPDO 3 is valid from" in note and "disabled" in note for note in notes)
     assert 3 in [layout.number for layout in read_plan(tmp_path, "", dcf)[0].tpdos]
 
 
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ("tpdo: {1: {cob_id: 0x83}}", "COB-ID 0x083 of TPDO 1 of drive is already that of EMCY of drive"),
-        ("tpdo: {1: {cob_id: 0x80}}", "already that of SYNC"),
-        ("tpdo: {1: {cob_id: 0x701}}", "none a PDO may have"),
+        ("tpdo: {1: {cob_id: 0x83}}", "COB-ID 0x083 of TPDO 1 of drive is already used by EMCY of drive"),
+        ("tpdo: {1: {cob_id: 0x80}}", "already used by SYNC"),
+        ("tpdo: {1: {cob_id: 0x701}}", "not allowed for PDOs"),
         ("sdo: [{index: 0x1800, sub_index: 1, value: 0x601}]", "TPDO 1 would have COB-ID 0x601"),
-        ("tpdo: {1: {transmission: 1}}\nsdo: [{index: 0x1800, sub_index: 2, value: 255}]", "keep one of them"),
+        ("tpdo: {1: {transmission: 1}}\nsdo: [{index: 0x1800, sub_index: 2, value: 255}]", "keep one of the two"),
         (
             "tpdo: {1: {cob_id: 0x190}}\nsdo: [{index: 0x1802, sub_index: 1, value: 0x190}]",
-            "COB-ID 0x190 of TPDO 3 of drive is already that of TPDO 1",
+            "COB-ID 0x190 of TPDO 3 of drive is already used by TPDO 1",
         ),
     ],
 )
@@ -314,4 +316,4 @@ def test_a_node_that_sends_sync_by_its_sdo_list_is_left_alone(tmp_path, value, w
     plan, notes, errors = read_plan(tmp_path, f"sdo: [{{index: 0x1005, value: {value}}}]")
     assert not errors
     assert final(plan, 0x1005) == value
-    assert sum("SYNC is sent there" in note for note in dict.fromkeys(notes)) == warned
+    assert sum("is not the COB-ID of the master's SYNC" in note for note in dict.fromkeys(notes)) == warned

@@ -72,8 +72,8 @@ def test_a_period_that_the_object_cannot_hold_is_told_with_what_to_do(tmp_path):
     values, warnings = read_of_plan_interpolation(tmp_path, 3333, "")
     assert values[0] * 10.0 ** values[1] == pytest.approx(0.0033, abs=1e-4)
     (warning,) = warnings
-    assert "3333 us is none" in warning
-    assert "take another sync_period" in warning
+    assert "not 3333 us" in warning
+    assert "choose another sync_period" in warning
 
 
 @pytest.mark.parametrize(("value", "exponent"), [(2, -2), (200, -4), (20, -3)])
@@ -95,7 +95,7 @@ def test_the_same_time_in_another_unit_is_no_mistake(tmp_path, value, exponent):
 def test_another_time_than_syncs_is_told_where_it_stands(tmp_path, asked):
     _, warnings = read_of_plan_interpolation(tmp_path, 20000, asked)
     assert len(warnings) == 1
-    assert "leave 0x60C2 out, the boot writes it" in warnings[0]
+    assert "remove 0x60C2, the boot writes the SYNC period" in warnings[0]
     assert "bus.yml:20:7: defaults.sdo[1]" in warnings[0]
 
 
@@ -175,7 +175,7 @@ def test_no_room_anywhere_is_told(tmp_path):
     target = "        - {index: 0x607A, sub_index: 0}   # target position\n"
     found, warnings = rpdos(tmp_path, "[velocity]", (target + off, target + full))
     assert all(0x60B1 not in indices for _, indices in found.values())
-    assert any("has room for 0x60B1; done without feed-forward of velocity" in each for each in warnings)
+    assert any("has room for 0x60B1; feed-forward of velocity" in each for each in warnings)
 
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
@@ -262,9 +262,9 @@ def test_bytes_of_a_file_are_taken_as_they_are_if_their_length_is_right():
 def test_the_sdo_list_has_the_last_word_over_a_file_and_a_file_over_the_eds():
     downloads = ((0x60C2, 2, b"\xfc"), (0x1017, 0, b"\x0a\0"))
     made, _ = builder(keys="sdo: [{index: 0x1017, value: 7}]", downloads=downloads)
-    assert made.asked_value(0x1017) == 7
-    assert made.asked_value(0x60C2, 2) == -4
-    assert made.asked_value(0x60C2, 1) is None
-    assert made.asked_for(0x60C2)
-    assert not made.asked_for(0x6083)
+    assert made.requested_value(0x1017) == 7
+    assert made.requested_value(0x60C2, 2) == -4
+    assert made.requested_value(0x60C2, 1) is None
+    assert made.is_requested(0x60C2)
+    assert not made.is_requested(0x6083)
     assert made.default(0x1800, 1) == 0x40000183

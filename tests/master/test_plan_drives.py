@@ -64,10 +64,10 @@ def test_one_of_two_motors_can_be_moved(tmp_path):
 @pytest.mark.parametrize(
     ("mode", "extra", "words"),
     [
-        ("ip", "", "stays 0; drives that report an alarm of SYNC in IP"),
+        ("ip", "", "remains 0; drives that report a SYNC alarm in IP"),
         ("csp", "", ""),
         ("ip", "    - {index: 0x1006, sub_index: 0, value: 10000}\n", ""),
-        ("ip", "    - {index: 0x1006, sub_index: 0, value: 5000}\n", "0x1006 is 5000 us, SYNC comes every 10000 us"),
+        ("ip", "    - {index: 0x1006, sub_index: 0, value: 5000}\n", "0x1006 is 5000 us, but the SYNC period 10000 us"),
     ],
 )
 def test_the_period_of_sync_that_a_drive_in_ip_counts_on_is_named(tmp_path, mode, extra, words):

@@ -117,17 +117,17 @@ def test_all_mistakes_are_told_at_once_with_their_places(tmp_path):
         plan(tmp_path, MISTAKES)
     said = str(caught.value)
     for line, text in (
-        (7, "no signal 'di99' of the device's profile, did you mean 'di9'?; give its object"),
-        (8, "'6401x' is not an object: 0x6401:01, or 0x6000:01.3 for bit 3 of one"),
+        (7, "the device profile has no signal 'di99', did you mean 'di9'?; set `object`"),
+        (8, "'6401x' is not an object; write 0x6401:01, or 0x6000:01.3 for bit 3"),
         (9, "0x6401:09 is not in generic_cia401.eds"),
-        (10, "0x6000:01 Digital input 8 bits 1 has the bits 0 to 7"),
+        (10, "0x6000:01 Digital input 8 bits 1 has only bits 0 to 7"),
         (11, "0x1008:00 Manufacturer device name is not a number"),
         (12, "u8 has 8 bits, 0x6401:01 16"),
-        (13, "0 gives no value: expected a finite number other than 0"),
-        (14, "inf gives no value: expected a finite number"),
-        (15, "di0 is an input; only an output has a value without the master"),
-        (16, "a second signal 'di0'; name each once"),
-        (17, "do1 is an output; only an input can jump"),
+        (13, "0 cannot be used: expected a finite number other than 0"),
+        (14, "inf cannot be used: expected a finite number"),
+        (15, "di0 is an input; only an output has a safe value"),
+        (16, "signal 'di0' is defined twice; use each name once"),
+        (17, "do1 is an output; only an input has a maximum rate"),
     ):
         assert any(f"bus.yml:{line}:" in each and text in each for each in said.splitlines()), text
 
@@ -149,7 +149,7 @@ def test_keys_of_a_signal_are_checked_as_all_others(tmp_path, keys, words):
 
 def test_what_moves_an_axis_is_no_signal(tmp_path):
     path = bus(tmp_path, "    signals: [{name: target, object: 0x60FF}, {name: ok, object: 0x60FD}]\n", "TMCM-1270.eds")
-    with pytest.raises(BusConfigError, match=r"0x60FF:00 moves an axis; a joint commands it"):
+    with pytest.raises(BusConfigError, match=r"0x60FF:00 moves an axis; only a joint can command it"):
         read_bus(path)
 
 
@@ -206,7 +206,7 @@ def test_a_pdo_that_the_eds_switches_off_gets_a_cob_id_and_that_is_told(tmp_path
     (tmp_path / "bare.eds").write_text(text, encoding="latin-1")
     plan, notes = planned(tmp_path, "tpdo: {4: {mapping: [{index: 0x606C}]}}", dcf="bare.eds")
     assert [layout.cob_id for layout in plan.tpdos] == [0x483]
-    assert any("0x483, the predefined one, is used" in note for note in notes)
+    assert any("the predefined 0x483 is used" in note for note in notes)
 
 
 @pytest.mark.parametrize("kind", ["rpdo", "tpdo"])
@@ -222,9 +222,12 @@ def test_bit_31_of_a_cob_id_keeps_a_pdo_off_as_in_ros2_canopen(tmp_path, kind):
 @pytest.mark.parametrize(
     ("edit", "words"),
     [
-        (("0x60400010", "0x5EEE0010"), "RPDO 1 is left off, because of its mapping in odd.eds: 0x5EEE:00 is not in"),
-        (("0x60400010", "0x60410010"), "RPDO 1 is left off.*: 0x6041:00 Statusword cannot be mapped into an RPDO"),
-        (("0x60400010", "0x00050008"), "RPDO 1 is left off.*: the dummy 0x0005 is none that odd.eds allows in an RPDO"),
+        (("0x60400010", "0x5EEE0010"), "RPDO 1 is disabled, because of its mapping in odd.eds: 0x5EEE:00 is not in"),
+        (("0x60400010", "0x60410010"), "RPDO 1 is disabled.*: 0x6041:00 Statusword cannot be mapped into an RPDO"),
+        (
+            ("0x60400010", "0x00050008"),
+            "RPDO 1 is disabled.*: odd.eds does not allow the dummy entry 0x0005 in an RPDO",
+        ),
     ],
 )
 def test_a_pdo_whose_mapping_in_the_eds_is_impossible_is_left_off_and_named(tmp_path, edit, words):
@@ -245,7 +248,9 @@ def test_a_pdo_of_the_eds_with_the_cob_id_of_another_is_left_off_and_named(tmp_p
     (tmp_path / "twice.eds").write_text(text, encoding="latin-1")
     plan, notes = planned(tmp_path, "", dcf="twice.eds")
     assert 2 not in [layout.number for layout in plan.tpdos]
-    words = "TPDO 2 is left off, because of its COB-ID in twice.eds, 0x183, which TPDO 1 has too; correct the file, or"
+    words = (
+        "TPDO 2 is disabled, because of its COB-ID in twice.eds, 0x183, which TPDO 1 also uses; correct the file, or"
+    )
     assert any(words in note for note in notes), notes
     assert [value & 0x80000000 for index, sub, value in records(plan, 0x1801) if sub == 1] == [0x80000000]
 
@@ -260,13 +265,13 @@ def test_an_event_timer_of_zero_is_a_value_and_a_deadline_is_an_rpdos_timer(tmp_
 
 def test_a_mapping_of_more_objects_than_the_pdo_holds_is_refused(tmp_path):
     many = ", ".join(["{index: 0x6041}"] * 4)
-    with pytest.raises(BusConfigError, match=r"4 objects, TPDO 1 of TMCM-1270.eds holds 3"):
+    with pytest.raises(BusConfigError, match=r"the mapping has 4 objects, TPDO 1 of TMCM-1270.eds at most 3"):
         planned(tmp_path, f"tpdo: {{1: {{mapping: [{many}]}}}}")
 
 
 def test_a_dummy_fills_a_gap_only_where_the_device_allows_it(tmp_path):
     mapping = "rpdo: {1: {mapping: [{index: 0x0005}, {index: 0x6040}]}}"
-    with pytest.raises(BusConfigError, match=r"the dummy 0x0005 is none that TMCM-1270.eds allows"):
+    with pytest.raises(BusConfigError, match=r"TMCM-1270.eds does not allow the dummy entry 0x0005"):
         planned(tmp_path, mapping)
     text = EDS.read_text(encoding="latin-1").replace("Dummy0005=0", "Dummy0005=1")
     (tmp_path / "dummy.eds").write_text(text, encoding="latin-1")

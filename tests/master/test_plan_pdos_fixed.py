@@ -41,7 +41,7 @@ def test_a_cob_id_that_is_another_one_and_read_only_is_named_with_the_one_to_giv
 
     _, warnings, _ = _inspected(tmp_path, fixed(0x1400, 1), other)
     assert "0x1400:01 is ro in device.eds" in warnings[0]
-    assert "give `cob_id: 0x202`" in warnings[0]
+    assert "set `cob_id: 0x202`" in warnings[0]
 
 
 def test_a_pdo_that_cannot_be_switched_off_is_noted(tmp_path):
@@ -49,15 +49,15 @@ def test_a_pdo_that_cannot_be_switched_off_is_noted(tmp_path):
         return text.replace("  rpdo:\n    1: {enabled: true", "  rpdo:\n    1: {enabled: false")
 
     _, _, notes = _inspected(tmp_path, fixed(0x1400, 1), off)
-    assert any("RPDO 1 may not be made invalid; its mapping is emptied then" in note for note in notes)
+    assert any("RPDO 1 may be impossible to make invalid; its mapping is then cleared" in note for note in notes)
 
 
 @pytest.mark.parametrize(
     ("index", "subindex", "key", "advice"),
     [
-        (0x1601, 0, "mapping", "the drive may keep its own mapping, 0x6040:00"),
-        (0x1601, 1, "mapping", "the drive may keep its own mapping, 0x6040:00"),
-        (0x1401, 2, "transmission", "the drive may keep transmission 255; give that"),
+        (0x1601, 0, "mapping", "the drive may keep its own mapping (0x6040:00"),
+        (0x1601, 1, "mapping", "the drive may keep its own mapping (0x6040:00"),
+        (0x1401, 2, "transmission", "the drive may keep type 255; use that type"),
     ],
 )
 def test_a_record_that_is_read_only_and_another_one_is_named(tmp_path, index, subindex, key, advice):

@@ -53,7 +53,7 @@ def test_an_interpolation_period_that_cannot_be_set_is_done_without_and_told(tmp
     assert written(plan, 0x60C2) == []
     told = [note for note in notes if words in note]
     assert len(told) == 1
-    assert "done without" in told[0]
+    assert "not written" in told[0]
     assert boot(tmp_path, od).node.ready
 
 
@@ -82,7 +82,7 @@ def test_a_drive_whose_heartbeat_consumer_cannot_be_set_is_not_supervised(tmp_pa
         plan_of(tmp_path, od)
     plan, notes = plan_of(tmp_path, od, f"{ORDINARY}allow_unsupervised: true\n")
     assert written(plan, 0x1016) == []
-    assert any("0x1016:01" in note and "done without" in note for note in notes)
+    assert any("0x1016:01" in note and "not written" in note for note in notes)
 
 
 def test_a_read_only_reaction_to_a_lost_master_leaves_the_error_behaviour(tmp_path):
@@ -90,7 +90,7 @@ def test_a_read_only_reaction_to_a_lost_master_leaves_the_error_behaviour(tmp_pa
     assert written(plan, 0x1029) == []
     assert not [note for note in notes if "6007" in note]
     od = dictionary(s6007_00={**RO, "default": 0})  # no reaction, for ever: whether 0x1029 stops it is the maker's word
-    with pytest.raises(CanopenError, match="0x6007 = 0 lets the motor turn on"):
+    with pytest.raises(CanopenError, match="0x6007 = 0 lets the motor continue to turn"):
         plan_of(tmp_path, od)
     plan, _ = plan_of(tmp_path, od, f"{ORDINARY}allow_unsupervised: true\n")
     assert written(plan, 0x1029) == [(1, "02")]
@@ -194,7 +194,7 @@ def one_byte_for(booted, index, times=100):
 @pytest.mark.parametrize(
     ("index", "letter", "words"),
     [
-        (0x1000, "B", "no device type 0x1000:00: answered 1 byte (92), UNSIGNED32 has 4"),
+        (0x1000, "B", "device type 0x1000:00 not read: answered 1 byte (92), UNSIGNED32 has 4"),
         (0x1018, "B", "reading 0x1018:01: answered 1 byte (99), UNSIGNED32 has 4"),
         (0x6041, "J", "reading 0x6041:00: answered 1 byte (50), UNSIGNED16 has 2"),
         (0x6502, "J", "reading 0x6502:00: answered 1 byte (ef), UNSIGNED32 has 4"),

@@ -5,8 +5,7 @@ from support.two_motors import dictionary
 
 from canopen_control.cia301.pdo import MappedObject
 from canopen_control.cia402.motors import MotorMap
-from canopen_control.master.cycle import ProcessImage
-from canopen_control.master.shared_objects import share_objects
+from canopen_control.master.cycle import ProcessImage, share_objects
 from canopen_control.od.model import DataType
 
 NODE = 2
