@@ -16,7 +16,7 @@ from canopen_control.bus.can_interfaces import Listener, count_hearing, find_lis
 from canopen_control.bus.channel import ChannelKind, ChannelSpec, parse_channel
 from canopen_control.bus.local import ask_hub
 from canopen_control.cli.support.arguments import whole
-from canopen_control.cli.support.completion_words import find_node, known_nodes
+from canopen_control.cli.support.known_nodes import find_node, known_nodes
 from canopen_control.cli.support.output import Table, json_alone, json_text, print_result
 from canopen_control.errors import ConfigError, InterfaceNotFound
 from canopen_control.host.sockets import list_sockets
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from canopen_control.bus.can_interfaces import CanInterface, Traffic
-    from canopen_control.cli.support.completion_words import KnownNode
+    from canopen_control.cli.support.known_nodes import KnownNode
     from canopen_control.rpc.messages.declare import Done, Request
 
     Status: TypeAlias = "hub.HubStatus | InterfaceStatus"

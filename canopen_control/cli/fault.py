@@ -15,7 +15,7 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
-from canopen_control.cli.support.completion_words import KnownNode, ask_nodes, find_node
+from canopen_control.cli.support.known_nodes import KnownNode, ask_nodes, find_node
 from canopen_control.cli.support.output import json_text
 from canopen_control.client.drive_client import DriveClient, signal_values
 from canopen_control.errors import CanopenError, ConfigError, RemoteError
@@ -91,11 +91,15 @@ def _list(args: argparse.Namespace) -> int:
     for fault in FAULTS.values():
         how = "once" if fault.once else "until it is switched off"
         how = f"the quirk {fault.quirk}" if fault.quirk else how
-        text = f"{_sentence(fault.does)} ({how}). A correct master: {fault.reaction}."
-        print(fault.name)
-        print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
+        print_entry(fault.name, f"{_sentence(fault.does)} ({how}). A correct master: {fault.reaction}.")
     print(f"\n{_BUS_FAULTS}")
     return 0
+
+
+def print_entry(name: str, text: str) -> None:
+    """Print the entry of a list of faults or quirks, as a name and an indented text."""
+    print(name)
+    print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
 
 
 def _sentence(does: str) -> str:

@@ -11,10 +11,9 @@ Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, n
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.fault import connect_to, drive_of
+from canopen_control.cli.fault import connect_to, drive_of, print_entry
 from canopen_control.cli.support.output import json_text
 from canopen_control.errors import ConfigError
 from canopen_control.rpc.messages.drive import GetDriveState, SwitchQuirk
@@ -28,8 +27,6 @@ EXAMPLE = """canopen-control quirk list
          canopen-control quirk left_drive brake_delay=0.5 on
          canopen-control quirk left_drive brake_delay off
          canopen-control quirk 3 --can local:robby"""
-
-_WIDTH = 110
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,6 +80,5 @@ def _list(args: argparse.Namespace) -> int:
             )
         clause = listing.clause or "no clause"
         text = f"The drive {listing.does}.{strength} Departs from {clause}. Source: {listing.source}."
-        print(listing.name)
-        print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
+        print_entry(listing.name, text)
     return 0

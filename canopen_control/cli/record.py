@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 from canopen_control.bus.channel import parse_channel
 from canopen_control.bus.recordings import FORMATS, RecordingWriter, format_of
 from canopen_control.cli.support.arguments import add_duration
+from canopen_control.cli.support.bus_description import choose_bus
 from canopen_control.cli.support.output import Progress, json_text
 from canopen_control.cli.support.target import robot_on
 from canopen_control.client import RobotClient, find_robots
@@ -207,13 +208,7 @@ def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
         return channel, "" if owner is None else owner[0]
     with RobotClient.connect(args.name) as robot:
         buses = robot.ask(GetNodes()).buses
-    if not buses:
-        raise ConfigError(f"robot {robot.robot} has no bus: it runs on mock hardware or in a simulation")
-    if args.bus is None and len(buses) > 1:
-        raise ConfigError(f"robot {robot.robot} has several buses; choose with --bus: {', '.join(buses)}")
-    if args.bus is not None and args.bus not in buses:
-        raise ConfigError(f"robot {robot.robot} has no bus {args.bus!r}; it has: {', '.join(buses)}")
-    return buses[args.bus or next(iter(buses))].channel, robot.robot
+    return choose_bus(buses, args.bus, f"robot {robot.robot}").channel, robot.robot
 
 
 def record_frames(port: Port, path: str, seconds: float | None) -> tuple[Recorded, str]:

@@ -14,6 +14,7 @@ import os
 import statistics
 import sys
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.support.arguments import number
@@ -51,7 +52,7 @@ def get_parameter(graph: Graph, args: argparse.Namespace) -> int:
     values = _call_service(graph, args, "get_parameters", "GetParameters", {"names": [args.name]}).values
     if not values:
         raise _absent(args)
-    value = requested_value(_Named(args.name, values[0])).value
+    value = requested_value(SimpleNamespace(name=args.name, value=values[0])).value
     print(json_text(value) if args.json else value)
     return 0
 
@@ -101,13 +102,6 @@ def _absent(args: argparse.Namespace) -> CanopenError:
 def _call_service(graph: Graph, args: argparse.Namespace, service: str, kind: str, data: object) -> Any:  # noqa: ANN401 - ROS's
     path = f"/{args.node.strip('/')}/{service}"
     return graph.call(path, f"rcl_interfaces/srv/{kind}", data, args.timeout)
-
-
-class _Named:
-    """Parameter name and value, as in rcl_interfaces/msg/Parameter."""
-
-    def __init__(self, name: str, value: object) -> None:
-        self.name, self.value = name, value
 
 
 EXAMPLE = """canopen-control ros topic list

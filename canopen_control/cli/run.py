@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import queue
 import sys
+import threading
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TextIO
 
 from canopen_control.cli.support.arguments import add_duration, add_new_name, whole_number
+from canopen_control.cli.support.output import ENDS, is_printed, with_token
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.quick_start import quick_start
 from canopen_control.runtime.observer import RobotObserver
@@ -24,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from canopen_control.check.preflight_record import SlowReason
-    from canopen_control.cli.support.announcer import Announcer
     from canopen_control.host.spawn import Child
     from canopen_control.master.event_log import Event
     from canopen_control.runtime.robot_files import RobotFiles
@@ -299,7 +301,6 @@ def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.Abstra
 
 def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> int:
     """Run the robot of `setup` until it ends, and return 0; CanopenError with the reason of a failure."""
-    from canopen_control.cli.support.announcer import Announcer
     from canopen_control.runtime.run_session import RunSession
 
     slow = _slow_reason(setup) if setup.reaches_real_drives and not args.full_speed else None
@@ -523,6 +524,52 @@ def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
     return path or files.world
 
 
+_WAITING_LINES: Final = 1000
+_CLOSE_S: Final = 1.0  # for queuing the end mark, and again for printing the queued lines
+
+
+class Announcer:
+    """Printer of lines on a separate thread, so that a stopped terminal cannot stop the robot.
+
+    Lines are printed from `start` on, or at the latest at `close`. `dropped` counts the lines that were dropped because
+    the queue was full or the output could not be written.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self.dropped = 0
+        self._stream = stream
+        self._lines: queue.Queue[tuple[str, bool] | None] = queue.Queue(_WAITING_LINES)
+        self._thread = threading.Thread(target=self._print, name="announcer", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def put(self, line: str, *, token: bool = False) -> None:
+        """Queue a line, without waiting; `token` adds the page's token when the line is printed (`with_token`)."""
+        try:
+            self._lines.put_nowait((line, token))
+        except queue.Full:
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Print the queued lines and end the thread; wait two seconds at most."""
+        if self._thread.ident is None:
+            self.start()
+        try:
+            self._lines.put(None, timeout=_CLOSE_S)
+        except queue.Full:
+            return
+        self._thread.join(_CLOSE_S)
+
+    def _print(self) -> None:
+        while (item := self._lines.get()) is not None:
+            line, token = item
+            try:
+                print(with_token(line) if token else line, file=self._stream, flush=True)
+            except (OSError, ValueError):  # the output was closed; the robot keeps running
+                self.dropped += 1
+
+
 class _EventPrinter(RobotObserver):
     """Observer that prints events as lines, and counts the booted nodes of a robot with four or more.
 
@@ -540,8 +587,6 @@ class _EventPrinter(RobotObserver):
         self._booted: set[str] = set()
 
     def event(self, event: Event) -> None:
-        from canopen_control.cli.support.output import ENDS, is_printed
-
         session = self._session
         self._has_table = self._has_table and event.kind not in ENDS
         if self._has_table and session.api.sends_events_to(session.supervisor.pids.get(TABLE)):
@@ -552,7 +597,7 @@ class _EventPrinter(RobotObserver):
             text = f"{text} ({len(self._booted)} of {self._nodes} nodes)"
         if is_printed(event.kind, notable=event.level >= self._lowest):
             line = f"{self._prefix}{text}"
-            self._announcer.say(line, token=event.kind == _VIEW)
+            self._announcer.put(line, token=event.kind == _VIEW)
 
 
 _NO_DEMO = (

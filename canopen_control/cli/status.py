@@ -5,6 +5,7 @@ Exit codes: 0 success; 1 the robot does not answer; 2 wrong usage, or no robot r
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -12,9 +13,10 @@ import time
 from types import SimpleNamespace
 
 from canopen_control.cli.support.output import ENDS, Table, is_printed, json_line, json_text, painted, with_token
-from canopen_control.cli.support.plain_request import request_plain
 from canopen_control.errors import RemoteError
+from canopen_control.host.lineclient import LineClient
 from canopen_control.host.running_robots import select_robot
+from canopen_control.host.sockets import socket_path
 from canopen_control.rpc.state_name import state_name
 from canopen_control.version import PURE, TO_COMPILE, __version__
 
@@ -143,6 +145,7 @@ def _clock(seconds: float) -> str:
 EXAMPLE = "canopen-control status --watch"
 RATE = 5.0  # Hz of the live table
 PLAIN_RATE = 1.0  # Hz of samples that are printed line by line
+_PROTOCOL = 2  # as in `rpc.messages.declare`, which is not imported; a test compares both
 _COLUMNS = ("node", "NMT", "CiA 402", "joint", "target", "actual rad/s", "position rad", "age ms")
 
 _EXPENDABLE = ("age ms", "NMT")  # columns that a narrow terminal hides first
@@ -193,6 +196,38 @@ def run_plain(arguments: Sequence[str]) -> bool:
         return False
     _print_table(_with_attributes(status))
     return True
+
+
+def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
+    """Call a method without parameters, and return the fields of the result; RemoteError if no answer arrives.
+
+    None for another protocol version, a refusal or invalid JSON: the typed client reports the cause of these.
+    """
+    label = f"robot {robot}"
+    with LineClient(socket_path("robot", robot), timeout, label=label) as stream:
+        greeting = _object_in(stream.receive(timeout), f"{label} does not answer; does it hang?")
+        hello = greeting.get("hello")
+        if not isinstance(hello, dict) or hello.get("protocol") != _PROTOCOL:
+            return None
+        stream.send(json.dumps({"id": 1, "method": method, "params": {}}).encode() + b"\n", timeout)
+        late = f"{label} did not answer {method!r} within {timeout:g} s"
+        deadline = time.monotonic() + timeout
+        while True:
+            answer = _object_in(stream.receive(max(0.0, deadline - time.monotonic())), late)
+            if answer.get("id") == 1 or "error" in answer or not answer:
+                result = answer.get("result")
+                return SimpleNamespace(**result) if isinstance(result, dict) else None
+
+
+def _object_in(line: bytes | None, late: str) -> dict[str, Any]:
+    """Return the JSON object in a line, {} if there is none; RemoteError with the text `late` if `line` is None."""
+    if line is None:
+        raise RemoteError("Timeout", late)
+    try:
+        fields = json.loads(line)
+    except (ValueError, RecursionError):
+        return {}
+    return fields if isinstance(fields, dict) else {}
 
 
 def _with_attributes(status: Any) -> Any:  # noqa: ANN401 - a Status but for its class

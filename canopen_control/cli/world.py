@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from canopen_control.bus.channel import parse_channel
 from canopen_control.cli.support.arguments import finite
-from canopen_control.cli.support.completion_words import known_nodes
+from canopen_control.cli.support.known_nodes import known_nodes
 from canopen_control.cli.support.output import json_line
 from canopen_control.client import RobotClient
 from canopen_control.client.drive_client import DriveClient

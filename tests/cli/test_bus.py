@@ -11,7 +11,7 @@ from support.localbus import receive, runtime_folders
 from canopen_control.bus import can_interfaces
 from canopen_control.bus.local import open_local
 from canopen_control.cli.main import main
-from canopen_control.cli.support.completion_words import KnownNode
+from canopen_control.cli.support.known_nodes import KnownNode
 from canopen_control.frame import CanFrame, pack_records
 
 pytestmark = pytest.mark.process

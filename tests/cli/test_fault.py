@@ -9,7 +9,7 @@ from support.host import use_private_folders
 from support.virtualbench import served, servo
 
 from canopen_control.cli.main import main
-from canopen_control.cli.support.completion_words import KnownNode
+from canopen_control.cli.support.known_nodes import KnownNode
 from canopen_control.errors import RemoteError
 from canopen_control.virtual.fault_table import FAULTS
 

@@ -160,7 +160,7 @@ def test_what_cannot_be_recorded_is_a_sentence(folders, options, words, capsys):
 def test_a_robot_without_a_bus_has_nothing_to_record(folders, capsys):
     with running("record-mock"):
         assert main(["record", "--name", "record-mock", "-o", "run.log"]) == 2
-    assert "has no bus: it runs on mock hardware" in capsys.readouterr().err
+    assert "has no bus, as on mock hardware" in capsys.readouterr().err
 
 
 def test_a_bag_of_the_running_robot(tmp_path, capsys):

@@ -156,7 +156,7 @@ class Listener:
     def __init__(self):
         self.lines = []
 
-    def say(self, line, *, token=False):
+    def put(self, line, *, token=False):
         self.lines.append(line)
 
 

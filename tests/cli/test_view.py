@@ -7,7 +7,6 @@ import pytest
 
 from canopen_control.cli import run
 from canopen_control.cli.main import main
-from canopen_control.cli.support.announcer import Announcer
 from canopen_control.errors import ConfigError
 from canopen_control.master.event_log import Event
 from canopen_control.view import require_view
@@ -63,7 +62,7 @@ def test_run_prints_the_token_that_the_event_does_not_carry(private_folders):
     rules = AccessRules("127.0.0.1", 8080)
     address.keep(rules)
     stream = StringIO()
-    announcer = Announcer(stream)
+    announcer = run.Announcer(stream)
     session = SimpleNamespace(robot=SimpleNamespace(nodes={}))
     printer = run._EventPrinter(announcer, session, table=False, prefix="robby: ")
     printer.event(Event(0, "view", "", f"view: {rules.place}"))

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from canopen_control.master.config import BusConfig
     from canopen_control.master.pdo_layout import LinearAxes
     from canopen_control.rpc.messages.layout import BusLayout
-    from canopen_control.trace.flight_file import FlightFile
 
 
 T = TypeVar("T")
@@ -76,7 +75,7 @@ def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
         _refuse_channel(args.config)
         with RobotClient.connect(args.name) as robot:
             layouts, owner = robot.ask(GetLayout()).buses, robot.robot
-        layout = chosen = _chosen(layouts, args.bus, f"robot {owner}")
+        layout = chosen = choose_bus(layouts, args.bus, f"robot {owner}")
         channel = chosen.channel
     else:
         channel = str(parse_channel(channel))
@@ -107,7 +106,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
     network = _described(args, "", units=units)
     if network is None and args.name is not None:
         with RobotClient.connect(args.name) as robot:
-            network = network_of_layout(_chosen(robot.ask(GetLayout()).buses, args.bus, f"robot {args.name}"))
+            network = network_of_layout(choose_bus(robot.ask(GetLayout()).buses, args.bus, f"robot {args.name}"))
     if network is None:
         print(_NO_NAMES, file=sys.stderr)
         network = NetworkDescription()
@@ -130,7 +129,7 @@ def config_layout(config: str, bus: str | None = None, *, units: bool = False) -
     from canopen_control.master.pdo_layout import layout_of
     from canopen_control.runtime.robot_files import find_buses
 
-    read = read_bus(_chosen(find_buses(config), bus, config))
+    read = read_bus(choose_bus(find_buses(config), bus, config))
     return layout_of(read, linear=_linear_axes(config, read) if units else None)
 
 
@@ -154,10 +153,10 @@ def _linear_axes(config: str, bus: BusConfig) -> LinearAxes:
         return frozenset()
 
 
-def _chosen(buses: Mapping[str, T], name: str | None, owner: str) -> T:
+def choose_bus(buses: Mapping[str, T], name: str | None, owner: str) -> T:
     """Return the bus `name`, or the only bus if `name` is None; ConfigError if this selects no bus."""
     if not buses:
-        raise ConfigError(f"{owner} has no bus: it runs on mock hardware or in a simulation")
+        raise ConfigError(f"{owner} has no bus, as on mock hardware or in a simulation")
     if name is None and len(buses) == 1:
         return next(iter(buses.values()))
     if name is None or name not in buses:
@@ -194,7 +193,7 @@ class FlightSource:
         from canopen_control.trace.report_build import networks_of
 
         file = read_flight(Path(path))
-        chosen = _chosen_channel(path, file, bus)
+        chosen = choose_bus({name: name for name in file.meta.buses}, bus, path)
         self.path = Path(path)
         self.network = networks_of(file).get(chosen)
         self.skipped = file.unread_lines
@@ -227,16 +226,3 @@ def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
     own = source.network if isinstance(source, FlightSource) else None
     by_arguments = args.config is not None or args.name is not None or bool(args.eds)
     return described(args) if by_arguments or own is None else own
-
-
-def _chosen_channel(path: str, file: FlightFile, name: str | None) -> str:
-    """Return the bus `name`, or the only bus if `name` is None; ConfigError if this selects no bus."""
-    buses = list(file.meta.buses)
-    if name is None and len(buses) == 1:
-        return buses[0]
-    if name is not None and name in buses:
-        return name
-    if not buses:
-        raise ConfigError(f"{path}: the robot had no bus: it ran on mock hardware or in a simulation")
-    problem = "contains several buses" if name is None else f"contains no bus {name!r}"
-    raise ConfigError(f"{path} {problem}; choose with --bus: {', '.join(buses)}")

@@ -9,18 +9,17 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import argcomplete
 from argcomplete.completers import DirectoriesCompleter, FilesCompleter, SuppressCompleter
 
-from canopen_control.bus.channel import parse_channel
+from canopen_control.cli.support.known_nodes import known_nodes
 from canopen_control.cli.support.parsers import parser_of
 from canopen_control.cli.verbs import VERBS
 from canopen_control.client import RobotClient, find_robots
-from canopen_control.errors import CanopenError, ConfigError
+from canopen_control.errors import CanopenError
 from canopen_control.rpc.messages.robot import GetNodes
 
 if TYPE_CHECKING:
@@ -29,68 +28,6 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.declare import Request
 
     Candidates = Iterable[tuple[str, str]]
-
-
-# The nodes of running robots by the names that users type: node name, joint name or node id.
-#
-# For verbs that access the buses and virtual drives of a robot directly. A robot that does not answer is skipped,
-# because these verbs must work while a robot hangs.
-
-
-_NODE_TIMEOUT_S = 2.0
-
-
-@dataclass(frozen=True, slots=True)
-class KnownNode:
-    """Node of a running robot, with its channel, node id, name and joints."""
-
-    robot: str
-    channel: str
-    node_id: int
-    name: str
-    joints: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        return f"{self.name} ({self.node_id})"
-
-    @property
-    def words(self) -> tuple[str, ...]:
-        """Names that select the node: node name, node id and joint names."""
-        return (self.name, str(self.node_id), *self.joints)
-
-
-def known_nodes(channel: str | None = None) -> list[KnownNode]:
-    """Return the nodes of all running robots, or only the nodes on `channel`."""
-    return ask_nodes(channel)[0]
-
-
-def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
-    """Return the nodes as `known_nodes`, and the errors of robots that do not answer, by robot name."""
-    selected = None if channel is None else str(parse_channel(channel))
-    nodes: list[KnownNode] = []
-    silent: dict[str, CanopenError] = {}
-    for name in find_robots():
-        try:
-            nodes.extend(_nodes_of(name))
-        except CanopenError as error:
-            silent[name] = error
-    return [node for node in nodes if selected in (None, node.channel)], silent
-
-
-def _nodes_of(robot: str) -> list[KnownNode]:
-    with RobotClient.connect(robot, timeout=_NODE_TIMEOUT_S) as client:
-        listing = client.ask(GetNodes())
-    channels = {name: bus.channel for name, bus in listing.buses.items()}
-    return [KnownNode(robot, channels[node.bus], node.node_id, node.name, tuple(node.joints)) for node in listing.nodes]
-
-
-def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node that `word` (node name, node id or joint) selects, or None; ConfigError if it is ambiguous."""
-    matching = [node for node in nodes if word in node.words]
-    if len(matching) > 1:
-        places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)
-        raise ConfigError(f"{word!r} means more than one: {places}; choose one with --can CHANNEL")
-    return matching[0] if matching else None
 
 
 A = TypeVar("A")

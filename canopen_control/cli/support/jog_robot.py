@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.observer import RobotObserver
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.scaffold.drive_choice import AxisChoice, DriveChoice, Supervision
-    from canopen_control.scaffold.new_robot import Device, NewRobot
+    from canopen_control.scaffold.new_robot import Device, NewNode, NewRobot
 
 
 HEARTBEAT_MS: Final = 50
@@ -78,19 +78,15 @@ _FEEDBACK: Final = (MODES_OF_OPERATION_DISPLAY, POSITION_ACTUAL, VELOCITY_ACTUAL
 def choose_tuned(device: Device, kind: JogKind, period_us: int, *, allow_unsupervised: bool) -> NewRobot:
     """Plan a robot of one drive for tuning: preferably in a cyclic mode, with the actual torque in a TPDO."""
     robot = choose_jog(device, kind.value, allow_unsupervised=allow_unsupervised)
-    nodes = tuple(
-        node if node.drive is None else replace(node, drive=_cyclic(device, node.drive)) for node in robot.nodes
-    )
-    nodes = tuple(
-        node
-        if node.drive is None
-        else replace(
-            node,
-            joints=tuple(replace(joint, axis=axis) for joint, axis in zip(node.joints, node.drive.axes, strict=True)),
-        )
-        for node in nodes
-    )
-    return replace(robot, nodes=nodes, sync_us=period_us)
+    return replace(robot, nodes=tuple(_tuned(device, node) for node in robot.nodes), sync_us=period_us)
+
+
+def _tuned(device: Device, node: NewNode) -> NewNode:
+    if node.drive is None:
+        return node
+    drive = _cyclic(device, node.drive)
+    joints = tuple(replace(joint, axis=axis) for joint, axis in zip(node.joints, drive.axes, strict=True))
+    return replace(node, drive=drive, joints=joints)
 
 
 def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:

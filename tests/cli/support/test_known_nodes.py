@@ -1,7 +1,7 @@
 import pytest
 from support.liverobot import live_robot
 
-from canopen_control.cli.support.completion_words import KnownNode, find_node, known_nodes
+from canopen_control.cli.support.known_nodes import KnownNode, find_node, known_nodes
 from canopen_control.errors import ConfigError
 
 LEFT = KnownNode("robby", "local:robby", 3, "left_drive", ("left_wheel_joint",))

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 from support.host import use_private_folders
 
-from canopen_control.cli.support import plain_request
-from canopen_control.cli.support.plain_request import request_plain
+from canopen_control.cli import status
+from canopen_control.cli.status import request_plain
 from canopen_control.errors import RemoteError
 from canopen_control.host.sockets import close_listener, listen, socket_path
 from canopen_control.rpc.messages.declare import PROTOCOL
@@ -91,4 +91,4 @@ def test_a_robot_that_hangs_is_an_error(answer, lines, sentence):
 
 
 def test_the_protocol_is_that_of_the_messages():
-    assert plain_request.PROTOCOL == PROTOCOL
+    assert status._PROTOCOL == PROTOCOL

@@ -2,14 +2,14 @@ import io
 import os
 import threading
 
-from canopen_control.cli.support.announcer import Announcer
+from canopen_control.cli.run import Announcer
 
 
 def test_lines_come_in_order_and_all_of_them_before_the_end():
     stream = io.StringIO()
     announcer = Announcer(stream)
     for number in range(100):
-        announcer.say(f"line {number}")
+        announcer.put(f"line {number}")
     announcer.close()
     assert stream.getvalue().splitlines() == [f"line {number}" for number in range(100)]
 
@@ -23,7 +23,7 @@ def test_a_reader_that_stalls_stalls_nobody():
     released = threading.Event()
     announcer = Announcer(Stalled())
     for _ in range(1500):
-        announcer.say("x")
+        announcer.put("x")
     assert announcer.dropped > 0
     released.set()
     announcer.close()
@@ -34,7 +34,7 @@ def test_a_reader_that_is_gone_is_no_error():
     os.close(read)
     with os.fdopen(write, "w") as stream:
         announcer = Announcer(stream)
-        announcer.say("nobody hears this")
+        announcer.put("nobody hears this")
         announcer.close()
         assert announcer.dropped == 1
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
