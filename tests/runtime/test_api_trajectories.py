@@ -283,7 +283,7 @@ def test_a_promise_counts_for_its_own_trajectory_and_for_nothing_that_came_after
     methods = api_trajectories.TrajectoryMethods(robot, SimpleNamespace(answers=lambda *_: None), print)
     life = CommandTimeout()
     life.holder = holder
-    methods._heartbeats["me"] = api_trajectories._Promise(life, 10, 0)
+    methods._heartbeats["me"] = api_trajectories._RequiredHeartbeat(life, 10, 0)
     (observer,) = robot.observers
     observer.after_cycle(10)
     assert (let_go, list(methods._heartbeats)) == ([], ["me"])
