@@ -136,13 +136,13 @@ class SyncChoice:
         """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not affected."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
-        return f"{self.words}; {self.joints} time their motion by SYNC, and a late SYNC causes a jerk: {_REMEDY}"
+        return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
 
 
 _SENDER_TEXTS = {SyncSender.PROGRAM: "comes from this program", SyncSender.NODE: "comes from a node of the bus"}
 _REMEDY = (
-    "let the kernel send SYNC on a SocketCAN interface (sync_producer: auto or kernel), or a node (sync_producer: "
-    "other), or use --realtime"
+    "the kernel sends it evenly on a SocketCAN interface (sync_producer: auto or kernel), a node that produces it does "
+    "too (sync_producer: other); else run it with --realtime"
 )
 
 
@@ -171,7 +171,7 @@ def choose_sync(
 def _no_interface(channel: str) -> str | None:
     if parse_channel(channel).kind is ChannelKind.SOCKETCAN:
         return None
-    return f"the kernel can send SYNC only on SocketCAN interfaces, and {channel} is not one"
+    return f"the kernel can send it on SocketCAN interfaces alone, and {channel} is none"
 
 
 def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:

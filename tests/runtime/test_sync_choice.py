@@ -39,13 +39,13 @@ UNWATCHED = ("heartbeat_consumer: true ", "heartbeat_consumer: false\n  allow_un
     [
         ([], "can0", KERNEL, "joint_1, joint_2, joint_3 and 3 more time their motion by SYNC"),
         ([], "vcan0", KERNEL, "joint_1, joint_2, joint_3 and 3 more time their motion by SYNC"),
-        ([], "local:arm", PROGRAM, "only on SocketCAN interfaces, and local:arm is not one"),
-        ([], "pcan:PCAN_USBBUS1", PROGRAM, "only on SocketCAN interfaces, and pcan:PCAN_USBBUS1 is not one"),
+        ([], "local:arm", PROGRAM, "on SocketCAN interfaces alone, and local:arm is none"),
+        ([], "pcan:PCAN_USBBUS1", PROGRAM, "on SocketCAN interfaces alone, and pcan:PCAN_USBBUS1 is none"),
         ([key("sync_order: first")], "can0", KERNEL, "time their motion"),
         ([key("sync_order: last")], "can0", PROGRAM, "sync_order: last"),
         ([key("sync_producer: master")], "can0", PROGRAM, "sync_producer: master"),
         ([key("sync_producer: kernel\n  sync_order: last")], "can0", KERNEL, "sync_producer: kernel"),
-        ([key("sync_producer: kernel")], "local:arm", PROGRAM, "only on SocketCAN interfaces"),
+        ([key("sync_producer: kernel")], "local:arm", PROGRAM, "on SocketCAN interfaces alone"),
         ([key("sync_producer: other")], "can0", NODE, "sync_producer: other"),
         ([UNWATCHED], "can0", PROGRAM, "nothing would stop joint_1_drive"),
         ([("position_mode: 8", "position_mode: 1")], "can0", PROGRAM, "no joint is commanded in CSP or CSV"),
@@ -90,8 +90,8 @@ def test_it_is_told_that_the_kernel_sends_and_what_a_late_process_does_to_real_d
     (told,) = setup_of(config).sync_notes
     assert told.startswith("SYNC is sent by the kernel, and the cycle follows it: joint_1, joint_2")
     (hint,) = setup_of(config, "pcan:PCAN_USBBUS1").sync_notes
-    assert hint.startswith("SYNC comes from this program: the kernel can send SYNC only on SocketCAN interfaces")
-    assert "joint_1, joint_2, joint_3 and 3 more time their motion by SYNC, and a late SYNC causes a jerk" in hint
+    assert hint.startswith("SYNC comes from this program: the kernel can send it on SocketCAN interfaces alone")
+    assert "joint_1, joint_2, joint_3 and 3 more time their motion by it, and what is late is heard" in hint
     assert "sync_producer: other" in hint
     assert "--realtime" in hint
     assert list(setup_of(config, "local:arm").sync_notes) == [], "no motor is there to be heard"
@@ -102,7 +102,7 @@ def test_check_says_of_each_bus_who_sends_sync_and_why(tmp_path):
     report = check_robot(find_robot(str(arm(tmp_path))), CheckOptions(can=["local:arm"]))
     assert report.sync == {
         "can": "SYNC every 20 ms, after the RPDOs of its cycle (sync_order: last); SYNC comes from this program: the "
-        "kernel can send SYNC only on SocketCAN interfaces, and local:arm is not one"
+        "kernel can send it on SocketCAN interfaces alone, and local:arm is none"
     }
     there_is_none = check_robot(find_robot(str(arm(tmp_path / "b"))), CheckOptions(can=["can99"]))
     assert "can99" in there_is_none.sync["can"]
