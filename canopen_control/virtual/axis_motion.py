@@ -80,9 +80,9 @@ class DriveUnits:
         self.position = -self.length if polarity & _TURN_POSITION else self.length
         self.velocity = self.turn * self.speed
 
-    def user(self, place: float) -> int:
+    def user(self, position: float) -> int:
         """Convert a plant position to user units, wrapped to 32 bits."""
-        return wrap32((place - self.zero) / self.position)
+        return wrap32((position - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
         """Shift the position in user units by `counts`, as after lost encoder counts (a fault)."""
@@ -184,7 +184,7 @@ class Switches:
             return None
         position = demand.at(now)[0]
         if self.negative < position < self.positive:
-            times = [demand.time_of(place, now) for place in (self.negative, self.positive)]
+            times = [demand.time_of(switch, now) for switch in (self.negative, self.positive)]
             return min((time for time in times if time is not None), default=None)
         return None
 
@@ -296,8 +296,8 @@ class Reactions(Protocol):
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
         """Return time and position of the next index pulse that a touch probe will capture, or None."""
 
-    def index_passed(self, place: float) -> None:
-        """Handle an index pulse; `place` is the position in plant counts."""
+    def index_passed(self, position: float) -> None:
+        """Handle an index pulse; `position` is in plant counts."""
 
 
 class AxisMotion:
@@ -480,14 +480,14 @@ class AxisMotion:
 
     def watch_index(self, now: int) -> None:
         """Set a timer for the next index pulse of the demand, if a touch probe waits for an index pulse."""
-        place = self.owner.next_index(self.demand, now) if self.torque is None else None
-        if place is None:
+        pulse = self.owner.next_index(self.demand, now) if self.torque is None else None
+        if pulse is None:
             self.cancel("index")
         else:
-            self.at("index", place[0], lambda then: self._index(place[1], then))
+            self.at("index", pulse[0], lambda then: self._index(pulse[1], then))
 
-    def _index(self, place: float, now: int) -> None:
-        self.owner.index_passed(place)
+    def _index(self, position: float, now: int) -> None:
+        self.owner.index_passed(position)
         self.watch_index(now)
 
     def _hit_switch(self, now: int) -> None:

@@ -208,9 +208,9 @@ class CyclicPosition(StreamMode):
         self.feed()
         self.go(self.target(), now)
 
-    def go(self, place: float, now: int) -> None:
-        """Move to the position `place` (user units) within the interpolation time, if `place` has changed."""
-        target = self.limits.position(self.units.zero + place * self.units.position)
+    def go(self, set_point: float, now: int) -> None:
+        """Move to `set_point` (user units) within the interpolation time, unless the target is unchanged."""
+        target = self.limits.position(self.units.zero + set_point * self.units.position)
         if not self.changed(target):
             return
         position, seconds = self.mover.state(now)[0], self.objects.interpolation_s
@@ -231,13 +231,13 @@ class CyclicPosition(StreamMode):
         timed = self.model.recovers_sync and clock.sync_ns == now and self.streaming
         return timed and clock.rhythm.has_period(self.objects.interpolation_s)
 
-    def _onward(self, place: float, velocity: float, slack: float) -> float:
+    def _onward(self, position: float, velocity: float, slack: float) -> float:
         """Return the time in s for which the demand continues beyond the set-point, up to a position limit."""
         longest = max(self.cycles * self.objects.interpolation_s, slack)
         if not longest or not velocity:
             return 0.0
         low, high = self.limits.bounds()
-        distance = high - place if velocity > 0.0 else low - place
+        distance = high - position if velocity > 0.0 else low - position
         return max(0.0, min(longest, distance / velocity))
 
     def measured_velocity(self) -> float:
@@ -359,10 +359,10 @@ class SetPointBuffer:
         maximum = min(self._objects.number(o.INTERPOLATION_BUFFER, MAXIMUM), _MAX_RECORDS)
         return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or maximum, maximum)
 
-    def put(self, place: float) -> None:
+    def put(self, position: float) -> None:
         """Append a record, or drop the record if the buffer is full."""
         if len(self._waiting) < self.size:
-            self._waiting.append(place)
+            self._waiting.append(position)
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -450,18 +450,18 @@ class InterpolatedPosition(CyclicPosition):
         """Move to the next position of the buffer, and schedule the following position."""
         if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
             return
-        place = self.buffer.get()
-        if place is None:
+        set_point = self.buffer.get()
+        if set_point is None:
             self._dry_ns = now if self.streaming else None
             return
         if self._dry_ns is not None:
             self.meter.missed += round((now - self._dry_ns) / self.period_ns)
             self._dry_ns = None
         self._arrived += 1
-        self.meter.take(place, now)
+        self.meter.take(set_point, now)
         self.feed()
         self._inputs = None
-        self.go(place, now)
+        self.go(set_point, now)
         self.supervise(now)
         self.mover.at("interpolate", now + self.period_ns, self._next)
 

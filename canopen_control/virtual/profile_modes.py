@@ -73,7 +73,7 @@ METHODS: dict[int, HomingMethod] = {
 
 
 class _Leg(NamedTuple):
-    place: float
+    position: float
     direction: int
     speed: int  # FAST or SLOW
 
@@ -179,7 +179,7 @@ class HomingMode(Mode):
             after = now + int(abs(velocity) / acceleration * 1e9) if acceleration > 0.0 else now
         else:
             after = now
-        crossing = demand.time_of(leg.place, after)
+        crossing = demand.time_of(leg.position, after)
         if crossing is None:
             self._fail(now)
         else:

@@ -255,11 +255,11 @@ class TouchProbes:
             if (before ^ after) & bit and not self._armed >> shift & _INDEX:
                 self._catch(probe, position, rising=bool(after & bit))
 
-    def index_passed(self, place: float) -> None:
-        """Capture the position `place` (plant counts) of an index pulse."""
+    def index_passed(self, position: float) -> None:
+        """Capture the `position` (plant counts) of an index pulse."""
         for probe, shift in enumerate(_SHIFTS):
             if self._armed >> shift & _INDEX:
-                self._catch(probe, place, rising=True)
+                self._catch(probe, position, rising=True)
 
     @property
     def wants_index(self) -> bool:
@@ -275,11 +275,11 @@ class TouchProbes:
         ahead = (math.floor(position / period) + 1) * period
         behind = (math.ceil(position / period) - 1) * period
         candidates = [
-            (crossing, place) for place in (ahead, behind) if (crossing := demand.time_of(place, now)) is not None
+            (crossing, pulse) for pulse in (ahead, behind) if (crossing := demand.time_of(pulse, now)) is not None
         ]
         return min(candidates, default=None)
 
-    def _catch(self, probe: int, place: float, *, rising: bool) -> None:
+    def _catch(self, probe: int, position: float, *, rising: bool) -> None:
         shift = _SHIFTS[probe]
         function, status = self._armed >> shift, self._objects.number(o.TOUCH_PROBE_STATUS)
         armed, caught = (_RISING, _CAUGHT_RISING) if rising else (_FALLING, _CAUGHT_FALLING)
@@ -288,7 +288,7 @@ class TouchProbes:
         if status >> shift & caught and not function & _CONTINUOUS:
             return
         index = _POSITIONS[probe][0 if rising else 1]
-        self._objects.set(index, self._objects.units.user(place))
+        self._objects.set(index, self._objects.units.user(position))
         self._show(status | caught << shift)
 
     def _show(self, status: int) -> None:
@@ -473,7 +473,7 @@ class VirtualDrive:
 
     def _tune(self) -> None:
         """Set the gains of the loops from the objects; without a velocity P gain the plant uses its own loops."""
-        values = {gain: self._gain(place) for gain, place in self._gains.items()}
+        values = {gain: self._gain(gain_object) for gain, gain_object in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
         gains = ServoGains(
@@ -484,9 +484,9 @@ class VirtualDrive:
         )
         self.mover.set_loop(gains if proportional else None, self._clock.now)
 
-    def _gain(self, place: GainObject) -> float:
-        value = self._values.get((place.index, place.subindex), 0)
-        return value * place.scale if isinstance(value, (int, float)) else 0.0
+    def _gain(self, gain_object: GainObject) -> float:
+        value = self._values.get((gain_object.index, gain_object.subindex), 0)
+        return value * gain_object.scale if isinstance(value, (int, float)) else 0.0
 
     def _record_written(self, entry: Entry, _value: Value) -> None:
         interpolated = self.modes.interpolated
@@ -589,5 +589,5 @@ class VirtualDrive:
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
         return self.probes.next_index(demand, now)
 
-    def index_passed(self, place: float) -> None:
-        self.probes.index_passed(place)
+    def index_passed(self, position: float) -> None:
+        self.probes.index_passed(position)
