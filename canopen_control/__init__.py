@@ -1,4 +1,4 @@
-"""CANopen and CiA 402 drives for robots: master, virtual drives and ros2_control's world in Python.
+"""CANopen and CiA 402 drives for robots: master, virtual drives and the functions of ros2_control in Python.
 
 `Robot.from_config("robby")` creates a robot in this process, `Robot.attach("robby")` connects to a running robot.
 The names in `__all__` and the exceptions in `canopen_control.errors` are public; everything else is internal.

@@ -100,7 +100,7 @@ class ConfigError(CanopenError):
 
 
 class EdsError(ConfigError):
-    """Error in an EDS or DCF file that makes it unusable."""
+    """Error that makes an EDS or DCF file unusable."""
 
     def __init__(self, path: str, line: int, reason: str) -> None:
         self.path, self.line, self.reason = path, line, reason
@@ -128,7 +128,7 @@ class DiskFull(CanopenError):
 
 
 class BusError(CanopenError):
-    """Error of a CAN bus or of the driver of its adapter."""
+    """Error of a CAN bus or an adapter driver."""
 
 
 class BusClosed(BusError):
@@ -181,7 +181,7 @@ class LocalProtocolError(ProtocolError):
 
 
 class RemoteProtocolError(ProtocolError):
-    """Violation of the protocol by the other side, or its failure to answer."""
+    """Violation of the protocol by the other side, or a missing answer."""
 
     def __init__(self, node_id: int, reason: str) -> None:
         self.node_id = node_id
@@ -237,7 +237,7 @@ class SdoRestarted(RemoteProtocolError):
 
 
 class SdoLengthError(RemoteProtocolError):
-    """SDO upload whose `data` do not fit the type of the object; `wanted` is the expected type and length."""
+    """SDO upload with `data` of the wrong length; `wanted` is the expected type and length."""
 
     def __init__(
         self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
@@ -321,7 +321,7 @@ class UnknownName(ControlError):
 
 
 class RemoteError(CanopenError):
-    """Request refused by a running robot; `kind` is the class name of its error."""
+    """Request refused by a running robot; `kind` is the class name of the error."""
 
     def __init__(self, kind: str, message: str) -> None:
         self.kind = kind

@@ -54,7 +54,7 @@ class DriveIdentity:
 
 @dataclass(frozen=True)
 class QuirkLine:
-    """Quirk in a personality file, in the notation of `drive --quirk`, with its source."""
+    """Quirk in a personality file, in the notation of `drive --quirk`, with the source."""
 
     quirk: str
     source: str = "unsourced"
@@ -63,7 +63,7 @@ class QuirkLine:
 
 @dataclass(frozen=True)
 class BusKey:
-    """Key of bus.yml that such a drive needs, with its value, the reason, and the source."""
+    """Key of bus.yml that drives with this personality need, with value, reason and source."""
 
     key: str
     value: int | float | bool | str | dict[int, int]
@@ -128,7 +128,7 @@ def personality_names() -> list[str]:
 
 
 def read_personality(name: str) -> Personality:
-    """Read a bundled personality by its name, or a file; raise PersonalityError that lists all errors with lines."""
+    """Read a bundled personality by name, or a file; PersonalityError lists all errors with lines."""
     bundled = data_path("eds", _FOLDER) / f"{name}.yaml"
     path = bundled if name in personality_names() else Path(name)
     if path is not bundled and not path.is_file():

@@ -1,1 +1,1 @@
-"""Checks before a run: a robot's files and the rules between them, stop times, and the record of a preflight."""
+"""Checks before a run: rules for a robot's files, stop times, and the record of a preflight."""

@@ -36,7 +36,7 @@ _FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # files that are n
 
 @dataclass
 class _Launch:
-    """Check of one launch file: its arguments so far and the findings."""
+    """Launch file under check, with the arguments read so far and the findings."""
 
     path: str
     robot: CheckedRobot
@@ -156,7 +156,7 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
 
 
 def _check_spawned(launch: _Launch, name: str, namespace: str, line: int) -> None:
-    """Check that a spawned controller is in ros2_controllers.yaml, and store its namespace."""
+    """Check that a spawned controller is in ros2_controllers.yaml, and store the controller's namespace."""
     control = launch.robot.control
     if control is not None and name not in control.controllers:
         text = f"the spawner loads {name!r}, which is not in {control.path}{nearest(name, control.controllers)}"

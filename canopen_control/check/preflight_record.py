@@ -68,7 +68,7 @@ class _Position:
 
 
 class _Effort:
-    """Limiter of an effort command, which is set to 0 if it accelerates a joint above the speed cap."""
+    """Limiter of an effort command: 0 while the effort accelerates a joint above the speed cap."""
 
     __slots__ = ("_command", "_limit", "_speed")
 

@@ -163,7 +163,7 @@ def _in_the_middle(config: BusConfig, axes: list[CyclicAxis]) -> Iterator[Findin
 
 
 def _repeated(config: BusConfig, control: ControllersFile | None, axes: list[CyclicAxis]) -> Iterator[Finding]:
-    """Find controllers so slow that each CSP set-point is sent with several SYNCs."""
+    """Find controllers that are slower than SYNC, so that each CSP set-point is sent several times."""
     line = 0 if control is None else control.manager_lines.get("update_rate", 0)
     joints = [axis.joint for axis in axes if axis.mode is OperationMode.CSP]
     if control is None or not line or not joints:

@@ -196,7 +196,7 @@ class Client(Generic[H, P]):
         return True
 
     def _read(self, timeout: float | None) -> None:
-        """Read one message without holding the lock, then process it."""
+        """Read one message without holding the lock, then store the message for the waiting thread."""
         self._reading = True
         self._changed.release()
         line, failure = None, None

@@ -1,1 +1,1 @@
-"""Runtime of a robot: a single thread runs its CAN buses, its control loop and the socket for its clients."""
+"""Runtime of a robot: CAN buses, control loop and client socket, all in a single thread."""

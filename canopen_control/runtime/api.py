@@ -154,7 +154,7 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
 
 
 def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
-    """Activate, deactivate or clean up a hardware component, after deactivating the controllers that use it."""
+    """Activate, deactivate or clean up a hardware component; controllers that use the component are deactivated."""
     name, state = call.request.component, call.request.state
     component = next((component for component in robot.registry.components if component.name == name), None)
     if component is None:
@@ -527,7 +527,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return the values of a twist in the controller's order; ControlError if the controller cannot use them."""
+        """Return the values of a twist in the controller's order; ControlError if the controller accepts no twist."""
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
@@ -608,7 +608,7 @@ class ApiServer(RobotObserver):
         call.reply(messages.Description(description.urdf_xml, os.path.abspath(description.path)))
 
     def _report(self, call: Call[messages.PublishEvent]) -> None:
-        """Publish a client's message as an event with a text on one line; LocalProtocolError if it is invalid."""
+        """Publish a client's message as a one-line event; LocalProtocolError for an invalid message."""
         kind, text = call.request.kind, " ".join(call.request.text.split())
         if not (kind.isidentifier() and len(kind) <= MAX_KIND and 0 < len(text) <= MAX_TEXT and text.isprintable()):
             raise LocalProtocolError(f"tell: give a word as kind, and a printable text of 1 to {MAX_TEXT} characters")

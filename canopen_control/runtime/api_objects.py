@@ -148,7 +148,7 @@ class ProcessDataFeed:
 
 
 def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Write an object into the RPDO that maps it, to be sent in the next cycle; ControlError if that is not allowed.
+    """Write an object through an RPDO, to be sent in the next cycle; ControlError if not allowed.
 
     Not allowed are objects in no RPDO, objects that move an axis, digital outputs that a controller commands, and
     any object while the node is not OPERATIONAL. An RPDO that moves no axis is sent once.

@@ -124,7 +124,7 @@ class TrajectoryMethods(RobotObserver):
     # ------------------------------------------------------------------------------------------------- heartbeats
 
     def require_heartbeat(self, connection: Connection, controller: str, heartbeat: float | None) -> None:
-        """Require a heartbeat from a connection every `heartbeat` s while its command of `controller` is active.
+        """Require a heartbeat every `heartbeat` s from a connection while its command of `controller` is active.
 
         None ends an earlier requirement.
         """

@@ -168,7 +168,7 @@ def _world(path: Path) -> WorldDescription:
 
 @dataclass(slots=True)
 class Assembly:
-    """Buses, nodes, joints and hardware components of a robot; RobotConfigError if one cannot be built.
+    """Buses, nodes, joints and hardware components of a robot; RobotConfigError if a part cannot be built.
 
     `systems` are the hardware components on buses, `sensed` the components with sensors of a physics world. `report`
     receives the events of nodes and joints, `on_lost` the error of a lost bus, `lead` the times of SYNC messages of

@@ -128,7 +128,7 @@ class PendingAxisRequest:
         self._cycles = 0
 
     def settle(self, now: int) -> bool:
-        """Complete the request if possible and return whether it has ended; call once per cycle."""
+        """End the request if complete, failed or late; return whether the request has ended. Called once per cycle."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
@@ -145,7 +145,7 @@ class PendingAxisRequest:
         self._done(reason)
 
     def _explaining(self, now: int) -> bool:
-        """Whether the fault reason of a drive is still being read by SDO."""
+        """Whether the cause of a drive's fault is still being read by SDO."""
         return now <= self._deadline and any(joint.faults.asking for joint in self._joints)
 
     def _refused(self, joint: JointDrive) -> bool:

@@ -78,7 +78,7 @@ class BackgroundRobot:
             raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
-        """Ramp the drives to zero, disable them, leave the buses and join the thread; a second call does nothing."""
+        """Ramp the drives to zero and disable the drives, leave the buses and join the thread."""
         thread, session = self._thread, self._session
         if thread is None:
             return

@@ -446,13 +446,13 @@ class RobotCore:
         self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
-        """Switch controllers, loading and configuring them if necessary; ControlError if refused, before any change."""
+        """Switch controllers, after loading and configuring new ones; ControlError, before any change, if refused."""
         switch_controllers(
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
-        """Ramp all drives to zero and disable them; `done(error)` is called when no drive has power any more.
+        """Ramp all drives to zero, then disable all; `done(error)` is called when no drive has power.
 
         `latched_by` names the client that latches STOP (see `StopLatch`), None for a stop without a latch; `by` names
         the client in the events of the commands that end.

@@ -153,7 +153,7 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
 
 
 def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
-    """Return the URDF parameters of a joint; an optional node `beside` a description gets its own stop group."""
+    """Return the URDF parameters of a joint; with `beside`, an optional node forms a stop group of its own."""
     bound = {"device_name": node.name, "axis": str(axis)}
     return bound | {"stop_group": node.name} if beside and not node.required else bound
 

@@ -64,7 +64,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return why drives do not follow commands, and the command that enables them; None for no drives."""
+    """Return why drives do not follow commands, with the command that enables the drives; None for no drives."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -202,7 +202,7 @@ def return_hint(absent: Iterable[RemoteNode]) -> str:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Return how many set-points moving axes have missed since they were enabled, as text; "" for none."""
+    """Return the number of set-points that each moving axis has missed since the enable, as text; "" for none."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes missed since they were enabled: {', '.join(missed)}" if missed else ""
 
@@ -330,7 +330,7 @@ class StopLatch:
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
     def _write_file(self, now: int) -> None:
-        """Save the latch state to the file, if any; a failure is reported, and the latch keeps its state."""
+        """Save the latch state to the file, if any; a failure is reported and does not change the state."""
         if self._path is None:
             return
         try:
@@ -354,11 +354,11 @@ class StopLatch:
 
     @property
     def hint(self) -> str | None:
-        """Sentence about the latched STOP with the command that releases it; None if not latched."""
+        """Sentence about the latched STOP, with the release command; None if not latched."""
         return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
 
     def hold(self, by: str, now: int) -> None:
-        """Latch STOP and report that; does nothing if already latched."""
+        """Latch STOP and report an event; does nothing if already latched."""
         if self.by is None:
             self.by = by
             text = f"STOP was latched by {by}: nothing moves before it is released"
@@ -366,7 +366,7 @@ class StopLatch:
             self._write_file(now)
 
     def release(self, by: str, now: int) -> None:
-        """Release the latch and report that; does nothing if not latched."""
+        """Release the latch and report an event; does nothing if not latched."""
         if self.by is not None:
             self.by = None
             text = f"STOP was released by {by}; the drives stay disabled until you enable them"

@@ -149,7 +149,7 @@ class Launched:
 
 
 def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str] = ()) -> Launched:
-    """Return the robot described by a launch file and its included launch files.
+    """Return the robot described by a launch file, including included launch files.
 
     `words` are the user's NAME:=VALUE, for the launch file if the name is declared there, else for xacro. The names in
     `obeyed` select hardware, and may be unknown to both.
@@ -172,7 +172,7 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
 
 @dataclass(slots=True)
 class _Reading:
-    """Reader of a launch file with its included files, which collects the robot in `launched`."""
+    """Reader of a launch file with included files; `launched` is the robot."""
 
     path: Path
     launched: Launched = field(default_factory=Launched)
@@ -266,7 +266,7 @@ class _Reading:
 
 
 def _concerns_robot(what: str) -> bool:
-    """Whether a computed value may be a file of the robot, or an argument of its description."""
+    """Whether a computed value may be a file of the robot or an argument of the robot description."""
     if match := _COMPUTED_ENDING.search(what):
         return bool(_kind(match[1])) or match[1] in (".yaml", ".yml")
     # the program master.bin is for the master of ros2_canopen alone
@@ -362,7 +362,7 @@ def _kind(word: str) -> str:
 
 
 def _as_installed(package: Path, name: re.Match[str]) -> str:
-    """Return the source path of a file that CMake installs elsewhere in its package; else the path unchanged."""
+    """Return the source path of a file that CMake installs elsewhere in the package, or the unchanged path."""
     path = Path(name[0])
     return str(installed_file(package, path.relative_to(package))) if path.is_relative_to(package) else name[0]
 

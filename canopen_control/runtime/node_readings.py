@@ -79,7 +79,7 @@ class NodeReadings:
 
 
 class _ReadNode:
-    """State of one node as a client message, whose parts are cached until their inputs change."""
+    """State of one node as a client message; parts are cached until the inputs change."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]

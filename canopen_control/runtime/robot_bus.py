@@ -112,7 +112,7 @@ class NodeSync:
     )
 
     def start(self, period_us: int) -> None:
-        """Do nothing, since the node starts SYNC by its configuration."""
+        """Do nothing, since the configuration of the node enables SYNC (0x1005, 0x1006)."""
 
     def adjust(self, period_us: int) -> None:
         """Do nothing, since the period is set in the node."""
@@ -264,7 +264,7 @@ class RobotBus:
 
     @property
     def sends_sync_first(self) -> bool:
-        """Whether this process sends SYNC, and sends it before the RPDOs of the cycle."""
+        """Whether this process sends SYNC before the RPDOs of a cycle."""
         return self._synchronous and self._followed is None and not self._sync_with_rpdos
 
     @property
@@ -324,7 +324,7 @@ class RobotBus:
         self.watch()
 
     def watch(self) -> None:
-        """Let the reactor read frames as soon as they are received."""
+        """Read frames in the reactor on reception, not at cycle edges."""
         self.watched = True
         if self.port is not None:
             self._reactor.add_reader(self.port.fileno(), self.receive)
@@ -437,7 +437,7 @@ class RobotBus:
         self._send(self._take())
 
     def release_nodes(self) -> None:
-        """Reset the communication of the nodes, if allowed, so that they stop expecting the master's heartbeat."""
+        """Reset the communication of the nodes, if allowed, to end the monitoring of the master's heartbeat."""
         for node in self.network.nodes.values():
             if node.config.boot.reset_communication:  # no reset with `reset_communication: false`
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)

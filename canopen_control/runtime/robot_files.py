@@ -427,7 +427,7 @@ def _is_default(controllers: str | None, description: str | None, launched: Laun
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether a folder has neither controllers nor a description, so that its bus.yml is the whole robot.
+    """Whether a folder has only a bus.yml, without controllers and description.
 
     For a folder below `config` of a package, a description directly in the package's `urdf` does not count.
     """
@@ -442,7 +442,7 @@ def _is_alone(folder: Path | None) -> bool:
 
 
 def _places(folder: Path, *, described: bool) -> list[Path]:
-    """Return the folders to search for a file or description, in order: `folder`, then folders of its package."""
+    """Return the folders to search for a file or description: `folder`, then folders of the ROS package."""
     if not described:
         return [folder, folder / "config"]
     places = [folder, folder / "urdf"]

@@ -143,7 +143,7 @@ class RobotSetup:
 
     @property
     def sync_notes(self) -> Iterator[str]:
-        """Notes about SYNC sent by the kernel, or about jerks by a late SYNC of this process."""
+        """Notes about SYNC by the kernel, or about jerks that a late SYNC of this process causes."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:
                 yield choice.words
@@ -283,7 +283,7 @@ def _refuse_for_a_bus(files: RobotFiles, *, mock: bool) -> None:
 
 
 def _buses(files: RobotFiles, peer_merge: bool, allow_unsupervised: bool) -> dict[str, BusConfig]:
-    """Read all buses; RobotConfigError if they contradict each other."""
+    """Read all buses; RobotConfigError for contradictions between buses."""
     buses = {
         name_of_bus: read_bus(path, peer_merge=peer_merge, allow_unsupervised=allow_unsupervised)
         for name_of_bus, path in files.buses.items()

@@ -45,7 +45,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class SharedRobot:
-    """Robot in a shared world, with the command-line arguments of its process."""
+    """Robot in a shared world, with the command-line `arguments` for the process of the robot."""
 
     setup: RobotSetup
     arguments: tuple[str, ...]
@@ -190,7 +190,7 @@ class SharedRun:
 
 
 def _written(setup: RobotSetup) -> Path:
-    """Write the plant file of a robot; return its path."""
+    """Write the plant file of a robot and return the path."""
     with Reactor() as reactor:
         core = RobotCore(dataclasses.replace(setup), reactor)
         try:

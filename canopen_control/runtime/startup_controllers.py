@@ -37,7 +37,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
 
 
 def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Configure a loaded controller, and load and configure its fallback controllers; ControlError or ConfigError."""
+    """Configure a loaded controller, after that also the fallback controllers; ControlError or ConfigError."""
     manager.configure(name)
     loaded, config = manager.states, setup.controllers.controllers.get(name)
     for fallback in () if config is None else config.fallbacks:

@@ -304,7 +304,7 @@ class Supervisor:
 
     @property
     def driven(self) -> list[str]:
-        """Names of the nodes whose virtual drives run in child processes."""
+        """Names of nodes with a virtual drive in a child process."""
         if self._world is not None and self._world[0] in self._drives:
             return list(self._world[1])
         return [child.name.removeprefix(_DRIVE) for child in self._drives]
@@ -399,7 +399,7 @@ class Supervisor:
         return self._supervised(child)
 
     def _supervised(self, child: Child) -> Child:
-        """Supervise the end of a child process, and remove the processor binding that it inherited."""
+        """Supervise the end of a child process, and remove the inherited processor binding."""
         if self._realtime is not None:
             self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))

@@ -89,7 +89,7 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
 
 
 def axis_number(joint: ControlJoint) -> int:
-    """Return the axis number of a joint within its drive, 0 if not given."""
+    """Return the axis number of a joint in a multi-axis drive, 0 if not given."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     return int(text) if text.isdigit() and int(text) < objects.AXES else 0
 

@@ -250,7 +250,7 @@ def _axis_scales(joint: NewJoint) -> Iterator[str]:
 
 
 def _guesses(drive: DriveChoice, *keys: str) -> list[str]:
-    """Return the `guesses` key, whose values `check` reports until they are measured."""
+    """Return the `guesses` key for unmeasured values, which `check` reports."""
     guessed = not all(axis.is_known for axis in drive.axes)
     return [remark(f"guesses: [{', '.join(keys)}]", "measure it, then remove this line")] if guessed else []
 

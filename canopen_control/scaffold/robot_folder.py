@@ -372,7 +372,7 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; RobotConfigError if it exists already or cannot be written."""
+    """Write the folder of a robot into `parent`; RobotConfigError for an existing or unwritable folder."""
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
@@ -390,7 +390,7 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
 
 
 def refuse_existing(folder: Path, *, force: bool) -> None:
-    """Raise RobotConfigError if `folder` is a file, or if it exists and `force` is not set."""
+    """Raise RobotConfigError if `folder` is a file, or an existing folder without `force`."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise RobotConfigError(f"{folder} exists and is not a folder; choose another name")
     if folder.exists() and not force:

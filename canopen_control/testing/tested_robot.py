@@ -119,7 +119,7 @@ class TestedRobot:
         return passed
 
     def stopped_within(self, seconds: float) -> bool:
-        """Advance the time until all shafts have stopped, by at most `seconds`; return whether they have."""
+        """Advance the time until all shafts have stopped, by at most `seconds`; return whether all have stopped."""
         remaining = round(seconds / _STEP_S)
         while self.moving and remaining > 0:
             self.run(_STEP_S)
@@ -181,7 +181,7 @@ class TestedRobot:
         self.do("trajectory", controller, values=positions, seconds=seconds)
 
     def activate(self, controller: str) -> None:
-        """Activate a controller, and deactivate the controllers that conflict with it."""
+        """Activate a controller, after deactivating conflicting controllers."""
         self._controller(controller)
         self.do("activate", controller)
 
@@ -210,7 +210,7 @@ class TestedRobot:
         self.do("stall", "master", seconds=seconds)
 
     def kill(self, seconds: float | None = None) -> None:
-        """Kill the process of the robot, and restart it after `seconds` (None: never)."""
+        """Kill the process of the robot, and start a new process after `seconds` (None: never)."""
         self.do("kill", seconds=seconds)
 
     def do(
@@ -245,7 +245,7 @@ class TestedRobot:
 
 
 class SimulatedTransfers(Transfers):
-    """SDO transfers and NMT commands for one node through its master in virtual time."""
+    """SDO transfers and NMT commands for one node, through the robot's master in virtual time."""
 
     def __init__(self, robot: RobotUnderTest, node_id: int) -> None:
         self._robot, self._node_id = robot, node_id

@@ -74,7 +74,7 @@ class Effect(enum.Enum):
 
 
 class Method(NamedTuple):
-    """Method of a socket with the types of its request and answer."""
+    """Method of a socket, with request and answer types."""
 
     name: str
     request: type[Request[Any]]

@@ -37,7 +37,7 @@ Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
 
 class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
-    """Greeting of a virtual node; `channel` is its bus, such as "local:robby", `pid` its process id."""
+    """Greeting of a virtual node; `channel` is the bus, such as "local:robby", `pid` the process id."""
 
     node_id: int
     name: str = ""
@@ -89,7 +89,7 @@ class ActiveFaults(msgspec.Struct, frozen=True):
 
 @DRIVE.method("fault", Effect.CHANGES)
 class SwitchFault(Request[ActiveFaults], frozen=True, kw_only=True):
-    """Inject a fault into the node, or clear it with `on` false."""
+    """Inject a fault into the node, or clear the fault with `on` false."""
 
     name: str
     on: bool = True

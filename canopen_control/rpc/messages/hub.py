@@ -21,7 +21,7 @@ Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
 
 
 class HubHello(msgspec.Struct, frozen=True):
-    """Greeting of the hub of a local bus; `pid` is its process id."""
+    """Greeting of the hub of a local bus; `pid` is the process id of the hub."""
 
     bus: str
     protocol: int = 0

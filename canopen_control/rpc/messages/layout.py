@@ -39,7 +39,7 @@ class PdoLayout(msgspec.Struct, frozen=True):
 
 
 class NodeLayout(msgspec.Struct, frozen=True):
-    """Active PDOs of a node; `eds` is the path of its EDS, "" without one."""
+    """Active PDOs of a node; `eds` is the path of the EDS, "" without an EDS."""
 
     name: str
     node_id: NodeId

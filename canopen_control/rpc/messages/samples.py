@@ -46,7 +46,7 @@ class OdometrySample(Sample, frozen=True, kw_only=True, tag="odometry"):
 
 
 class SteeringSample(OdometrySample, frozen=True, kw_only=True, tag="steering"):
-    """Odometry of a steered base with the states of its wheels (control_msgs/SteeringControllerStatus).
+    """Odometry of a steered base with the wheel states (control_msgs/SteeringControllerStatus).
 
     Wheels are in the order from right to left, in rad and rad/s; unknown values are null. Either positions or
     velocities of the traction wheels are measured.
@@ -191,7 +191,7 @@ class RangeSample(Sample, frozen=True, kw_only=True, tag="range"):
 
 
 class WrenchSample(Sample, frozen=True, kw_only=True, tag="wrench"):
-    """Forces along x, y and z in N, and torques about them in Nm."""
+    """Forces along x, y and z in N, and torques about x, y and z in Nm."""
 
     frame_id: str
     force: tuple[float | None, ...]
