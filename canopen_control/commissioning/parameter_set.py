@@ -361,7 +361,7 @@ _COMMUNICATION = range(0x1000, 0x2000)  # identifiers and mappings are hexadecim
 
 @dataclass(frozen=True, slots=True)
 class ParameterDifference:
-    """Parameter whose values differ between two sides, or that one side lacks (None). The texts are for users."""
+    """Parameter with different values on two sides; a value is None if its side lacks the parameter."""
 
     entry: Entry
     name: str

@@ -212,7 +212,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 
 
 def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
-    """Write 0x1F51 until the object shows an expected state; DriveError after `seconds`.
+    """Write 0x1F51 until the object shows an expected state; raise DriveError after `seconds`.
 
     While a node resets, short timeouts are used: a boot-loader that sees no master starts the program again.
     """

@@ -166,7 +166,7 @@ def _mapping_writes(
     target: Mapping[Address, Value],
     current: Mapping[Address, Value],
 ) -> Iterator[Write]:
-    """Yield the writes of a PDO mapping; without the count in `target`, only the entries that differ."""
+    """Yield the writes of a PDO mapping, or only those of different entries if `target` lacks the count."""
     if count not in target:
         for address in slots:
             if not same_value(od[address], target[address], current[address]):
@@ -493,7 +493,7 @@ class RestoreReport:
 
 
 def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
-    """Raise ConfigError for a backup whose node id and serial number both differ from the node's."""
+    """Raise ConfigError if neither the node id nor the serial number of a backup matches the node."""
     if file.node_id == session.node_id:
         return
     serial = session.identity().serial_number

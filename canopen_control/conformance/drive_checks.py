@@ -40,7 +40,7 @@ from canopen_control.conformance.drive_steps import (
     stays,
 )
 from canopen_control.conformance.nmt_checks import boot, other_node_id
-from canopen_control.conformance.pdo_checks import first_pdo, present_values
+from canopen_control.conformance.pdo_checks import CountedSync, first_pdo, present_values
 from canopen_control.errors import SdoAbort
 
 if TYPE_CHECKING:
@@ -610,13 +610,13 @@ def _reached(node: CheckedNode) -> None:
 
 @_add("D59", "402-2, 12 (cyclic position)", "CSP: missing set-points cause no fault at standstill", _SHOULD, _MOTION)
 def _missing_set_points(node: CheckedNode) -> None:
-    sync = node.number(0x1005) & 0x7FF
+    sync = CountedSync(node)
     with drive_at(node, ON):
         set_mode(node, OperationMode.CSP)
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
         control(node, 0x0F)
         reaches(node, OE)
         for _ in range(50):
-            node.send(sync)
+            sync.send()
             node.listen(0.01)
         reaches(node, OE, 0.0)

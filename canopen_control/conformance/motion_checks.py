@@ -347,7 +347,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: Motion, distances: int = 1) -> float:
-    """Return the duration in s of a motion at 0x6081, with a margin for drives with other units of velocity."""
+    """Return the expected duration of a PP motion in s, with a margin for drives with other units of velocity."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
@@ -448,7 +448,7 @@ def _limit_shown(node: CheckedNode) -> None:
 
 @contextmanager
 def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[Motion]:
-    """Context with a homing method, and a home offset with which homing without motion keeps the position."""
+    """Context with the drive in homing mode with `method`, and with the present position as the home offset."""
     is_drive(node)
     with node.kept(o.HOMING_METHOD), ExitStack() as stack:
         try:

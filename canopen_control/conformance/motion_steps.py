@@ -16,7 +16,7 @@ from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import TARGET_REACHED
 from canopen_control.conformance.checked_node import CheckFailed, NotApplicable
 from canopen_control.conformance.drive_steps import OE, STEP_S, control, drive_at, is_drive, signed, statusword
-from canopen_control.conformance.pdo_checks import RPDO, pdo_records, present_values, reconfigured
+from canopen_control.conformance.pdo_checks import RPDO, CountedSync, pdo_records, present_values, reconfigured
 from canopen_control.errors import RemoteProtocolError
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ class Stream:
 
     def __init__(self, node: CheckedNode, record: PdoRecord, index: int) -> None:
         self._node, self._record = node, record
-        self._sync = node.number(0x1005) & 0x7FF
+        self._sync = CountedSync(node)
         self._image, shift = int.from_bytes(present_values(node, record), "little"), 0
         self._places: dict[int, tuple[int, int]] = {}
         for entry in record.entries:
@@ -255,7 +255,7 @@ class Stream:
         wait = self.next_sync + round(late_ms * 1e6) - self._node.reactor.now()
         if wait > 0:
             self._node.listen(wait / 1e9)
-        self._node.send(self._sync)
+        self._sync.send()
 
     def cycles(self, count: int, step: int) -> None:
         """Send `count` set-points, each `step` after the previous one and followed by a SYNC."""

@@ -160,13 +160,27 @@ def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, C
     return [item for item in node.listen(seconds) if item[1].can_id == can_id]
 
 
+class CountedSync:
+    """Sender of SYNC with the identifier in 0x1005, and with a counter if 0x1019 is not 0 (CiA 301, 7.2.5)."""
+
+    def __init__(self, node: CheckedNode) -> None:
+        self._node, self._can_id = node, node.number(0x1005) & 0x7FF
+        self._overflow = node.number(0x1019) if node.has(0x1019) else 0
+        self._counter = 0
+
+    def send(self) -> None:
+        if self._overflow:
+            self._counter = self._counter % self._overflow + 1
+        self._node.send(self._can_id, bytes((self._counter,)) if self._overflow else b"")
+
+
 def _syncs(node: CheckedNode, count: int, can_id: int) -> list[tuple[int, int]]:
     """Send `count` SYNCs; return the numbers (from 1) of the SYNCs followed by frames, with the count of frames."""
-    sync, counting = node.number(0x1005) & 0x7FF, node.number(0x1019) if node.has(0x1019) else 0
+    sync = CountedSync(node)
     node.listen(SYNC_PERIOD_S)
     turns = []
     for number in range(1, count + 1):
-        node.send(sync, bytes(((number - 1) % counting + 1,)) if counting else b"")
+        sync.send()
         frames = _frames(node, can_id, SYNC_PERIOD_S)
         if frames:
             turns.append((number, len(frames)))
@@ -355,15 +369,14 @@ def _silent_preop(node: CheckedNode) -> None:
 @_add("P10s", "7.3.2.2.4", "STOPPED: no TPDO, not even at SYNC", touch=_CONFIGURE)  # T 3.16
 def _silent_stopped(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
-    sync = node.number(0x1005) & 0x7FF
-    counting = node.has(0x1019) and node.number(0x1019) > 0
+    sync = CountedSync(node)
     with reconfigured(node, record, {2: 1}):
         node.nmt(NmtCommand.START)
         node.nmt(NmtCommand.STOP)
         node.listen(SYNC_PERIOD_S)
         count = 0
-        for number in range(1, 4):
-            node.send(sync, bytes((number,)) if counting else b"")
+        for _ in range(3):
+            sync.send()
             count += len(_frames(node, record.can_id, SYNC_PERIOD_S))
         node.nmt(NmtCommand.ENTER_PRE_OPERATIONAL)
         node.listen(SYNC_PERIOD_S)
@@ -448,9 +461,9 @@ def _remapped(node: CheckedNode) -> None:
         node.put(record.mapping, 0, 1, 1)
         shorter = PdoRecord(record.index, record.cob_id, (entry,))
         with reconfigured(node, shorter, {2: 1}), node.operational():
-            sync = node.number(0x1005) & 0x7FF
+            sync = CountedSync(node)
             node.listen(SYNC_PERIOD_S)
-            node.send(sync, b"\1" if node.has(0x1019) and node.number(0x1019) else b"")
+            sync.send()
             frames = _frames(node, record.can_id, SYNC_PERIOD_S)
     expect(bool(frames), "no frame after SYNC", "a frame")
     _expect_length(shorter, frames)

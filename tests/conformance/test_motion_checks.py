@@ -1,8 +1,10 @@
 """Checks of a drive that turns its shaft."""
 
+import pytest
+
 from canopen_control.cia402 import objects as o
 from canopen_control.conformance.motion_checks import MOTION_CHECKS
-from canopen_control.conformance.run import run_checks
+from canopen_control.conformance.run import CHECKS, run_checks
 
 
 def test_a_drive_without_bounds_is_not_moved(bench):
@@ -21,3 +23,11 @@ def test_a_drive_with_a_slower_ramp_than_its_object_is_found(bench):
     node = bench(quirks=["parameter_clamped=100000"])
     checks = [check for check in MOTION_CHECKS if check.id == "D50"]
     assert run_checks(node, checks).results[0].verdict == "failed"
+
+
+@pytest.mark.parametrize("check_id", ["D58", "D59", "D61"])
+def test_set_points_follow_a_sync_with_a_counter(bench, check_id):
+    node = bench()
+    node.put(0x1019, 0, 10, 1)
+    next(check for check in CHECKS if check.id == check_id).run(node)
+    assert node.number(0x1003) == 0  # a SYNC without a counter would raise EMCY 0x8240
