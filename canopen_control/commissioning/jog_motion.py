@@ -1,8 +1,8 @@
 """Command of a jog by held keys, or of a motion with an end, within limits of speed, travel and current.
 
-Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion; any
-other key, a limit, or the drive being no longer enabled ends the jog. `ended` is the reason. Positions are those of the
-drive's shaft since the start of the jog.
+Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion. Any
+other key, a limit, or a drive that is not enabled any more ends the jog; `ended` is the reason. Positions are angles of
+the shaft since the start of the jog.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ def refuse_no_program(image: bytes, name: str = "the program file") -> None:
 def program_download(image: bytes, options: ProgramOptions, progress: DownloadProgress) -> Sequence:
     """Yield the actions of a download, receive their results, and update `progress`.
 
-    ConfigError if the node has no program download or the image is not a program, DriveError if the download fails.
+    Raise ConfigError if the node has no program download or the image is not a program, DriveError if a download fails.
     """
     refuse_no_program(image)
     number = options.number

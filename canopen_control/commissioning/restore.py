@@ -3,7 +3,7 @@
 The present values are read first; only different ones are written, in an order that devices accept. A refused parameter
 is written once more after all others, because it may depend on a later one. Then everything is read back: a value that
 the drive has changed counts as refused. If anything was refused, the written values are undone unless the caller keeps
-them, so that a refusal leaves the drive as it was. Only `store` writes to the non-volatile memory.
+them, so that a refusal leaves the drive unchanged. Only `store` writes to the non-volatile memory.
 """
 
 from __future__ import annotations
@@ -316,8 +316,8 @@ class Restore:
 def store(session: NodeSession) -> None:
     """Store all parameters in the drive (0x1010:01, "save"), and wait until the drive answers again.
 
-    A drive that writes its flash may not answer for some time. ConfigError if the drive has no such object, DriveError
-    if it stays silent.
+    A drive that writes its flash may be silent for some time. Raise ConfigError if the drive has no such object, or
+    DriveError if the drive stays silent.
     """
     if _STORE not in session.dictionary:
         raise ConfigError(
@@ -572,8 +572,8 @@ def guarded_restore(
 ) -> RestoreReport:
     """Write the parameters of `source` to the node, with all checks, and verify them.
 
-    `note` gets remarks before the first write; `progress` gets the number of written groups and the total. ConfigError
-    or DriveError if a check refuses; DriveError with the written parameters if the restore was interrupted.
+    `note` gets remarks before the first write; `progress` gets the number of written groups and the total.
+    Raise ConfigError or DriveError if a check refuses, or DriveError with the written parameters after an interruption.
     """
     identity = session.identity()
     for line in check_device(source, identity, session):

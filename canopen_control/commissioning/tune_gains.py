@@ -282,7 +282,7 @@ def _fit(
 ) -> tuple[NDArray[np.floating], float, float]:
     """Return 1/J, -B/J, -C/J and g/J, and the sums of squares of the residual and of the speed changes.
 
-    DriveError if too few samples show motion, or motion in one direction only.
+    Raise DriveError if too few samples show motion, or motion in one direction only.
     """
     before, after = w[first - 1 : -1], w[first:]
     mean = 0.5 * (before + after)

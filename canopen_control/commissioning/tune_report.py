@@ -59,7 +59,7 @@ class StepMetrics:
 def step_metrics(times: Sequence[float], values: Sequence[float], target: float, *, band: float = BAND) -> StepMetrics:
     """Measure the response to a step to `target` at time 0; earlier samples give the initial value.
 
-    DriveError if there are too few samples, or the response does not follow the step.
+    Raise DriveError if there are too few samples, or the response does not follow the step.
     """
     before = [value for time, value in zip(times, values, strict=True) if time < 0.0]
     rows = [(time, value) for time, value in zip(times, values, strict=True) if time >= 0.0]

@@ -1,6 +1,6 @@
 """Checks of a drive without motion: objects, modes and the power state machine (CiA 402-2, 6 and 8).
 
-Of a drive with several axes the first axis is checked. The checks of the power state machine switch on the power
+Only the first axis of a drive is checked. The checks of the power state machine switch on the power
 stage, in a mode and with a set-point in which the motor stands still.
 """
 

@@ -1,7 +1,7 @@
 """Checks of a master by the frames that a virtual device receives: table of the checks, and findings of a run.
 
 `MASTER_CHECKS` declares the checks. Observers (`master_sdo`, `master_network`, `master_drive`) receive each frame
-before the device does, and record in `MasterFindings` what they found.
+before the device does, and record their findings in `MasterFindings`.
 """
 
 from __future__ import annotations

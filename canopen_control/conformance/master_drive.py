@@ -1,6 +1,6 @@
 """Checks of a master's commands to a drive, and of its reaction to faults of the device (CiA 402-2).
 
-The first axis is checked. Commands are received in RPDOs and in SDO writes.
+Only the first axis is checked. Commands are received in RPDOs and in SDO writes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Checks of a drive with motion: modes of operation, ramps, halt, quick stop, homing, limits (CiA 402-2).
 
-All of them need `--motion` and a shaft that is free to turn. `motion_steps` bounds every motion and returns the shaft.
+All checks need `--motion` and a shaft that is free to turn. `motion_steps` bounds every motion and returns the shaft.
 """
 
 from __future__ import annotations

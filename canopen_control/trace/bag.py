@@ -122,8 +122,8 @@ _LATCHED: Final = ("/tf_static", "/robot_description")
 class BagWriter:
     """Writer of a bag in the new folder `path`; `state` and `event` write messages of the API's stream.
 
-    `controllers` and `urdf` are the answers to the API's requests `controllers` and `description`. ConfigError if
-    rosbags is missing or `path` exists.
+    `controllers` and `urdf` are the answers to the API's requests `controllers` and `description`. Raises
+    ConfigError if rosbags is missing or `path` exists.
     """
 
     def __init__(

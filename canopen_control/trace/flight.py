@@ -63,7 +63,7 @@ def flight_folder(name: str) -> Path:
 class FlightRecorder:
     """Recorder of the robot `name` on `buses` {name: channel}, driven by a reactor; call `finish` at the end.
 
-    `unsent` contains the messages that the robot could no longer receive.
+    `unsent` contains the messages that the robot could not receive any more.
     """
 
     def __init__(self, reactor: Reactor, name: str, buses: Mapping[str, str]) -> None:
@@ -91,7 +91,7 @@ class FlightRecorder:
     def _wall_offset_ns(self) -> int:
         """Offset in ns from the reactor's time to Unix time, by the current system clock.
 
-        Therefore the times are right even if the recorder was started before the clock was set, as at a boot without a
+        The times are right even if the recorder was started before the clock was set, as at a boot without a
         battery.
         """
         return self._begun_ns if self._reactor.clock.is_manual else time.time_ns() - self._reactor.now()

@@ -80,7 +80,7 @@ def parse_services(text: str) -> frozenset[str]:
 def parse_ids(text: str) -> range:
     """Parse a hexadecimal identifier or range, such as ``181``, ``0x181`` or ``180-1FF``.
 
-    ValueError if the text is invalid.
+    Raise ValueError if the text is invalid.
     """
     first, _, last = text.partition("-")
     low, high = _identifier(first), _identifier(last or first)

@@ -31,7 +31,7 @@ _NEWS: Final = frozenset({BusEventKind.DOWN, BusEventKind.UP, BusEventKind.OVERR
 def open_listener(channel: str, label: str, *, owner: str = "") -> Port:
     """Open `channel` for listening, with time stamps if the channel supports them.
 
-    BusNotOpen if the bus is not open, ConfigError if another program cannot listen, for instance because the robot
+    Raise BusNotOpen if the bus is not open, or ConfigError if no other program can listen, such as when the robot
     `owner` uses the adapter exclusively.
     """
     spec = parse_channel(channel)
@@ -54,7 +54,7 @@ def batches(
 ) -> Iterator[list[RecordedFrame]]:
     """Yield the frames received since the previous batch, or an empty list every 0.25 s on a silent bus.
 
-    Ends after `seconds`, or never; BusClosed when the bus is lost. `on_event` gets channel events that are not frames,
+    End after `seconds`, or never; raise BusClosed if the bus is lost. `on_event` gets channel events without a frame,
     after the frames received before them.
     """
     end = None if seconds is None else clock() + seconds

@@ -212,7 +212,7 @@ _NODE_IDS = range(1, 128)
 def network_of_eds(channel: str, options: Iterable[str], find: Callable[[str], Path] = Path) -> NetworkDescription:
     """Return a description from options ``NODE=FILE``, ``FILE`` and ``FOLDER``; ``FILE`` has the lowest precedence.
 
-    `find` returns the path of a named file. EdsError for an invalid file, ConfigError for a folder without node ids.
+    `find` returns the path of a file. Raise EdsError for an invalid file, ConfigError for a folder without node ids.
     """
     everybody: dict[int, NodeDescription] = {}
     named: dict[int, NodeDescription] = {}
