@@ -59,7 +59,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
     if bus is None or description is None or robot.mock:
         return
     by_id = {str(node.node_id): name for name, node in bus.nodes.items()}
-    # the hardware interfaces of ROS 1 have an effort whether a robot has it or not
+    # in ROS 1 every hardware interface has an effort, also if the robot does not measure it
     measured = {name: index for name, index in MEASURED.items() if not (description.ros1 and name == EFFORT)}
     silent = any(tag.joints for tag in description.hardware)
     for tag in description.hardware:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _NODE_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _ARG: Final = re.compile(r"\$\((?:arg|var) +([\w.-]+)\)")
 SPAWNERS: Final = ("spawner", "spawner.py", "controller_manager", "unspawner")
-_WITH_VALUE: Final = SPAWNER_VALUES | {"--shutdown-timeout", "--wait-for"}  # those of ROS 1 too
+_WITH_VALUE: Final = SPAWNER_VALUES | {"--shutdown-timeout", "--wait-for"}  # of ROS 1
 DESCRIPTION: Final = "robot_description"
 _FILES: Final = (".yaml", ".yml", ".urdf", ".xacro", ".eds")  # files that are not generated
 
@@ -105,7 +105,7 @@ def _check_python(launch: _Launch, path: Path) -> None:
         text = f"argument {name}: {value}"
         launch.findings.append(Finding(launch.path, content.argument_lines[name], Severity.NOTE, text))
     outer = "".join(content.pushed)
-    outer = "/**" if len(content.pushed) > 1 or "$(" in outer else _joined("", outer)  # anywhere, if not known
+    outer = "/**" if len(content.pushed) > 1 or "$(" in outer else _joined("", outer)  # unknown: any namespace
     for node in content.nodes:
         _python_node(launch, node, outer)
     for place in content.texts:

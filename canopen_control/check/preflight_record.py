@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 # the actual position. An effort is set to 0 while the joint is faster than the cap and the effort accelerates it.
 
 
-_LAG_S = 0.5  # a joint that is further behind than this at the cap has not followed: it was disabled, or is blocked
+_LAG_S = 0.5  # a joint with a larger lag at the cap is disabled or blocked
 
 
 class _Position:

@@ -173,7 +173,7 @@ def _scales(robot: CheckedRobot) -> Iterator[Finding]:
 
 def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
     """Find left and right wheels whose drives have scales of the same sign."""
-    assert robot.bus is not None  # an error of `_scales`
+    assert robot.bus is not None  # checked by `_scales`
     left = [each for name in base.left if (each := _drive(robot, name)) is not None]
     right = [each for name in base.right if (each := _drive(robot, name)) is not None]
     for (one, sign), (other, other_sign) in zip(left, right, strict=False):
@@ -395,9 +395,8 @@ def _why_not(
     if joint not in parts:
         tag = "<transmission>" if description.ros1 else "<ros2_control>"
         return f"joint {joint!r} is not in the {tag} of {source}", f"add it to {tag}, so that a drive moves it"
-    interfaces = [
-        interface for part in parts[joint] for interface in part.command_interfaces
-    ]  # of all tags that contain the joint
+    # several tags may contain the joint
+    interfaces = [interface for part in parts[joint] for interface in part.command_interfaces]
     if kind not in interfaces:
         has = ", ".join(interfaces) or "none"
         fix = f'add <command_interface name="{kind}"/> at {source}:{parts[joint][0].place.line}'
@@ -441,7 +440,7 @@ def _is_unreadable(robot: CheckedRobot, joint: ControlJoint) -> bool:
 
 
 def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) -> Iterator[Finding]:
-    assert robot.bus is not None  # an error of `_devices`
+    assert robot.bus is not None  # checked by `_devices`
     assert robot.description is not None
     path, nodes = robot.description.path, robot.bus.nodes
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id")
@@ -549,7 +548,7 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
         )
         fix = f"set update_rate: {cycle / syncs:g}, or sync_period: {1_000_000 / rate / syncs:g}"
         yield Finding(control.path, line, Severity.WARNING, text, fix)
-    elif line and 0 < rate * sync * 1.5 < 1_000_000:  # a rate that is nearer to the cycle's is the cycle's
+    elif line and 0 < rate * sync * 1.5 < 1_000_000:  # a rate closer to the cycle rate is rounded to it
         cycle = 1_000_000 / sync
         text = f"controllers run at {rate} Hz, though the SYNC rate of {bus.path} is {cycle:g} Hz"
         yield Finding(control.path, line, Severity.NOTE, text, f"set update_rate: {cycle:g} to run them in each cycle")

@@ -143,7 +143,7 @@ class Client(Generic[H, P]):
                 raise RemoteError("Timeout", f"{self._stream.label} has not answered {method!r} within {seconds:g} s")
             return self._awaited[number] or {}
         finally:
-            del self._awaited[number]  # a later answer has no receiver
+            del self._awaited[number]  # a later answer is ignored
 
     def _pushed_message(self, raw: wire.Raw, kind: Any) -> P:  # noqa: ANN401 - one of the types in P
         try:
@@ -226,7 +226,7 @@ class Client(Generic[H, P]):
                 self.dropped += 1
 
 
-# Client of a socket on a reactor: no call waits for an answer, which is passed to a function on the reactor's thread.
+# Client of a socket on a reactor: no call blocks, and answers are passed to functions on the reactor's thread.
 #
 # Any number of requests may be pending, so that a stop never waits for a slow request; every request gets one answer,
 # or an error if it was refused, timed out, or the connection is lost.

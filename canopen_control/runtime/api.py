@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.robot_clock import RobotClock
 
 
-# API methods about controllers and hardware components; they do what the services of ros2_control do.
+# API methods about controllers and hardware components, equivalent to the services of ros2_control.
 
 
 _RESTING: Final = ("inactive", "unconfigured")
@@ -79,7 +79,7 @@ def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> N
     answers(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
     answers(messages.LoadController, lambda call: _load(robot, call))
     answers(messages.ConfigureController, lambda call: _configure(robot, call))
-    answers(messages.CleanupController, lambda call: _unload(robot, call))  # cleaned up means unloaded
+    answers(messages.CleanupController, lambda call: _unload(robot, call))  # there is no cleaned-up state
     answers(messages.UnloadController, lambda call: _unload(robot, call))
     answers(messages.SwitchControllers, lambda call: _switch(robot, call))
     answers(messages.SetMeasuredStates, lambda call: _set_measured_states(robot, call))
@@ -173,7 +173,7 @@ def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState])
     call.reply(ComponentState(component.state.value))
 
 
-# API methods about the parameters of controllers and of the controller manager, as ROS 2 shows both.
+# Parameters of controllers and of the controller manager, with the names and types of ROS 2.
 
 
 class ParameterMethods:
@@ -216,10 +216,8 @@ class ParameterMethods:
                 yield ParameterReading(name=f"{name}.params_file", kind="string_array", value=value)
 
 
-# API methods that pause, resume, step, reset and disturb a simulation.
-#
-# Only a robot without buses can be paused, since drives have their own time. Resuming clears all commands, and a
-# reset restarts the active controllers, so that only commands from afterwards move the robot.
+# Only a simulated robot without buses can be paused, since drives have their own time. Resuming clears all commands,
+# and a reset restarts the active controllers, so that only later commands move the robot.
 
 
 _HEAVIEST: Final = "the heaviest link"

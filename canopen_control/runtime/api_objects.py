@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 # Events about objects that clients write by SDO through a robot.
 #
 # The first `FEW` writes of one client to one node are reported one by one. Further writes, each within `WINDOW_NS` of
-# the previous one, have the same text, so that the event log counts them: restoring three hundred objects must not
-# push all other events out of the log.
+# the previous one, have the same text and are counted by the event log: restoring three hundred objects must not remove
+# all other events from the log.
 
 
 FEW: Final = 5

@@ -262,9 +262,6 @@ def _tolerances(messages: Sequence[TrajectoryTolerance]) -> tuple[JointTolerance
     )
 
 
-# API methods for grippers: a connection has at most one goal, whose result can be queried.
-
-
 class GripperMethods:
     """API methods for grippers; `keep` raises ControlError if too many connections are permanent.
 

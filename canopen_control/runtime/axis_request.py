@@ -58,9 +58,8 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
             joint.targets.pending is None
             and joint.machine.mode_request.may_enable
             and not joint.machine.mode_request.failed
-            and (
-                joint.machine.enabled or not joint.enable_requested
-            )  # with `switching_state` the drive leaves OPERATION ENABLED to change the mode
+            # with `switching_state` the drive leaves OPERATION ENABLED to change the mode
+            and (joint.machine.enabled or not joint.enable_requested)
         ),
     }
 )
@@ -266,7 +265,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
 
 def _mode_of(text: str) -> int:
     if text.startswith("-") and text[1:].isdigit():
-        return int(text)  # manufacturer-specific
+        return int(text)  # negative modes are manufacturer-specific (CiA 402-2, 0x6060)
     try:
         return OperationMode[text.upper()] if not text.lstrip("-").isdigit() else OperationMode(int(text))
     except (KeyError, ValueError):

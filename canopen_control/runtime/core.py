@@ -72,7 +72,7 @@ if TYPE_CHECKING:
 # components are read at the edges too, and while its time is paused (`robot_clock`) there is no cycle.
 
 
-_LOOK_NS: Final = 100_000_000  # interval between checks of how buses receive
+_LOOK_NS: Final = 100_000_000  # interval at which each bus selects reception by the reactor or at the edges
 CAUGHT_UP: Final = 2  # maximum number of skipped edges whose time counts
 
 

@@ -295,9 +295,9 @@ class MandatoryNodes(RobotObserver):
 # The STOP latch: after a latched STOP no client can move the robot until a client releases the latch explicitly.
 #
 # A latched STOP is never refused; a repeated STOP stops again and does not change the latch.
-# A release enables nothing, and commands from before the STOP are forgotten: a client that moves the robot has to
-# enable the drives and to send commands again. A latched robot restarts latched, however it ended: the latch is stored
-# in a file in the state folder of the robot. This is a function of this program, not a safety function (ISO 13850).
+# A release enables nothing, and commands from before the STOP are discarded: to move the robot, a client has to enable
+# the drives and to send new commands. The latch is stored in the state folder of the robot, so that a latched robot
+# restarts latched, even after a crash. This is a function of this program, not a safety function (ISO 13850).
 
 
 RELEASE = "canopen-control stop --release"

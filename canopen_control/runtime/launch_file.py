@@ -269,7 +269,7 @@ def _concerns_robot(what: str) -> bool:
     """Whether a computed value may be a file of the robot or an argument of the robot description."""
     if match := _COMPUTED_ENDING.search(what):
         return bool(_kind(match[1])) or match[1] in (".yaml", ".yml")
-    # the program master.bin is for the master of ros2_canopen alone
+    # master.bin is used only by the master of ros2_canopen
     return ("command" in what or "file" in what) and "master_bin" not in what
 
 
@@ -291,7 +291,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
     """Raise RobotConfigError for an unknown argument of the user that resembles an argument of the launch file."""
-    strange = [name for name in words if name in launched.arguments]  # without those of the launch file itself
+    strange = [name for name in words if name in launched.arguments]  # not declared in the launch file
     source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
     for name in strange:
         hint = nearest(name, launched.known)

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 # Phase lock of the cycle to the SYNC of another clock, such as the kernel or a drive. Without I/O, all times in ns.
 #
-# Between two SYNCs there is exactly one edge of the cycle, so that no set-point is lost or doubled however far the two
-# oscillators drift apart. In the locked state an edge is shifted by at most 1/64 of a period; the jump that locks the
+# Between two SYNCs there is exactly one edge of the cycle, so that no set-point is lost or repeated by the drift of the
+# two oscillators. In the locked state an edge is shifted by at most 1/64 of a period; the jump that locks the
 # phase makes a period longer, never shorter. A SYNC can be received late, but never early: of sixteen SYNCs the second
 # earliest counts, so that neither a busy process nor an adapter that delivers frames in bunches shifts the cycle. The
 # difference between the two periods is estimated: the kernel's broadcast manager measures each period from the end of

@@ -40,7 +40,7 @@ _MISSED = 5  # periods without SYNC until the task is set up again
 _RETRY_NS = 500_000_000
 _BLOCK, _BLOCKS = 64, 5  # SYNCs in a block, and blocks before a correction
 _MOST_TRIMMED = 20  # a correction is at most this fraction of a period, and _LATENCY_US
-_LATENCY_US = 100  # a larger excess is no latency, but pauses of the machine
+_LATENCY_US = 100  # a larger excess is caused by pauses of the machine
 
 
 class SyncTask(Protocol):
@@ -238,7 +238,7 @@ class RobotBus:
         self.network = Network(name, config, report, cycle_ns)
         self.port: Port | None = None
         self.load: float | None = None
-        self.booted_up: set[int] = set()  # nodes whose boot-up came between `join` and `open`
+        self.booted_up: set[int] = set()  # nodes whose boot-up message was received between `join` and `open`
         self._reactor, self._report, self._on_lost = reactor, report, on_lost
         self._synchronous = config.master.sync_period > 0
         self._sync_with_rpdos = not config.master.sends_sync_first
@@ -378,9 +378,8 @@ class RobotBus:
             network.receive(records, now, since if now - since > self._late_ns else None)
             if network.outgoing:
                 self._send(self._take())
-        for event in (
-            port.events() if self.port is port else ()
-        ):  # else the port was closed while sending, which has been reported
+        # if sending has closed the port, that has been reported
+        for event in port.events() if self.port is port else ():
             self._on_bus_event(event)
 
     def tick(self, now: int) -> None:
@@ -439,7 +438,8 @@ class RobotBus:
     def release_nodes(self) -> None:
         """Reset the communication of the nodes, if allowed, to end the monitoring of the master's heartbeat."""
         for node in self.network.nodes.values():
-            if node.config.boot.reset_communication:  # no reset with `reset_communication: false`
+            # CiA 301, 7.3.2.2.1: a reset communication restores 0x1000 to 0x1FFF, and so the heartbeat consumer
+            if node.config.boot.reset_communication:
                 self.network.send_nmt(NmtCommand.RESET_COMMUNICATION, node.node_id)
         self.send_waiting()
 

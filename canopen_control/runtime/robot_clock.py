@@ -37,9 +37,8 @@ class WallClock:
         self.offset_ns = self._unix() - now()
         self.look_at = 0
         """Monotonic time at which `look` is due again."""
-        self._before: tuple[int, int] | None = (
-            None  # the offset before the clock was set back, and the time until which it is used
-        )
+        # the offset before the clock was set back, and the time until which this offset is used
+        self._before: tuple[int, int] | None = None
 
     def fix(self, offset_ns: int) -> None:
         """Set a constant offset, and stop following the system clock."""

@@ -124,7 +124,8 @@ def _requests_real(name: str, value: str) -> bool | None:
         if word not in _YES | _NO:
             raise RobotConfigError(f"{name}:={value}: write {name}:=true for real drives, or false")
         return word in _YES
-    if {"use", "hardware"} <= parts <= _HARDWARE_WORDS and word in _YES | _NO:  # use_mok_hardware is a typing mistake
+    # a misspelt use_mok_hardware must not request real drives
+    if {"use", "hardware"} <= parts <= _HARDWARE_WORDS and word in _YES | _NO:
         return word in _YES
     return None
 
@@ -265,7 +266,7 @@ def _description_arguments(
     words: dict[str, str], launched: Launched | None, hardware: AskedHardware, described: Path
 ) -> dict[str, str]:
     """Return the xacro arguments of the user or the launch file; RobotConfigError for a mistyped name."""
-    if launched is None:  # the description may have an argument of that name, and need not
+    if launched is None:  # the description need not declare the hardware arguments
         return {f"{name}?" if name in hardware.names else name: value for name, value in words.items()}
     from canopen_control.runtime.launch_file import refuse_mistyped
 

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# The motion of the demo: velocities, positions or a curve, until a client commands the robot.
+# Demo motion: velocities, positions or a curve, until a client commands the robot.
 #
-# The first command of any client ends the demo motion for good. Velocities change in steps, positions swing slowly
+# The first command of a client ends the demo motion permanently. Velocities change in steps, positions swing slowly
 # about the initial positions, a base drives a curve; efforts are not commanded, since their result is unpredictable.
 
 
@@ -305,7 +305,7 @@ class RunSession(RobotObserver):
     def running(self) -> None:
         """Start the true pose query, the demo motion and the timer for the duration of the run."""
         self._true_pose.start()
-        gc.freeze()  # the objects created by booting stay as well
+        gc.freeze()  # also the objects created by booting
         if self.options.motion and self.setup.files.bus_alone and self.robot.joints:
             text = "a bus without controllers has no demo motion; use axis enable NODE, then command NODE VALUE"
             self.robot.report(Event(self.reactor.now(), "demo", "", text))

@@ -47,7 +47,7 @@ _FLIGHT: Final = "flight"
 _NOTES = 50  # output lines of a drive process before it is ready
 _USAGE, _COMPLAINT = 2, "canopen-control: "  # exit code for wrong files, and prefix of the message
 _READY_NS = 20_000_000_000  # time for drives to join the bus, even on a busy machine
-_READY_EACH_NS = 500_000_000  # and more for each drive, for robots with a hundred
+_READY_EACH_NS = 500_000_000  # additional time per drive
 _LISTENING_NS = 2_000_000_000  # for the recorder, without which the robot can start
 _LOOK_NS = 1_000_000_000
 _SILENCE_NS = 4_000_000_000  # timeout of a recorder that reports each second
@@ -425,7 +425,7 @@ class Supervisor:
         text = f"process {child.name} (pid {child.pid}) {how}{last_output}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
         self.missing[child.name] = how
-        self._stop_waiting_for(child)  # do not wait for this child
+        self._stop_waiting_for(child)
         restartable = self._restartable.pop(child, None)
         if restartable is not None and not self._over:
             self._restart(*restartable)

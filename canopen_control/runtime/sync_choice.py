@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # Joints that are commanded in a cyclic synchronous mode, CSP or CSV, whose drives time their motion by SYNC.
 #
-# This is decided by the files alone: by `position_mode` or `velocity_mode` in bus.yml, else by the modes that the EDS
+# The files alone determine these joints: `position_mode` or `velocity_mode` in bus.yml, else the modes that the EDS
 # lists, of which a cyclic mode is preferred.
 
 

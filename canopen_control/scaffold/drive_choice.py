@@ -36,12 +36,8 @@ _CANDIDATES: Final = {
     POSITION: (OperationMode.CSP, OperationMode.PP, OperationMode.IP),
     EFFORT: (OperationMode.TQ, OperationMode.CST),
 }
-_WITH_SYNC: Final = (
-    OperationMode.CSP,
-    OperationMode.CSV,
-    OperationMode.CST,
-    OperationMode.IP,
-)  # their set-points act with SYNC
+#: modes with one set-point per SYNC (CiA 402-2)
+_WITH_SYNC: Final = (OperationMode.CSP, OperationMode.CSV, OperationMode.CST, OperationMode.IP)
 _ON_ARRIVAL: Final = 255
 _MODE_OBJECTS: Final = {
     objects.MODES_OF_OPERATION: "which selects the mode of operation",
@@ -191,6 +187,7 @@ def supervision_of(od: ObjectDictionary) -> Supervision:
         entry = od.get(index, subindex)
         return entry is not None and entry.writable
 
+    # CiA 301, 7.2.8.3.2.1: a heartbeat producer time above 0 disables node guarding
     producer = writable(0x1017)
     consumer = any(writable(0x1016, subindex) for subindex in od.subindices(0x1016)[1:])
     return Supervision(producer, consumer, not (producer and consumer) and writable(0x100C) and writable(0x100D))

@@ -226,7 +226,7 @@ def _device_node(device: Device) -> NewNode:
     rpdos, tpdos = complete_pdos(device.od, sent), tuple[PdoUse, ...]()
     without = not_carried(device.od, sent, rpdos)
     signals = tuple(signal for signal in signals if not signal.output or signal.address not in without)
-    if profile is Profile.IO:  # other inputs change slowly enough to be asked for by SDO
+    if profile is Profile.IO:  # other inputs change slowly enough for SDO polling
         received = tuple(signal.address for signal in signals if not signal.output)
         tpdos = complete_pdos(device.od, PdoRequirement(is_rpdo=False, needed=received))
     supervision = supervision_of(device.od)

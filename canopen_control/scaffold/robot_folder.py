@@ -356,7 +356,7 @@ _PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {
 
 _PERIODS_US: Final = (20_000, 50_000, 100_000, 200_000)
 """SYNC periods in us, of which the shortest that the bus load allows is used."""
-_FASTEST_US: Final = 5_000  # with the period in a file
+_FASTEST_US: Final = 5_000  # shortest accepted period in a DCF
 _LARGEST_POWER: Final = 10
 
 
