@@ -172,7 +172,7 @@ _HEAD: Final = """# Seeds of the nightly campaign
 What came of the nightly campaign in virtual time, `tools/campaign --hours 1`, up to {date}: {seeds:,} of {planned:,}
 seeds, each with a schedule of its own of commands, stops, switches and everything that can break
 ([a robot in virtual time](../guide/simulation.md)), and an observer that judges
-[what must hold](../guide/simulation.md#what-must-hold). `tools/campaign --page` writes this page of `seeds.json`. All
+[invariants](../guide/simulation.md#invariants). `tools/campaign --page` writes this page of `seeds.json`. All
 were run by one version of the package, `{code}` by the check sum of its files, of those of the robots and of the
 EDS files, {build}; the times are those of a machine that did other things too.
 
