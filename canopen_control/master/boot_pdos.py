@@ -187,7 +187,9 @@ def configure_pdo(
             current[address] = yield from transfers.held(*address)
         # An optional setting that the device lacks is not written.
         lacking = [
-            write for write in group if write.optional and not is_cob_id(write) and current[write.address] is None
+            write
+            for write in group
+            if write.optional and not is_cob_id(write) and current.get(write.address, b"") is None
         ]
         planned = [_with_rtr_bit(write, current) for write in group if write not in lacking]
         writes = needed(planned, current)

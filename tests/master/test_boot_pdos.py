@@ -202,6 +202,12 @@ def test_the_order_is_invalid_mapping_valid_and_bit_30_stays_the_devices():
     ]
 
 
+def test_an_optional_setting_that_is_write_only_is_written_and_not_read():
+    node = device(0x60410010)
+    run(node, [*GROUP[:1], write(0x1400, 5, 0, 1, optional=True, compare=False), *GROUP[1:]])
+    assert (0x1400, 5, b"\0") in node.written
+
+
 def test_bit_30_that_the_device_does_not_have_is_not_given_to_it():
     node = device(0x60410010, cob_id=0x203)
     run(node)
