@@ -97,11 +97,6 @@ class Disturbances:
         self._pending.clear()
         self.begin(self._data)
 
-    @property
-    def patched(self) -> bool:
-        """Whether the floor has patches with their own friction."""
-        return bool(self.patches)
-
     def grip_at(self, x: float, y: float) -> float:
         """Return the friction coefficient of a wheel at a position on the floor in m."""
         grip = self._grip

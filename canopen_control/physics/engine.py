@@ -38,6 +38,8 @@ def make(path: Path) -> PhysicsWorld:
 
 def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
     """Return the world for the contents `file` of the plant file at `path`."""
+    from canopen_control.physics.body_model import alone
+
     world = read_world_description(path.parent / file.world) if file.world else WorldDescription()
     if world.robots:
         raise PhysicsError(
@@ -51,7 +53,7 @@ def make_of(file: PhysicsFile, path: Path) -> PhysicsWorld:
         body = _of_mjcf(file, path, world, sensors)
     else:
         robot, notes = _prepared(file, path, floor, world.start or Start(), sensors)
-        body = _alone(robot, world, file)
+        body = alone(robot, world, file.step_ms * 1e-3, file.urdf)
     robots = {"": _in_world("", body, file, path, sensors)}
     return _world(robots, world, floor, scene_path, (*notes, *body.notes))
 
@@ -85,12 +87,6 @@ def _of_mjcf(file: PhysicsFile, path: Path, world: WorldDescription, sensors: li
     axes = {axis.joint: axis for axis in file.axes.values()}
     scene = path.parent / file.mjcf
     return build_mjcf(scene, axes, step=file.step_ms * 1e-3, path=str(path), world=world, sensors=sensors)
-
-
-def _alone(robot: PreparedRobot, world: WorldDescription, file: PhysicsFile) -> Body:
-    from canopen_control.physics.body_model import alone
-
-    return alone(robot, world, file.step_ms * 1e-3, file.urdf)
 
 
 @dataclass(frozen=True)

@@ -111,7 +111,7 @@ class ServoLoop:
         return max(-limit, min(limit, self._integral - self.kp * self._velocity))
 
 
-class Moved(Protocol):
+class JointWorld(Protocol):
     """Interface of a world for the plants of its joints."""
 
     angles: NDArray[np.float64]
@@ -143,7 +143,7 @@ class JointPlant:
 
     stiff = False
 
-    def __init__(self, world: Moved, place: JointPlace, settings: AxisSettings, period: float) -> None:
+    def __init__(self, world: JointWorld, place: JointPlace, settings: AxisSettings, period: float) -> None:
         self._world, self.place, self.joint = world, place, settings.joint
         self.loop = ServoLoop(place.motor, settings, period)
         self.rated_torque = place.motor.rated_torque

@@ -180,6 +180,7 @@ class PhysicsWorld:
 
     @property
     def asleep(self) -> bool:
+        """Whether the simulation is suspended, because nothing moves and no drive requests motion."""
         return self._asleep
 
     def side(self, robot: str, bus: str = "") -> WorldSide:
@@ -202,9 +203,11 @@ class PhysicsWorld:
         place.hold(self.model, self.data, locked)
 
     def set_friction(self, place: JointPlace, torque: float) -> None:
+        """Set the friction of a joint in N m."""
         self.model.dof_frictionloss[place.dof] = torque
 
     def wake(self) -> None:
+        """Resume a suspended simulation after a change from outside."""
         self._asleep, self._quiet = False, 0
 
     # -- time
@@ -289,7 +292,7 @@ class PhysicsWorld:
             plant.control(clock)
         for robot in self._rolling:
             robot.push_rollers(self._disturbances.grip_at)
-        if self._disturbances.patched:
+        if self._disturbances.patches:
             self._disturbances.update_friction()
         mujoco.mj_step(self.model, self.data)
         self.steps += 1

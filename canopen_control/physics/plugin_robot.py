@@ -430,7 +430,7 @@ class DriverlessRobot:
             for motor in motors:
                 motor.push(number / count, count * self._period)
             self._disturbances.advance(self._steps * self._period_ns)
-            if self._disturbances.patched:
+            if self._disturbances.patches:
                 self._disturbances.update_friction()
             mujoco.mj_step(self.model, self.data)
             self._steps += 1

@@ -37,8 +37,6 @@ _RENEWED_NS: Final = 500_000_000  # maximum age of a velocity command that is re
 _KEPT: Final = 100  # number of reports kept
 _LEAST: Final = 5.0  # counts/s: slower is not a motion
 _WAY: Final = 0.02  # rad or m: a smaller distance to a target commands no motion
-_COMMAND, _FOLLOWS = 0x18F, 0x0F  # controlword bits: operation enabled, no halt
-_SHOWN, _UNLIMITED = 0x86F, 0x27  # statusword bits: OPERATION ENABLED, no active limit (bit 11)
 _VELOCITIES, _POSITIONS = (OperationMode.PV, OperationMode.CSV), (OperationMode.PP, OperationMode.CSP)
 _REASONS: Final = (
     "standing",
@@ -216,7 +214,7 @@ class AnswerInvariants:
     def _asks(self, axis: _Axis, drive: VirtualDrive) -> bool:
         """Whether the target on the bus requests a visible motion of an enabled axis."""
         view, mode = axis.view, drive.modes.number
-        if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
+        if not view.follows:
             return False
         if mode in _VELOCITIES:
             return abs(view.targets.get(o.TARGET_VELOCITY, 0) * drive.objects.units.velocity) > _LEAST

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from canopen_control.simulation.robot_under_test import RobotUnderTest, SimulatedDrive
     from canopen_control.simulation.scenario_events import ScenarioEvent
+    from canopen_control.simulation.wire_view import ObservedNode
 
 
+_CALM_NS: Final = 1_000_000_000
 _OF_ALL: Final = ("frame", "kill", "lose", "double", "disturb", "bus_off", "cut", "stall")
 _OF_ONE: Final = ("fault", "heal", "plant", "power")
 _WRAPS: Final = "position_wrap"  # fault that sets the count near the end of its 32 bits, where it then wraps
@@ -45,6 +47,10 @@ class DisturbedNodes:
     def last(self, node_id: int) -> int:
         """Return the time of the last disturbance of the node, its bus or the robot, 0 for never."""
         return self._last[node_id]
+
+    def is_calm(self, view: ObservedNode, now: int) -> bool:
+        """Whether a node has run undisturbed for a second, since its boot and the start of the robot."""
+        return max(self._last[view.node_id], view.booted_at, self._robot.started_ns) < now - _CALM_NS
 
     def troubled(self, now: int, act: ScenarioEvent) -> None:
         """Record the start of an event, if the event is a fault or sets values of the plant."""

@@ -19,7 +19,7 @@ from canopen_control.rpc.wire import decode
 from canopen_control.simulation.motions import SampleMotion, motions_of
 from canopen_control.simulation.robot_under_test import MASTER
 from canopen_control.simulation.scenario_events import ScenarioEvent
-from canopen_control.simulation.scenario_steps import Scenario
+from canopen_control.simulation.scenario_steps import ACTIONS, Scenario
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -193,7 +193,6 @@ def _is_consequence(code: int) -> bool:
 _LED_NS: Final = 20 * _MS  # from the start of a simulation to the start of its robot
 _BEFORE_NS: Final = 1 * _S
 _TOGETHER_NS: Final = 250 * _MS  # two equal commands within this time are merged
-_ACTIONS: Final = {"enable", "disable", "halt", "quick-stop", "fault-reset"}
 
 
 @dataclass(slots=True)
@@ -309,7 +308,7 @@ class RequestActs:
             yield ScenarioEvent(0, "latch" if request.latch else "stop")
         elif isinstance(request, messages.Release):
             yield ScenarioEvent(0, "release")
-        elif isinstance(request, messages.AxisRequest) and request.action in _ACTIONS:
+        elif isinstance(request, messages.AxisRequest) and request.action in ACTIONS:
             all_nodes = str(request.node) == "all"
             yield ScenarioEvent(0, "axis", "" if all_nodes else str(request.node), str(request.action))
         elif isinstance(request, messages.SwitchControllers):

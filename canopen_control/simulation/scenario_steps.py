@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from canopen_control.yamlfile.problems import Problems
 
 
-_ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
+ACTIONS: Final = ("enable", "disable", "halt", "quick-stop", "fault-reset")
 _ACTION_KEYS: Final = "do, fault, quirk and plant (with --physics also payload, push, block and friction)"
 _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() for state in states]
 
@@ -201,8 +201,8 @@ class _Checked:
             with contextlib.suppress(ConfigError):  # reported above
                 self._check_axis(parse_quirk(name).axis)
         elif kind == "axis":
-            if name not in _ACTIONS:
-                here.error(f"name: {name or 'none'} is not an action; there are: {', '.join(_ACTIONS)}")
+            if name not in ACTIONS:
+                here.error(f"name: {name or 'none'} is not an action; there are: {', '.join(ACTIONS)}")
         elif name:
             here.error(f"name: is not possible with {kind}")
 

@@ -166,7 +166,10 @@ class StatusInvariants:
         self._first_start = self._first_start or robot.started_ns
         readings = readings_of(robot.core)
         status, sample = status_message(robot.core, readings), state_sample(robot.core, readings)
-        self._calm = {view.node_id: self._is_calm(view, now) for view in self._nodes.values()}
+        self._calm = {
+            view.node_id: self._disturbed.is_calm(view, now) and robot.drives[view.node_id].device is not None
+            for view in self._nodes.values()
+        }
         same = sample.nodes is status.nodes and sample.joints is status.joints
         self._judge_snapshot(_FACES if same else _FACES[:1], status, now)
         if not same:
@@ -188,11 +191,6 @@ class StatusInvariants:
                 places = [truth[_POSITION] for truth in shaft.truth]
                 return min(places) + shaft.offset, max(places) + shaft.offset
         return None
-
-    def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether a node has a supply and was undisturbed for a while."""
-        since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
-        return since < now - _CALM_NS and self._robot.drives[view.node_id].device is not None
 
     def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
         """Compare a report with the drives; `faces` are the names of the reports with these contents."""

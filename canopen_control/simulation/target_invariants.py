@@ -38,8 +38,6 @@ _RENEWED_NS: Final = 1000 * _MS  # two commands with more time between them are 
 _LAG_NS: Final = 120 * _MS  # delay from a target on the bus to the shaft, or from a command to its target; some cycles
 _SETTLED_NS: Final = 300 * _MS  # time after an enable, or a switch of controllers
 _KEPT: Final = 64  # number of commands kept per joint
-_COMMAND, _FOLLOWS = 0x18F, 0x0F  # controlword bits: operation enabled, no halt
-_SHOWN, _UNLIMITED = 0x86F, 0x27  # statusword bits: OPERATION ENABLED, no active limit (bit 11)
 _PV, _CSV, _CSP = int(OperationMode.PV), int(OperationMode.CSV), int(OperationMode.CSP)
 _VELOCITY: Final = o.TARGET_VELOCITY
 _SLACK: Final = 0.02  # relative tolerance of a target for rounding and clock errors
@@ -69,9 +67,12 @@ class _Followed:
 
     def slope(self, drive: VirtualDrive) -> float:
         """Return the smaller of the drive's two ramps in counts/s^2, cached until an object changes."""
-        version = drive.objects.store.version
+        objects = drive.objects
+        version = objects.store.version
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
-            self._slope_of, self._slope = (drive, version), _slope(drive)
+            indices = (o.PROFILE_ACCELERATION, o.PROFILE_DECELERATION)
+            ramps = [objects.ramp(index) for index in indices if objects.has(index)]
+            self._slope_of, self._slope = (drive, version), min(ramps, default=_AT_ONCE) or _AT_ONCE
         return self._slope
 
     def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
@@ -180,9 +181,7 @@ class TargetInvariants:
 
     def _may_judge(self, view: ObservedNode, now: int) -> bool:
         """Whether an axis follows targets and was not disturbed since its enable."""
-        if view.controlword & _COMMAND != _FOLLOWS or view.statusword & _SHOWN != _UNLIMITED:
-            return False
-        return self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
+        return view.follows and self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
 
     # -- all modes
 
@@ -197,7 +196,7 @@ class TargetInvariants:
             wrong = self._not_at_rest(view, drive, now)
         else:
             wrong = ""
-        if wrong and not axis.wrong and (pushes or self._is_calm(view, now)):
+        if wrong and not axis.wrong and (pushes or self._disturbed.is_calm(view, now)):
             rule = "limit_ignored" if view.enabled else "target_disabled"
             self._report(rule, f"node {view.node_id} is commanded {wrong}")
             axis.wrong = wrong
@@ -208,11 +207,6 @@ class TargetInvariants:
         """Whether no recent event can have stopped the robot."""
         disturbed = max((self._disturbed.last(axis.view.node_id) for axis in self._axes), default=0)
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
-
-    def _is_calm(self, view: ObservedNode, now: int) -> bool:
-        """Whether a drive and its connection have been undisturbed for a while."""
-        since = max(self._disturbed.last(view.node_id), view.booted_at, self._robot.started_ns)
-        return since < now - _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
         """Return a text about a target beyond the limits of an enabled drive, "" if there is none."""
@@ -373,13 +367,6 @@ def _velocity_scales(robot: RobotUnderTest) -> dict[int, list[tuple[str, float]]
     for joint, node in watched_joints(robot.setup):
         scales.setdefault(node.node_id, []).append((joint, node.units.of_axis(0)["vel_to_dev"]))
     return scales
-
-
-def _slope(drive: VirtualDrive) -> float:
-    """Return the smaller of a drive's two ramps in counts/s^2."""
-    objects = drive.objects
-    ramps = [objects.ramp(index) for index in (o.PROFILE_ACCELERATION, o.PROFILE_DECELERATION) if objects.has(index)]
-    return min(ramps, default=_AT_ONCE) or _AT_ONCE
 
 
 def _reach(drive: VirtualDrive) -> float:

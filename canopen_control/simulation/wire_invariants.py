@@ -294,11 +294,7 @@ class WireInvariants:
 
     def _all_recorded_since(self, asked_ns: int) -> bool:
         """Whether no abort can have been missed: no frame was lost, and the master was not restarted."""
-        return not self._wire.has_wire_faults and asked_ns > max(self._quiet_until, self._last_start)
-
-    @property
-    def _last_start(self) -> int:
-        return self._robot.started_ns
+        return not self._wire.has_wire_faults and asked_ns > max(self._quiet_until, self._robot.started_ns)
 
     # -- time
 
@@ -311,7 +307,7 @@ class WireInvariants:
         load = bits * 1e9 / (now - self._window) / self._rate
         self._window, self._bits = now, self._wire.bits
         booting = any(node.booted_at > now - _BOOT_NS for node in self._view.nodes.values())
-        if load > self._budget and not booting and now > self._quiet_until and now > self._last_start + _BOOT_NS:
+        if load > self._budget and not booting and now > self._quiet_until and now > self._robot.started_ns + _BOOT_NS:
             self._report("bus_budget", f"the bus load is {load:.0%}, above its budget of {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:

@@ -83,6 +83,11 @@ class ObservedNode:
         return self.controlword & 0x8F == _ENABLED
 
     @property
+    def follows(self) -> bool:
+        """Whether the drive is enabled and commanded to move: no halt (bit 8), no active limit (bit 11)."""
+        return self.controlword & 0x18F == _ENABLED and self.statusword & (_STATE | _LIMIT) == _SHOWN_ENABLED
+
+    @property
     def in_fault(self) -> bool:
         return self.statusword & 0x4F in (0x08, 0x0F)
 
