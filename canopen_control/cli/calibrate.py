@@ -4,7 +4,7 @@ The base of a running robot drives squares by its odometry, counter-clockwise an
 Its true end positions show how unequal the wheels are and how far apart they are. In a simulation (drives with a `base`
 in their plant file, or physics) the true pose is known and no input is needed. A real base is measured by you: put it
 at its start, press Enter, and type its end position as X Y, in metres ahead and to the left of that start. --ends FILE
-holds these answers instead, one a line, in this order.
+holds these answers instead, one per line, in this order.
 
 The values go to a copy of ros2_controllers.yaml and into the running controller, which then drives again with them. The
 controller's own limits apply. STOP, a fault, Ctrl-C or the end of this process ends the calibration: the base stops and

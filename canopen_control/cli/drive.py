@@ -24,8 +24,8 @@ backlash, and a base with two wheels on a floor. The drives may also be in proce
 doubled ones, ripple, phase of RPDO against SYNC); with --json as JSON, one drive a line. Devices other than drives use
 the same verb, also available as `device`.
 
-Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or no drive answers --status;
-2 wrong usage, or errors in files.
+Exit codes: 0 after Ctrl-C or SIGTERM; 1 the bus is gone, the node id is taken, or no drive answers --status; 2 wrong
+usage, or errors in files.
 """
 
 from __future__ import annotations

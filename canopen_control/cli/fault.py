@@ -1,10 +1,10 @@
 """Inject and clear faults in a running virtual drive or device; set the inputs of a device.
 
-`fault list` explains every fault and how a correct master reacts to it. `fault NODE NAME on|off` switches one.
-`fault NODE` lists the active faults. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that
-is not a drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot, by name; or a
-node id, with --can CHANNEL if no robot runs. The command goes to the drive's own control socket: it needs no master,
-and works while the bus is disturbed. To disturb the bus itself use `bus fault`.
+`fault list` explains every fault and how a correct master reacts to it. `fault NODE NAME on|off` switches one. `fault
+NODE` lists the active faults. `fault NODE SIGNAL=VALUE[,SIGNAL=VALUE]` sets inputs of a virtual device that is not a
+drive, in their units: `di0=1`, `position=3.14`. NODE is a node or a joint of a running robot, by name; or a node id,
+with --can CHANNEL if no robot runs. The command goes to the drive's own control socket: it needs no master, and works
+while the bus is disturbed. To disturb the bus itself use `bus fault`.
 
 Exit codes: 0 done; 1 the drive refused it, or does not answer; 2 wrong usage, no such node or fault.
 """

@@ -178,6 +178,7 @@ def _store(args: argparse.Namespace, bus: DirectBus) -> int:
 def _activate(args: argparse.Namespace, bus: DirectBus) -> int:
     if not 0 <= args.delay_ms <= 0xFFFF:
         raise ConfigError(f"delay {args.delay_ms} ms: valid are 0 to 65535")
+    # CiA 305: the slaves send nothing for the delay before and after the change
     bus.lss(lambda master: master.activate_bit_timing(args.delay_ms))
     text = f"the slaves change in {args.delay_ms} ms; change this computer too, then wait another {args.delay_ms} ms"
     print_result(args, {"delay_ms": args.delay_ms}, text)

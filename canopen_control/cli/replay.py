@@ -1,7 +1,7 @@
 """Play a recording into a bus with its original timing; without --can, print it as `trace` does.
 
-The bus is checked before anything is sent: nothing is played if a master or a node of the recording is active,
-since two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
+The bus is checked before anything is sent: nothing is played if a master or a node of the recording is active, since
+two senders of one identifier destroy each other's frames, and a recorded controlword moves a real motor.
 
 --page shows a flight recording instead: it is served as a robot with the name NAME_replay, so that `view`, `status
 --watch` and `monitor` can show it, until Ctrl-C. Nothing moves. It is refused while a robot runs and ends when one

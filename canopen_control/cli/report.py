@@ -44,11 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_duration(parser, "watch the running robot for S seconds", former="--duration", dest="duration", read=_watching)
     parser.add_argument("--name", help="the robot (default: the only one)")
     parser.add_argument(
-        "--config", metavar="ROBOT", help="take names for a recording of frames from this robot's files"
+        "--config", metavar="ROBOT", help="use the names in this robot's files for a recording of frames"
     )
     parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")
     parser.add_argument(
-        "--eds", action="append", default=[], metavar="[NODE=]FILE", help="take names from an EDS file (repeatable)"
+        "--eds", action="append", default=[], metavar="[NODE=]FILE", help="use the names of an EDS file (repeatable)"
     )
 
 

@@ -433,7 +433,7 @@ def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
 
 
 def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
-    """Return the arguments of the ROS bridge; ConfigError if there are some without --ros."""
+    """Return the arguments of the ROS bridge; ConfigError if arguments are given without --ros."""
     namespace = () if args.namespace is None else ("--namespace", args.namespace)
     ros = () if args.ros_args is None else ("--ros-args", *args.ros_args)
     if (namespace or ros) and not args.ros:

@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
         action.add_argument("object", metavar="INDEX[:SUB]", help="address in hexadecimal, or a name in the EDS")
     write.add_argument("value", metavar="VALUE", help="by type: a decimal or 0x number, a text, or hexadecimal bytes")
-    # Without this, Python 3.11's argparse takes -0x10 and -1e3 for options.
+    # Without this, argparse of Python 3.11 treats -0x10 and -1e3 as options.
     write._negative_number_matcher = re.compile(r"-\.?\d.*")  # noqa: SLF001 - argparse has no public option for it
     for action in (upload, download):
         action.add_argument("file", metavar="FILE", help="a path, or - for standard input or output")

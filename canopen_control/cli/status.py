@@ -55,8 +55,8 @@ _PLACE = re.compile(r"((?:node \d+ \([^)]*\)|bus \S+ \([^)]*\))): (.*)", re.DOTA
 class _Cause:
     """Cause of warnings or errors at one node or bus; `clauses` are the parts of the sentence, by key."""
 
-    def __init__(self, who: str, event: RobotEvent, clauses: dict[str, str], stopping: str) -> None:
-        self.who, self.level, self.kinds = who, event.level, {event.kind}
+    def __init__(self, place: str, event: RobotEvent, clauses: dict[str, str], stopping: str) -> None:
+        self.place, self.level, self.kinds = place, event.level, {event.kind}
         self.since = self.until = event.time
         self.clauses, self.stopping = clauses, stopping
         self.count = 1
@@ -64,7 +64,7 @@ class _Cause:
     def line(self) -> str:
         text = "; ".join([*self.clauses.values(), *filter(None, [self.stopping])])
         span = f" ({self.count} times, {_clock(self.since)} to {_clock(self.until)})" if self.count > 1 else ""
-        return f"{self.level}: {self.who}{': ' if self.who else ''}{text}{span}"
+        return f"{self.level}: {self.place}{': ' if self.place else ''}{text}{span}"
 
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
@@ -122,18 +122,18 @@ def _clauses(text: str) -> dict[str, str]:
 def _belongs(new: _Cause, previous: _Cause) -> bool:
     near = new.since - previous.until <= _TOGETHER_S
     other_kind = new.kinds.isdisjoint(previous.kinds)  # the same kind again is another failure
-    return near and other_kind and new.who == previous.who and not new.clauses.keys().isdisjoint(previous.clauses)
+    return near and other_kind and new.place == previous.place and not new.clauses.keys().isdisjoint(previous.clauses)
 
 
 def _same_cause(first: _Cause, second: _Cause) -> bool:
-    return (first.who, first.clauses.keys(), first.stopping) == (second.who, second.clauses.keys(), second.stopping)
+    return (first.place, first.clauses.keys(), first.stopping) == (second.place, second.clauses.keys(), second.stopping)
 
 
 def _remove_shown(cause: _Cause, current: Mapping[str, str]) -> None:
     """Remove the clauses of a cause that are already shown as the present error of the node."""
     for error in current.values():
         place = _PLACE.fullmatch(error)
-        if place is not None and place[1] == cause.who:
+        if place is not None and place[1] == cause.place:
             for head in _clauses(place[2]):
                 cause.clauses.pop(head, None)
 

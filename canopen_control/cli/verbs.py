@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from typing import Final
 
 
-#: group -> verb -> what it does, in the imperative: one line of 80 columns
+#: group -> verb -> description in the imperative, which fits a line of 80 columns
 GROUPS: Final = {
     "Robot": {
         "run": "boot a robot and run its controllers",

@@ -250,7 +250,7 @@ def _take_value(node: _Node, value: SignalValue) -> None:
 # Client of a running robot that reconnects; a thread receives the newest state and the events.
 #
 # Drawing never waits for the robot. An error is kept as a text, and the connection is tried again once a second. After
-# the first connection, the client only looks for that robot.
+# the first connection, the client reconnects to that robot only.
 
 
 A = TypeVar("A")

@@ -61,8 +61,8 @@ def test_every_listener_is_one_line_that_says_what_it_does(kernel):
     )
     assert lines(VCAN0)[2:] == [
         "  canopen-control run robby --can vcan0 (pid 9) receives 13 identifiers",
-        "  canopen-control run robby --can vcan0 (pid 9) lets the kernel send 0x080 every 20 ms, "
-        "lets the kernel send 0x090 every 1.5 ms",
+        "  canopen-control run robby --can vcan0 (pid 9) has the kernel send 0x080 every 20 ms, "
+        "has the kernel send 0x090 every 1.5 ms",
         "  candump vcan0 (pid 10) receives everything",
         "  candump any (pid 11) receives everything, of all interfaces",
         "  cangen vcan0 (pid 12) only sends",

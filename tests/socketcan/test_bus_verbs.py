@@ -85,7 +85,7 @@ def test_status_tells_frames_who_listens_and_what_the_kernel_sends(stage, vcan, 
         assert 10 < status["frames_per_second"] < 120, "a hundred, unless the guest is held up"
         said = lines(stage.call("bus", "status", vcan))
         assert f"  candump {vcan} (pid {pids[0]}) receives everything" in said
-        assert any(line.endswith("lets the kernel send 0x080 every 10 ms") for line in said), said
+        assert any(line.endswith("has the kernel send 0x080 every 10 ms") for line in said), said
         done = subprocess.run([sys.executable, "-c", NOBODY_LOOKS, vcan], capture_output=True, text=True)
         assert done.stdout == "0 named, 3 hear\n", (done, "all are root's")
 

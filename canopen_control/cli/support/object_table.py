@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Address, Entry, ObjectDictionary, Value
 
 
-_WIDEST: Final = 60  # greatest width of a value, in columns
+_WIDEST: Final = 60  # maximum width of a value, in columns
 
 
 def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str = "reading") -> list[LiveObject]:

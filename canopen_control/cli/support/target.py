@@ -143,7 +143,7 @@ class RobotTarget(Target):
 
 
 class BusTarget(Target):
-    """Nodes on a bus that are reached directly, except those of a robot that runs on the bus."""
+    """Nodes on a bus, reached directly, except the nodes of a robot that runs on the bus."""
 
     def __init__(self, channel: str, eds: Path | None = None, timeout: float | None = None) -> None:
         super().__init__(eds)
