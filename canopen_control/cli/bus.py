@@ -115,8 +115,8 @@ def render_interface(status: InterfaceStatus) -> list[str]:
 
 def _listeners(status: InterfaceStatus) -> list[str]:
     lines = [_listener(listener) for listener in status.listeners]
-    more = status.unnamed_listeners
-    return lines + ([f"{more} more, of other users: run this with sudo to see their names"] if more else [])
+    unnamed = status.unnamed_listeners
+    return lines + ([f"{unnamed} more, of other users: run this with sudo to see their names"] if unnamed else [])
 
 
 def _listener(listener: Listener) -> str:
@@ -301,10 +301,10 @@ def _render_hub(channel: str, status: hub.HubStatus, nodes: Sequence[KnownNode])
 
 
 def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
-    which = "every frame" if rule.every == 1 else f"one in {rule.every} frames"
+    frames = "every frame" if rule.every == 1 else f"one in {rule.every} frames"
     identifier = "" if rule.can_id is None else f" 0x{rule.can_id:03X}"
     limit = "" if rule.count is None else f" of {rule.count}"
-    return f"{which}{identifier} from {_named(rule.label, nodes) or 'all members'}, {rule.lost}{limit} lost"
+    return f"{frames}{identifier} from {_named(rule.label, nodes) or 'all members'}, {rule.lost}{limit} lost"
 
 
 # up, down, fault -----------------------------------------------------------------------------------------------------

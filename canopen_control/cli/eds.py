@@ -345,8 +345,8 @@ def _selected(od: ObjectDictionary, text: str | None) -> Iterator[Entry]:
 
 def _hint(od: ObjectDictionary, text: str) -> str:
     folded = text.casefold()
-    near = [info for info in od.objects.values() if folded in info.name.casefold()][:5]
-    return f"; did you mean {', '.join(f'0x{info.index:04X} {info.name}' for info in near)}?" if near else ""
+    similar = [info for info in od.objects.values() if folded in info.name.casefold()][:5]
+    return f"; did you mean {', '.join(f'0x{info.index:04X} {info.name}' for info in similar)}?" if similar else ""
 
 
 _CONFIGURED = "parameter value"

@@ -89,9 +89,9 @@ def _list(args: argparse.Namespace) -> int:
         print(json_text([{key: getattr(fault, key) for key in keys} for fault in FAULTS.values()]))
         return 0
     for fault in FAULTS.values():
-        how = "once" if fault.once else "until it is switched off"
-        how = f"the quirk {fault.quirk}" if fault.quirk else how
-        print_entry(fault.name, f"{_sentence(fault.does)} ({how}). A correct master: {fault.reaction}.")
+        duration = "once" if fault.once else "until it is switched off"
+        duration = f"the quirk {fault.quirk}" if fault.quirk else duration
+        print_entry(fault.name, f"{_sentence(fault.does)} ({duration}). A correct master: {fault.reaction}.")
     print(f"\n{_BUS_FAULTS}")
     return 0
 
@@ -176,11 +176,11 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
     except RemoteError as error:
         if error.kind != "BusClosed":
             raise
-        buses = _others(drive_name(channel, node_id).rpartition("-")[0])
+        buses = _running_drives(drive_name(channel, node_id).rpartition("-")[0])
         raise RemoteError(error.kind, f"no virtual drive with node id {node_id} runs on {channel}; {buses}") from error
 
 
-def _others(bus: str) -> str:
+def _running_drives(bus: str) -> str:
     """Return a text with the node ids of the virtual drives on a bus, or on all buses if the bus has none."""
     drives: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):

@@ -102,8 +102,8 @@ def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
             place = listener.getsockname()
         else:
             place = f"{LOOPBACK}:{listener.getsockname()[1]}"
-            more = ", and move its drives" if args.allow_motion else ""
-            warning = f"every user and program of this computer can reach {label} at {place}{more}; --unix is private"
+            motion = ", and move its drives" if args.allow_motion else ""
+            warning = f"every user and program of this computer can reach {label} at {place}{motion}; --unix is private"
             print(f"canopen-control: warning: {warning}", file=sys.stderr)
         print(f"{label}: CiA 309-3 at {place}; Ctrl-C ends it", flush=True)
         yield listener
@@ -254,8 +254,10 @@ class BusNetwork:
             self._looked = now
             self._target.owner = robot_on(self.label)
 
-    def _refuse_while_robot_runs(self, what: str) -> None:
+    def _refuse_while_robot_runs(self, service: str) -> None:
         self._find_robot()
         if self._target.owner is not None:
             name = self._target.owner[0]
-            raise GatewayRefusal(INTERNAL_STATE, f"{what} would disturb the nodes of robot {name}; use --name {name}")
+            raise GatewayRefusal(
+                INTERNAL_STATE, f"{service} would disturb the nodes of robot {name}; use --name {name}"
+            )

@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
         if args.can is None or owner is not None:
             drive, scale = running_drive(args, args.name if owner is None else owner[0], _MODES[request.kind], stack)
         else:
-            drive, scale = stack.enter_context(_own(args, request))
+            drive, scale = stack.enter_context(_bare_drive(args, request))
         place = {"node": args.node, "joint": None if drive.alone else drive.joint}
         if args.fault_reset:
             print_result(args, {**place, "fault_reset": True}, reset_fault(drive))
@@ -130,7 +130,7 @@ def _request(args: argparse.Namespace) -> _Request:
 
 
 @contextlib.contextmanager
-def _own(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive, JogScale]]:
+def _bare_drive(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive, JogScale]]:
     """Context that identifies a drive on a bare bus, and then runs a robot that consists of this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")

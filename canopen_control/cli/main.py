@@ -141,8 +141,8 @@ def _dispatch(arguments: list[str]) -> int:
 def _no_verb(word: str) -> str:
     import difflib
 
-    near = _with_action(word) or difflib.get_close_matches(word, VERBS, 2)
-    hint = f"did you mean {' or '.join(near)}?" if near else "canopen-control help --all lists every verb"
+    suggestions = _with_action(word) or difflib.get_close_matches(word, VERBS, 2)
+    hint = f"did you mean {' or '.join(suggestions)}?" if suggestions else "canopen-control help --all lists every verb"
     return f"no verb {word!r}; {hint}"
 
 

@@ -236,11 +236,12 @@ class Jog:
         """Return why a joint has not enough travel left for a jog; None if the travel suffices."""
         if self._interfaces[joint] != POSITION:
             return None
-        here, needed = self._reading(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
-        room = self._setup.description.joints[joint].limits.upper - here
+        position, needed = self._reading(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
+        room = self._setup.description.joints[joint].limits.upper - position
         if room >= needed:
             return None
-        return f"it is at {here:.3f}, {room:.3f} before its limit, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
+        text = f"it is at {position:.3f}, {room:.3f} before its limit"
+        return f"{text}, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
 
     def turn(self, joint: str) -> PreflightStep:
         """Jog one joint, and check that this joint, and no other, moves at the commanded speed."""
@@ -350,12 +351,12 @@ def _controllers(groups: Mapping[str, list[str]], rate: int) -> str:
         "    joint_state_broadcaster:\n      type: joint_state_broadcaster/JointStateBroadcaster\n"
     )
     types = [f"    {_controller(name)}:\n      type: {_FORWARD}\n" for name in groups]
-    own = [
+    sections = [
         f"{_controller(name)}:\n  ros__parameters:\n    joints: [{', '.join(joints)}]\n"
         f"    interface_name: {name}\n    command_timeout: 0.5\n"
         for name, joints in groups.items()
     ]
-    return head + "".join(types + own)
+    return head + "".join(types + sections)
 
 
 EXAMPLE = "canopen-control preflight robby --can can0"

@@ -295,8 +295,8 @@ def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
         ):
             by_name.setdefault(drive.name, (drive, []))[1].append(node.node_id)
     for drive, ids in by_name.values():
-        which = f"node {ids[0]} is" if len(ids) == 1 else f"nodes {', '.join(map(str, ids))} are"
-        yield f"{which} known as {drive.title} (`canopen-control drive --like {drive.name}`)"
+        subject = f"node {ids[0]} is" if len(ids) == 1 else f"nodes {', '.join(map(str, ids))} are"
+        yield f"{subject} known as {drive.title} (`canopen-control drive --like {drive.name}`)"
         for key in drive.bus_keys:
             yield f"  in bus.yml: `{key.text}`: {key.why} ({key.source})"
 

@@ -235,8 +235,8 @@ def _apply_quirks(robot: RobotUnderTest, quirks: list[str], like: Personality | 
     """Apply a personality and quirks to all drives."""
     replaced = {text.partition("=")[0] for text in quirks}
     for drive in robot.drives.values():
-        own = [text for text in drive.quirks if text.partition("=")[0] not in replaced]
-        drive.quirks, drive.like = [*own, *quirks], like
+        other_quirks = [text for text in drive.quirks if text.partition("=")[0] not in replaced]
+        drive.quirks, drive.like = [*other_quirks, *quirks], like
 
 
 def _speed_limit(speed: float | None) -> float | None:

@@ -120,9 +120,10 @@ def _clauses(text: str) -> dict[str, str]:
 
 
 def _belongs(new: _Cause, previous: _Cause) -> bool:
-    near = new.since - previous.until <= _TOGETHER_S
+    is_close = new.since - previous.until <= _TOGETHER_S
     other_kind = new.kinds.isdisjoint(previous.kinds)  # the same kind again is another failure
-    return near and other_kind and new.place == previous.place and not new.clauses.keys().isdisjoint(previous.clauses)
+    shares_clause = not new.clauses.keys().isdisjoint(previous.clauses)
+    return is_close and other_kind and new.place == previous.place and shares_clause
 
 
 def _same_cause(first: _Cause, second: _Cause) -> bool:
@@ -260,8 +261,8 @@ def _print_table(status: Status) -> None:
     current = {name: line.strip() for name, line in _errors(status).items()}
     sync = [f"bus {name}: {bus.sync}" for name, bus in status.buses.items() if bus.sync]
     missing = [f"program {name}: {missing_program}" for name, missing_program in status.missing_programs.items()]
-    more = [*sync, *missing, *_boot(status, current), *cause_lines(status.events, current), *_program(status)]
-    print("\n".join(painted([*render(status), *([""] if more else []), *more])))
+    details = [*sync, *missing, *_boot(status, current), *cause_lines(status.events, current), *_program(status)]
+    print("\n".join(painted([*render(status), *([""] if details else []), *details])))
 
 
 def render(state: Snapshot, width: int | None = None) -> list[str]:
@@ -274,8 +275,9 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
             table.add(_row(name, node, axis, None if axis is None else state.joints.get(axis.joint)))
     for name, joint in () if state.nodes else state.joints.items():
         table.add(("no drive", "-", "-", name, *_numbers(joint), "-"))  # mock hardware or a simulation
-    alone = bool(state.nodes) and all(len(node.axes) <= 1 for node in state.nodes.values())  # the node names the axis
-    rows = table.lines(width, (*_EXPENDABLE, *(("joint",) if alone else ()), "position rad"))
+    # with one axis per node the name of the node is enough
+    single_axis = bool(state.nodes) and all(len(node.axes) <= 1 for node in state.nodes.values())
+    rows = table.lines(width, (*_EXPENDABLE, *(("joint",) if single_axis else ()), "position rad"))
     lines = [state.hint] if state.hint else []
     active = ", ".join(state.active) or "none"
     truth = [] if state.true_pose is None else [state.true_pose.words]
@@ -378,8 +380,8 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
 
 def _program(status: Status) -> list[str]:
     """Return a line with the version and the build of the robot's program, or nothing if unknown."""
-    how = f" ({TO_COMPILE})" if status.build == PURE else ""
-    return [f"canopen_control {status.version}, {status.build}{how}"] if status.version else []
+    advice = f" ({TO_COMPILE})" if status.build == PURE else ""
+    return [f"canopen_control {status.version}, {status.build}{advice}"] if status.version else []
 
 
 def _traffic(status: Status, node: str) -> str:

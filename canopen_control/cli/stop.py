@@ -27,11 +27,11 @@ TIMEOUT_S = 20.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument(
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
         "--latch", action="store_true", help="latch the stop: no client can move the robot before --release"
     )
-    how.add_argument("--release", action="store_true", help="release a latched stop; the drives stay disabled")
+    group.add_argument("--release", action="store_true", help="release a latched stop; the drives stay disabled")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 

@@ -74,7 +74,7 @@ class TrajectoryRecording:
         """Add the joint positions at a time in s; a time not later than the previous time is ignored."""
         if self._times and time <= self._times[-1]:
             return
-        if len(self) == 1 and _near(positions, self._positions[0]):
+        if len(self) == 1 and _is_close(positions, self._positions[0]):
             self._times[0], self._positions[0] = time, list(positions)  # no joint has moved yet
             return
         self._times.append(time)
@@ -83,7 +83,7 @@ class TrajectoryRecording:
     def points(self) -> list[TrajectoryPoint]:
         """Return the recorded points, from the first motion to the last; CanopenError if nothing has moved."""
         end = len(self)
-        while end > 1 and _near(self._positions[end - 2], self._positions[-1]):
+        while end > 1 and _is_close(self._positions[end - 2], self._positions[-1]):
             end -= 1
         if end < 2:
             raise CanopenError("no joint moved, so there is nothing to record; move a joint during the recording")
@@ -98,7 +98,7 @@ class TrajectoryRecording:
         ]
 
 
-def _near(first: Sequence[float], second: Sequence[float]) -> bool:
+def _is_close(first: Sequence[float], second: Sequence[float]) -> bool:
     return all(abs(a - b) < STILL for a, b in zip(first, second, strict=True))
 
 

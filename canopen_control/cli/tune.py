@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
             plan = TunePlan.of(request, options, scale)
             _confirm(plan.lines(scale), args, show)
         else:
-            drive, scale, plan = stack.enter_context(_own(args, request, options, show))
+            drive, scale, plan = stack.enter_context(_bare_drive(args, request, options, show))
         run = excite(drive, plan, scale, _EFFORT_UNIT if drive.alone else None)
         with on_signals(SIGNALS, run.leave):
             record = run.run()
@@ -213,7 +213,7 @@ def _output(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def _own(
+def _bare_drive(
     args: argparse.Namespace, request: TuneRequest, options: TuneOptions, show: Callable[[str], None]
 ) -> Iterator[tuple[JogDrive, JogScale, TunePlan]]:
     """Context that identifies a drive on a bare bus, asks to confirm limits, and runs a robot of this drive alone."""

@@ -43,7 +43,7 @@ class EventStream:
     def __init__(self, client: RobotClient, timeout: float | None = None) -> None:
         self._client = client
         self._messages = client.messages(timeout)
-        self._over = False
+        self._ended = False
         client.ask(Subscribe(events=True))
 
     def __enter__(self) -> EventStream:
@@ -56,12 +56,12 @@ class EventStream:
         return self
 
     def __next__(self) -> RobotEvent:
-        if self._over:
+        if self._ended:
             raise StopIteration
         try:
             for message in self._messages:
                 if isinstance(message, RobotEvent):
-                    self._over = message.kind == _ENDED
+                    self._ended = message.kind == _ENDED
                     return message
         except RemoteError:
             self.close()
@@ -71,7 +71,7 @@ class EventStream:
 
     def close(self) -> None:
         """Close the connection; a second call does nothing."""
-        self._over = True
+        self._ended = True
         self._client.close()
 
 

@@ -214,9 +214,9 @@ class BusTable:
 
     def _joint(self, node_id: int, number: int, axis: _Axis) -> tuple[Cell, ...]:
         name = self.network.name_of(node_id) or f"node {node_id}"
-        which = f"{name} axis {number}" if number else name
+        title = f"{name} axis {number}" if number else name
         values = (axis.values.get(index) for index in (_TARGETS.get(axis.mode or 0, -1), *_ACTUAL.values()))
-        return (plain(f"{which} (device units)"), *(plain("-" if value is None else str(value)) for value in values))
+        return (plain(f"{title} (device units)"), *(plain("-" if value is None else str(value)) for value in values))
 
 
 def _nmt_cell(state: NmtState | None) -> Cell:
@@ -415,11 +415,11 @@ def _drives(state: StateSample) -> Iterator[tuple[str, tuple[Cell, ...]]]:
 
 
 def _drive(name: str, node: NodeReading, axis: AxisReading, *, several: bool) -> tuple[Cell, ...]:
-    which = f"{name} ({node.node_id})" + (f" axis {axis.axis}" if several else "")
+    title = f"{name} ({node.node_id})" + (f" axis {axis.axis}" if several else "")
     dead = 0.0 if node.nmt_state is None else float("inf")
     error = (axis.error or node.error or "").removeprefix(f"node {node.node_id} ({name}): ")  # the row names the node
     return (
-        plain(which),
+        plain(title),
         _nmt(node),
         state_cell(axis.state),
         Cell(error, Tone.BAD if error else Tone.PLAIN),

@@ -223,6 +223,6 @@ def report_gaps(source: Source) -> None:
 
 def network_for(args: argparse.Namespace, source: Source) -> NetworkDescription:
     """Return the network description for a recording: from the arguments, else from the recording, else empty."""
-    own = source.network if isinstance(source, FlightSource) else None
+    recorded = source.network if isinstance(source, FlightSource) else None
     by_arguments = args.config is not None or args.name is not None or bool(args.eds)
-    return described(args) if by_arguments or own is None else own
+    return described(args) if by_arguments or recorded is None else recorded

@@ -41,9 +41,9 @@ _NOT_ENABLED = "NotEnabled"
 
 def add_repeat_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options for the duration of a command."""
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
-    how.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--for", type=seconds, metavar="S", dest="seconds", help="repeat for S seconds, then send zeros")
+    group.add_argument("--once", action="store_true", help="send once; the command ends with the controller's timeout")
     parser.add_argument("--name", help="the robot (default: the only one that runs)")
 
 

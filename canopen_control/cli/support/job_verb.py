@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 def add_job_options(parser: argparse.ArgumentParser, job: Job) -> None:
     """Declare the options of a job for the parser of its verb."""
     for name, option in job.declared.items():
-        how: dict[str, Any] = {"dest": name, "help": option.text}
+        settings: dict[str, Any] = {"dest": name, "help": option.text}
         if option.is_switch:
-            parser.add_argument(option.flag, action="store_true", **how)
+            parser.add_argument(option.flag, action="store_true", **settings)
             continue
         if option.repeats:
-            how |= {"action": "append", "default": [], "help": f"{option.text} (repeatable)"}
+            settings |= {"action": "append", "default": [], "help": f"{option.text} (repeatable)"}
         elif option.default not in (None, ""):
-            how |= {"default": option.default, "help": f"{option.text} (default: {_shown(option.default)})"}
+            settings |= {"default": option.default, "help": f"{option.text} (default: {_shown(option.default)})"}
         if option.read is not None:
-            how["type"] = argument(option.read)
-        how.setdefault("default", option.default)
-        parser.add_argument(option.flag, metavar=option.metavar, **how)
+            settings["type"] = argument(option.read)
+        settings.setdefault("default", option.default)
+        parser.add_argument(option.flag, metavar=option.metavar, **settings)
         if option.former:
-            add_former(parser, option.former, option.flag, name, how.get("type", str))
+            add_former(parser, option.former, option.flag, name, settings.get("type", str))
 
 
 def _shown(value: object) -> str:

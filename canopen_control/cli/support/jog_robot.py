@@ -96,10 +96,10 @@ def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
         replace(axis, mode=_CYCLIC[axis.mode]) if _CYCLIC.get(axis.mode) in modes else axis for axis in drive.axes
     )
 
-    def each(*indices: int) -> tuple[tuple[int, int], ...]:
+    def addresses(*indices: int) -> tuple[tuple[int, int], ...]:
         return tuple((axis.index(index), 0) for axis in axes for index in indices)
 
-    tpdos, _ = choose_pdos(device.od, PdoRequirement(False, each(STATUSWORD), each(*_FEEDBACK)))
+    tpdos, _ = choose_pdos(device.od, PdoRequirement(False, addresses(STATUSWORD), addresses(*_FEEDBACK)))
     rpdos = drive.rpdos
     if axes != drive.axes:
         rpdos = tuple(replace(use, transmission=_WITH_SYNC) if use.transmission else use for use in rpdos)
@@ -130,7 +130,7 @@ def own_robot(
         setup = _short_lived(_read(robot, path, channel))
         joint = next(joint for joint in robot.joints if joint.axis is axis)
         names = [part.name for tag in setup.description.hardware for part in tag.joints]
-        own = names[robot.joints.index(joint)]
+        joint_name = names[robot.joints.index(joint)]
 
         def prepare(core: RobotCore) -> None:
             limit_speed(core, names, speed)
@@ -139,7 +139,7 @@ def own_robot(
         background = BackgroundRobot(setup, RunOptions(drives=False), prepare)
         try:
             background.start()
-            yield JogDrive(robot.name, joint.node, own, own, axis.mode.name, alone=True)
+            yield JogDrive(robot.name, joint.node, joint_name, joint_name, axis.mode.name, alone=True)
         finally:
             background.shutdown()
 

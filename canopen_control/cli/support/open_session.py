@@ -101,8 +101,8 @@ def read_bare_drive(args: argparse.Namespace, *, with_fault: bool = False) -> De
         if differing := node.identity_differences():
             raise ConfigError(f"{node} is not the device of {args.eds}: {'; '.join(differing)}; give its own EDS")
         if not with_fault and (words := fault_words(node)):
-            again = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
-            raise DriveError(f"{node} has a fault: {words}; reset it with: {again}")
+            command = f"canopen-control jog {args.node} --can {args.can} --eds {args.eds} --fault-reset"
+            raise DriveError(f"{node} has a fault: {words}; reset it with: {command}")
         if reason := why_not_free(node):
             raise DriveError(reason)
         if unfinished := unfinished_words(node, reached(args)):

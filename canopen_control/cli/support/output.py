@@ -75,7 +75,7 @@ class Progress:
         clock: Callable[[], float] = time.monotonic,
         rate: bool = False,
     ) -> None:
-        self._what, self._unit, self._clock = title, f" {unit}" if unit else "", clock
+        self._title, self._unit, self._clock = title, f" {unit}" if unit else "", clock
         self._stream = sys.stderr if stream is None else stream
         self._live, self._rate = self._stream.isatty(), rate
         self._quiet = quiet
@@ -102,7 +102,7 @@ class Progress:
         self._next_output = now + (REDRAW_S if self._live else PLAIN_S)
         since, before = self._rated_from
         rate = _rate(done, total, done - before, now - since, self._unit) if self._rate else ""
-        self._show(f"{self._what}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
+        self._show(f"{self._title}{_amount(done, total, self._unit)}, {now - self._begin:.0f} s{rate}")
 
     def end(self) -> None:
         """Erase the progress line; a second call does nothing."""

@@ -110,9 +110,9 @@ def _describe_actions(parser: argparse.ArgumentParser, examples: Sequence[str]) 
             text = action.description or texts.get(name, "")
             action.description = f"{text[:1].upper()}{text[1:]}.\n\n{codes[0] if codes else _EXIT_CODES}"
             action.formatter_class = _HelpFormatter
-            own = [line.strip() for line in examples if _is_of(action.prog, line.strip())]
-            if own:
-                action.epilog = "example: " + "\n         ".join(own)
+            matching = [line.strip() for line in examples if _is_of(action.prog, line.strip())]
+            if matching:
+                action.epilog = "example: " + "\n         ".join(matching)
             _describe_actions(action, examples)
 
 
@@ -130,8 +130,8 @@ class _TopParser(argparse.ArgumentParser):
 
 
 def _build() -> str:
-    how = build()
-    return f"{how}; {TO_COMPILE}" if how == PURE else how
+    kind = build()
+    return f"{kind}; {TO_COMPILE}" if kind == PURE else kind
 
 
 def top_parser() -> argparse.ArgumentParser:

@@ -66,7 +66,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     """
     if order.folder is not None:
         make_folder(order.folder)  # before the seeds, which may take hours
-    began = time.perf_counter()
+    start = time.perf_counter()
     campaign = Campaign(setup, order.duration_ns, order.faults)
     totals = Totals()
     if never := campaign.why_never():
@@ -80,7 +80,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     if totals.broken or order.folder is not None:
         write_text(folder / "junit.xml", junit_summary(setup.name, totals))
         write_text(folder / "summary.html", html_summary(setup.name, totals))
-    _sum_up(totals, scenarios, time.perf_counter() - began, order)
+    _sum_up(totals, scenarios, time.perf_counter() - start, order)
     if problem:
         print(f"canopen-control: {problem}", file=sys.stderr)
     return 1 if totals.broken else code
