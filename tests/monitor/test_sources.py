@@ -10,7 +10,6 @@ from support.robots import LEFT, Bench
 from support.samples import event_of
 
 from canopen_control.bus.channel import open_port
-from canopen_control.cia301.pdo import MappedObject
 from canopen_control.client import RobotClient
 from canopen_control.data_files import data_path
 from canopen_control.errors import RemoteError
@@ -207,7 +206,6 @@ class Bus:
 
     def tpdo(self, statusword, at=0):
         length = sum(each.bits for each in self.statusword.objects) // 8
-        assert isinstance(self.statusword.objects[0].mapped, MappedObject)
         assert self.statusword.objects[0].index == 0x6041
         self.hear(self.statusword.cob_id, statusword.to_bytes(2, "little").ljust(length, b"\0"), at)
 
