@@ -228,7 +228,7 @@ class DriveRequest:
         return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
 
     def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
-        """Return the command for a drive in the state `drive`, None if no command has an effect.
+        """Return the command for a drive in the state `drive`, None in states without an effective command.
 
         `may_enable` tells that the mode is confirmed and the drive is not held in SWITCHED_ON, `standstill` that the
         motor is known to be at standstill.
@@ -342,7 +342,7 @@ class DriveMachine:
     def enable(self) -> None:
         """Request OPERATION_ENABLED.
 
-        DriveError in a fault, and after a mode that was not confirmed, until `set_mode` requests a mode.
+        Raise DriveError in a fault, and after a mode that was not confirmed, until `set_mode` requests a mode.
         """
         if self.goal is DriveGoal.ENABLED:
             return
@@ -414,7 +414,7 @@ class DriveMachine:
 
     @property
     def _may_switch(self) -> bool:
-        """Whether the drive is in a state in which it changes its mode.
+        """Whether the present state permits a mode change, as `switching_state` defines.
 
         In an unknown state the mode is sent at once.
         """
@@ -462,7 +462,7 @@ class DriveMachine:
 
     @property
     def enabled(self) -> bool:
-        """Whether the drive is in OPERATION_ENABLED, and no request or event that ends this state is pending."""
+        """Whether the drive is in OPERATION_ENABLED without a pending request or event that ends this state."""
         return self.state is State.OPERATION_ENABLED and self._intent.state is EnableRequest.ENABLED
 
     @property
@@ -507,7 +507,7 @@ class DriveMachine:
     # Cycle.
 
     def update(self, statusword: int | None, mode_display: int | None, now: int) -> int:
-        """Process the newest 0x6041 and 0x6061 (None: not received) and return the controlword to send.
+        """Return the controlword for the newest 0x6041 and 0x6061 (None: not received).
 
         Call once per cycle; this method never raises an exception. A statusword that becomes None again means that the
         drive is lost.

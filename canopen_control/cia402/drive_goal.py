@@ -1,4 +1,4 @@
-"""Parts of the master's side of one axis: goals, timeouts of steps, quick stop, fault reset and the requested mode.
+"""Parts of the drive's state machine: goals, step timeouts, quick stop, fault reset, requested mode.
 
 The table in `drive` decides the goal; each part here tracks one operation of the drive that takes time.
 """
@@ -102,7 +102,7 @@ SETTLE = -1
 
 
 def transition_number(state: State | None, command: Command | None) -> int | None:
-    """Return the number of the transition that `command` requests in `state`, None if there is none."""
+    """Return the number of the transition that `command` triggers in `state`, None without a transition."""
     transition = transition_of(state, command) if state is not None and command is not None else None
     return None if transition is None else transition.number
 
@@ -137,7 +137,7 @@ class StepTimer:
     def timed_out(
         self, state: State | None, goal: State, statusword: int | None, gave_up: bool, now: int
     ) -> TransitionTimedOut:
-        """Return the event for the timeout of a step; `goal` is the target state of a step without a transition."""
+        """Return the timeout event of a step; `goal` is the target state of a step without a transition."""
         command = self.command
         transition = transition_of(state, command) if state is not None and command is not None else None
         target, number = (transition.target, transition.number) if transition is not None else (goal, None)
@@ -206,7 +206,7 @@ class ResetPhase(Enum):
 
 
 class FaultReset:
-    """Sequence of one fault reset; `deadline` is the timeout, `NEVER` before the first update."""
+    """Sequence of one fault reset; `deadline` is its timeout, `NEVER` before the first update."""
 
     def __init__(self, timeout_ns: int) -> None:
         self.phase = ResetPhase.IDLE
@@ -367,7 +367,7 @@ class ModeRequest:
         return self.state in FAILED
 
     def ask(self, mode: int) -> bool:
-        """Request a mode; return whether it differs from the present request."""
+        """Request a mode; return whether the mode differs from the present request."""
         if mode == self.mode:
             self._fire(ModeTrigger.ASK_AGAIN)
             return False

@@ -1,4 +1,4 @@
-"""Events of a drive's state machine: frozen records, each with a time and a sentence.
+"""Events of a drive's state machine, each with a time and a text.
 
 `time` is the monotonic time in ns of the update that detected the event; `statusword` is the statusword at that time
 (None: none received). Texts do not name the drive; the owner of the events adds the name.
@@ -29,7 +29,7 @@ def _name(state: State | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """Change of the drive's state; None means unknown, before the first statusword or without a statusword."""
+    """Change of the drive's state, None while unknown."""
 
     time: int
     previous: State | None
@@ -170,7 +170,7 @@ class EnableLost:
 
     @property
     def power_stage_off(self) -> bool:
-        """Whether bit 4 (voltage enabled) is 0, because mains is missing or safe torque off is active."""
+        """Whether bit 4 (voltage enabled) is 0, as without mains or with safe torque off."""
         return self.state is not None and self.statusword is not None and not self.statusword & VOLTAGE_ENABLED
 
     @property

@@ -93,7 +93,7 @@ _ENDED = (HomingStatus.NOT_RUNNING, HomingStatus.COMPLETED)
 
 
 def homing_status(statusword: int) -> HomingStatus:
-    """Return bits 13, 12 and 10 of the statusword; they are valid only in mode HM."""
+    """Return bits 13, 12 and 10 of the statusword, which have this meaning only in mode HM."""
     # CiA 402-2, 0x6041 in mode HM: bit 13 homing error, bit 12 homing attained, bit 10 target reached
     return _STATUS[statusword >> 11 & 0b110 | statusword >> 10 & 0b001]
 
@@ -134,7 +134,7 @@ class _Phase(Enum):
 
 
 class HomingSequence:
-    """Sequence of one homing at a time; write the result of `update` to `DriveMachine.mode_bits`.
+    """Sequence of a homing, one at a time; write the result of `update` to `DriveMachine.mode_bits`.
 
     The caller sets 0x6098, the speeds and the mode, and restores the previous mode. `homed` is False from `start` until
     success, and after `forget`. `start_timeout_ns` limits the time until homing is seen in progress, `timeout_ns` the
@@ -165,7 +165,7 @@ class HomingSequence:
             self._attained_absent = self._error_absent = self._ran = False
 
     def abort(self, reason: str = "aborted") -> None:
-        """Abort homing at the next update: bit 4 becomes 0, and the drive stops by its halt option (0x605D)."""
+        """Abort homing at the next update by bit 4 = 0, so that the drive stops by its halt option (0x605D)."""
         if self.active:
             self._aborted = reason
 

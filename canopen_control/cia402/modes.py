@@ -39,7 +39,7 @@ _NAMES = {int(mode): mode.name for mode in OperationMode}
 
 
 def mode_of(number: int) -> int:
-    """Convert a number to a member of `OperationMode` if CiA 402-2 defines it; return other numbers unchanged."""
+    """Return the `OperationMode` with a number of CiA 402-2, and other numbers unchanged."""
     return OperationMode(number) if number in _NAMES else number
 
 
@@ -88,7 +88,7 @@ TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
 def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:
     """Return the best supported mode for the command interface "position", "velocity" or "effort".
 
-    UnsupportedMode if the drive supports no such mode, or if the interface is unknown.
+    Raise UnsupportedMode if the drive supports no such mode, or if the interface is unknown.
     """
     present = tuple(supported)
     modes = INTERFACE_MODES.get(interface, ())
@@ -112,7 +112,7 @@ def require_mode(mode: int, supported: Iterable[int]) -> None:
 
 
 class ModeBits(NamedTuple):
-    """Mode-specific bits of a mode with their meanings, by bit number; missing bits have no meaning in the mode."""
+    """Meanings of the mode-specific bits of a mode, by bit number."""
 
     controlword: Mapping[int, str]
     statusword: Mapping[int, str]

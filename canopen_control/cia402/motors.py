@@ -94,7 +94,7 @@ def per_motor(od: ObjectDictionary) -> tuple[int, ...]:
 
 
 def motors_of(od: ObjectDictionary) -> MotorMap | None:
-    """Return the map of a two-motor device, recognised by subindices 1 and 2 in its dictionary; None for others."""
+    """Return the map of a two-motor device, which has subindices 1 and 2; None for other devices."""
     return MotorMap(od, (1, 2)) if per_motor(od) and not problem_of(od, (1, 2)) else None
 
 
@@ -115,7 +115,7 @@ def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
 
 
 class MotorMap:
-    """Arrangement of the objects of `device`, in which axis n has its values in subindex `subindices[n]`.
+    """Mapping between a device and a CiA 402 view, in which axis n has the values of `subindices[n]`.
 
     `view` is the dictionary as in CiA 402, with axis 1 from 0x6800 on; `places` are the locations of those objects of
     the view that are elsewhere in the device. `shared` maps objects that the device has only once to those of the other
@@ -139,7 +139,7 @@ class MotorMap:
                 self._share(index)
 
     def parts(self, index: int, subindex: int) -> tuple[Address, ...]:
-        """Return the addresses in the view of the parts of a device's object, lowest bits first; () if unchanged.
+        """Return the addresses in the view that share a device object, lowest bits first; () if unchanged.
 
         Several parts divide the bits of the object equally.
         """

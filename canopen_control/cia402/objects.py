@@ -154,9 +154,9 @@ MOTION = frozenset(
 
 
 def axis_index(index: int, axis: int) -> int:
-    """Convert the index of a profile object of axis 0 to the index for `axis`; return other indices unchanged.
+    """Return the index for `axis` of a profile object with the index of axis 0; other indices are unchanged.
 
-    ValueError unless `axis` is 0 to 7.
+    Raise ValueError unless `axis` is 0 to 7.
     """
     # CiA 402-2, 5.1: up to eight axes, whose objects are 0x800 apart
     if not 0 <= axis < AXES:
@@ -182,7 +182,7 @@ def axis_count(indices: Container[int]) -> int:
 
 
 def object_name(index: int) -> str | None:
-    """Return the name of a profile object, followed by the axis unless it is 0; None for other objects."""
+    """Return the name of a profile object, with the axis unless 0; None for other objects."""
     base, axis = axis_of(index)
     name = NAMES.get(base)
     return f"{name} (axis {axis})" if name and axis else name
@@ -212,7 +212,7 @@ class Reaction(Enum):
 
 
 class Option(NamedTuple):
-    """Meaning of an option code: the way in which the motor is stopped, and the state at standstill."""
+    """Meaning of an option code: how the drive stops its motor, and the state at standstill."""
 
     reaction: Reaction
     final_state: State

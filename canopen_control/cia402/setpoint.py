@@ -162,7 +162,7 @@ class SetPointHandshake:
     def move(
         self, target: int, *, relative: bool = False, immediately: bool = False, change_on_set_point: bool = False
     ) -> None:
-        """Send a set-point in device units; `immediately` interrupts the motion and replaces a waiting one.
+        """Send a set-point in device units, after the present motion or with `immediately` instead of it.
 
         Raises LocalProtocolError if a set-point waits already, see `can_take`.
         """
@@ -174,7 +174,7 @@ class SetPointHandshake:
         self._next = SetPoint(target, bits)
 
     def abort(self, reason: str = "aborted") -> None:
-        """Abandon the active and the waiting set-point at the next update; bit 4 is 0 from then on."""
+        """Abandon all set-points at the next update, with bit 4 = 0 from then on."""
         if self.busy:
             self._aborted = reason
 
@@ -184,7 +184,7 @@ class SetPointHandshake:
 
     @property
     def busy(self) -> bool:
-        """Whether a set-point waits to be sent, acknowledged or reached."""
+        """Whether a set-point is waiting, sent or not reached yet."""
         return self.phase is not SetPointPhase.IDLE or self._next is not None
 
     def events(self) -> list[SetPointEvent]:

@@ -23,12 +23,12 @@ _RPM: Final = 0xB447  # numerator and denominator, bits 8 to 23: revolutions per
 
 
 def to_object(raw: float, low: int, high: int) -> int | None:
-    """Round a scaled value to the nearest integer; None if it is outside of `low` to `high`, or nan."""
+    """Round a scaled value to an integer; return None if it is nan or outside of `low` to `high`."""
     return round(raw) if low <= raw <= high else None
 
 
 def wrap_int32(value: int) -> int:
-    """Return the int32 with the same 32 lowest bits."""
+    """Wrap an integer to the range of int32 (modulo 2**32)."""
     return value if -_HALF <= value < _HALF else (value + _HALF) % _SPAN - _HALF
 
 
@@ -37,7 +37,7 @@ def counts_per_revolution(
     gear_ratio: tuple[int, int] = (1, 1),
     feed_constant: tuple[int, int] | None = None,
 ) -> float:
-    """Return the position units per revolution of the driving shaft, from 0x608F, 0x6091 and 0x6092.
+    """Return the position units per shaft revolution from 0x608F, 0x6091 and 0x6092.
 
     Each pair is (subindex 1, subindex 2): increments and motor revolutions, motor and shaft revolutions, feed and shaft
     revolutions. A feed constant defines the user unit, and the other two are then only conversions inside the drive.
@@ -52,7 +52,7 @@ def counts_per_revolution(
 
 
 def is_feed(feed_constant: tuple[int, int]) -> bool:
-    """Return whether 0x6092 defines a user unit; 1/1 is the default of drives whose unit is the count.
+    """Return whether 0x6092 defines a user unit; n/n is the default of drives whose unit is the count.
 
     According to CiA 402-2 the unit would be a whole revolution in this case, which is useless for positioning.
     """
@@ -147,7 +147,7 @@ class Scale:
         return cls(to_dev, 1.0 / to_dev, to_dev, 1.0 / to_dev, eff_from_dev, eff_to_dev=eff_to_dev)
 
     def position_count(self, position: float) -> int:
-        """Return the count of a finite position, without a 32-bit limit; see `PositionUnwrapper.raw_of`."""
+        """Return the unwrapped count of a finite position; see `PositionUnwrapper.raw_of` for the int32."""
         return round(position * self.pos_to_dev + self.offset_pos_to_dev)
 
     def position_from_device(self, count: int) -> float:
@@ -217,5 +217,5 @@ class PositionUnwrapper:
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:
-        """Return the int32 target for a continuous `count`, with the present offset of the drive's counter."""
+        """Return the int32 target for a continuous count, without the accumulated turns."""
         return wrap_int32(count - self.offset)

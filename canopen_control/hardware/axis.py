@@ -163,7 +163,7 @@ class StatuswordBySdo:
 
 
 class ModeBySdo:
-    """Access to 0x6060 and 0x6061 by SDO, for an axis with at least one of them in no PDO."""
+    """Access to 0x6060 and 0x6061 by SDO for an axis without a PDO for one of them."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self._axis = axis
@@ -287,7 +287,7 @@ class AxisObjectLimits:
 
 
 class AxisProcessData:
-    """Process data of axis `number` of a node; RobotConfigError if controlword or statusword is not in a PDO."""
+    """Process data of axis `number` of a node; raises RobotConfigError if controlword or statusword is not in a PDO."""
 
     def __init__(self, joint: str, node: RemoteNode, image: ProcessImage, number: int) -> None:
         self.joint, self.node, self.number = joint, node, number
@@ -354,7 +354,7 @@ class AxisProcessData:
                 output.set(raw if is_position else 0)
 
     def _require_widths(self) -> None:
-        """Raise RobotConfigError for a mapped object that is narrower than in CiA 402."""
+        """Raise RobotConfigError for a mapped object with fewer bits than in CiA 402."""
         positions = [self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION]
         # CiA 402-2: 0x6040 and 0x6041 are UNSIGNED16, 0x6064, 0x607A and 0x60C1:01 are INTEGER32
         wide = dict.fromkeys((*_WIDTHS, *((address, 32) for address in positions)))
@@ -377,7 +377,7 @@ class AxisProcessData:
 
     @property
     def raw_position(self) -> int:
-        """Newest value of 0x6064; 0 if unknown."""
+        """Newest value of 0x6064 in counts, 0 if unknown."""
         position = self.position
         if position is None or position.pdo.stamp < 0:
             return 0
@@ -395,7 +395,7 @@ class AxisProcessData:
         return self._image.output(self.node.node_id, self.index(index), subindex)
 
     def has(self, index: int, subindex: int = 0) -> bool:
-        """Whether the EDS lists a profile object for this axis."""
+        """Whether the EDS of the node has a profile object for this axis."""
         return (self.index(index), subindex) in self.node.od
 
     def _need_input(self, index: int) -> Input:

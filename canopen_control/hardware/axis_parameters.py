@@ -115,7 +115,7 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
 
 
 def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> int:
-    """Return the mode for a command interface; DriveError if no possible mode has its target in an RPDO."""
+    """Return the mode for a command interface; raise DriveError if no possible mode has its target in an RPDO."""
     config = axis.node.config
     keys = config.motion
     modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
@@ -218,7 +218,7 @@ def _is_mapped(axis: AxisProcessData, mode: int) -> bool:
 
 
 def require_mapped(axis: AxisProcessData, mode: int) -> None:
-    """Raise DriveError if the target of a mode is in no RPDO."""
+    """Raise DriveError unless an RPDO contains the target object of a mode."""
     if not _is_mapped(axis, mode):
         index, subindex = axis.target_objects.get(mode, (0, 0))
         raise DriveError(
@@ -351,7 +351,7 @@ class AxisParameters:
         self._round += 1
 
     def get(self, index: int, subindex: int = 0) -> int | None:
-        """Return the value of an object of axis 0, None if the drive does not have the object."""
+        """Return the value of an object (index of axis 0), None if the drive does not have the object."""
         return self.values.get((index, subindex))
 
     @property

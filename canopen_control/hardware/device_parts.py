@@ -566,7 +566,7 @@ class _HeldOutput:
 
 
 class DeviceParts:
-    """All parts of a <ros2_control> tag with a CANopen device; RobotConfigError with all configuration errors.
+    """All parts of a <ros2_control> tag with a CANopen device; raises RobotConfigError with all configuration errors.
 
     A part that names no device has no interfaces: descriptions for other stacks have such parts for their own plugins.
     `present` is False if there are no parts, so that nothing has to be done in a cycle.
@@ -602,7 +602,7 @@ class DeviceParts:
 
     @property
     def has_news(self) -> bool:
-        """Whether `take_news` would return events."""
+        """Whether there are events for `take_news`."""
         for node in self._nodes.values():  # noqa: SIM110 - `any` would make a generator in the cycle
             if node.lost or node.jumps:
                 return True

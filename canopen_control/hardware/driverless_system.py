@@ -132,10 +132,10 @@ class Engine(Protocol):
         """Return a scan of each lidar; `seconds` is the simulated time."""
 
     def reset(self, keyframe: str) -> None:
-        """Reset the simulation to its start or to a key frame; ControlError for an unknown key frame."""
+        """Reset the simulation to its start or to a key frame; raise ControlError for an unknown key frame."""
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance; ConfigError for a missing link or joint."""
+        """Apply a disturbance; raise ConfigError for a missing link or joint."""
 
 
 class FirstOrderMotor:

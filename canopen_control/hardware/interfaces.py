@@ -72,7 +72,7 @@ class ValueRange(Protocol):
 
 
 class CommandInterface:
-    """Commanded value in SI units, nan without a command; `owner` is the controller that has claimed it, or None.
+    """Commanded value in SI units, nan without a command; `owner` is the claiming controller, None without a claim.
 
     - `minimum`, `maximum`: limits in the description, infinite without limits.
     - `enabled`: the hardware follows commands at present; always True without drives.
@@ -146,7 +146,7 @@ class HardwareComponent(Protocol):
 
     @property
     def state(self) -> LifecycleState:
-        """Lifecycle state."""
+        """Present state in the lifecycle of ROS 2."""
         ...
 
     @property
@@ -185,7 +185,7 @@ class HardwareComponent(Protocol):
         ...
 
     def reset(self, keyframe: str) -> None:
-        """Reset a simulation to its start or to a key frame; ControlError for an unknown key frame."""
+        """Reset a simulation to its start or to a key frame; raise ControlError for an unknown key frame."""
         ...
 
     @property
@@ -194,7 +194,7 @@ class HardwareComponent(Protocol):
         ...
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance to a physics simulation; ConfigError for a missing link or joint."""
+        """Apply a disturbance to a physics simulation; raise ConfigError for a missing link or joint."""
         ...
 
     def scan(self) -> Sequence[LaserScanReading]:
@@ -246,7 +246,7 @@ class InterfaceRegistry:
         return tuple(self._commands.values())
 
     def register(self, component: HardwareComponent) -> None:
-        """Add a component with its interfaces; ControlError for a name that exists already."""
+        """Add a component with its interfaces; raise ControlError for a name that exists already."""
         if component.name in self._components:
             raise ControlError(f"two hardware components are called {component.name!r}; rename one <ros2_control> tag")
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
@@ -261,7 +261,7 @@ class InterfaceRegistry:
     def export(
         self, references: Sequence[CommandInterface], exporter: str, states: Sequence[StateInterface] = ()
     ) -> None:
-        """Add reference and state interfaces of a chainable controller; ControlError for an existing name."""
+        """Add reference and state interfaces of a chainable controller; raise ControlError for an existing name."""
         _refuse_doubles("command", exporter, references, self._commands)
         _refuse_doubles("state", exporter, states, {**self._states, **self._exported_states})
         self._commands.update({reference.name: reference for reference in references})
@@ -278,15 +278,15 @@ class InterfaceRegistry:
         return name in self._exported_states
 
     def state(self, name: str) -> StateInterface:
-        """Return a state interface by name; UnknownInterface lists the valid names."""
+        """Return a state interface by name; raise UnknownInterface with the valid names if there is none."""
         return _lookup(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
-        """Return a command interface by name; UnknownInterface lists the valid names."""
+        """Return a command interface by name; raise UnknownInterface with the valid names if there is none."""
         return _lookup(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
-        """Return the component of an interface, None for an interface of a controller; may raise UnknownInterface."""
+        """Return the component of an interface, None if a controller exports it; may raise UnknownInterface."""
         if name not in self._states:
             _lookup(name, self._commands)
         exporter = self._exporters.get(name)

@@ -173,7 +173,7 @@ class JointParts:
 
 
 def _holds_load(description: ControlJoint) -> bool:
-    """Whether the load would fall without power (parameter `holds_load`); RobotConfigError if invalid."""
+    """Return the parameter `holds_load`: the load would fall without power. Raise RobotConfigError if invalid."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
         raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it must be true or false")
@@ -261,7 +261,7 @@ class JointDrive(JointParts):
         self.machine.require_enable()
 
     def enable(self) -> None:
-        """Request OPERATION_ENABLED, in which the joint follows commands; DriveError if impossible."""
+        """Request OPERATION_ENABLED, in which the joint follows commands; raise DriveError if impossible."""
         self.require_enable()
         self.resume, self.stopped_by = False, ""
         self.targets.feed_forward.zero()
@@ -307,7 +307,7 @@ class JointDrive(JointParts):
         self._abort_homing("the drive left operation")
 
     def home(self, method: int | None) -> None:
-        """Start homing by a method of 0x6098 (None: the method set in the drive); DriveError if not supported."""
+        """Start homing by a method of 0x6098 (None: the method set in the drive); raise DriveError if not supported."""
         # CiA 402-2, 0x6502 bit 5: mode HM
         require_mode(OperationMode.HM, listed_modes(self.axis, self.parameters))
         self.reference.begin(method, was_enabled=self.enable_requested)
@@ -446,7 +446,7 @@ class JointDrive(JointParts):
         return target.interface == command.quantity and target.commands_into_limit(command.value)
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
-        """Fire a trigger of the statechart; return whether the state has changed, which the group then checks."""
+        """Fire a trigger of the statechart, mark the group for its checks, and return whether the state has changed."""
         changed = self.power.fire(trigger, self._now)
         self.group.busy |= changed
         return changed

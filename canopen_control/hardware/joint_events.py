@@ -462,11 +462,11 @@ class HomePosition:
 
     @property
     def result(self) -> str | None:
-        """Reason of the last failed homing, "" after success, None without a finished homing."""
+        """Result of the last homing: "" for success, a reason for failure, None if there was no homing."""
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:
-        """Start a homing; DriveError during another homing, or for a method the drive does not list."""
+        """Start a homing; raise DriveError during another homing, or for a method the drive does not list."""
         node = self._axis.node
         if self.homing is not None:
             raise DriveError(f"{node.who}: a homing is already in progress; wait for its end")

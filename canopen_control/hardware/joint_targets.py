@@ -55,7 +55,7 @@ _NEAR: Final = 1 << 30  # counts: a closer target is certainly within half the r
 
 
 class JointTargets:
-    """Command interfaces of a joint and their targets; RobotConfigError for an interface without an RPDO.
+    """Command interfaces of a joint and their targets; raises RobotConfigError for an interface without an RPDO.
 
     `claimed` is the command interface that a controller has claimed, `mode` the mode requested last, `current` the
     target of that mode; `tracked` is the command that `tracking` monitors, None for none.
@@ -90,7 +90,7 @@ class JointTargets:
         return self.current is not None and self.current.handshakes
 
     def mode_for(self, interface: str) -> int:
-        """Return the mode for a command interface, from bus.yml or 0x6502; DriveError if there is none."""
+        """Return the mode for a command interface, from bus.yml or 0x6502; raise DriveError if there is none."""
         return choose_mode(self._axis, self._parameters, interface)
 
     def mode_serves(self, mode: int) -> str | None:
@@ -112,7 +112,8 @@ class JointTargets:
     def require_claim(self, mode: int) -> None:
         """Raise an error if the claimed interface cannot be commanded in a mode.
 
-        ControlError if the mode is for another interface; DriveError for a TARGET if the mode has no target in an RPDO.
+        Raise ControlError if the mode is for another interface, or DriveError for a TARGET whose mode has no target in
+        an RPDO.
         """
         if self.claimed == TARGET:
             if mode not in self._axis.target_objects:
@@ -127,7 +128,7 @@ class JointTargets:
             )
 
     def set_mode(self, mode: int) -> None:
-        """Request a mode; an enabled drive changes after one cycle at standstill. May raise UnsupportedMode."""
+        """Request a mode, which an enabled drive enters after one cycle at standstill; may raise UnsupportedMode."""
         require_mode(mode, listed_modes(self._axis, self._parameters))
         self.mode = mode
         # the new mode uses its target object as soon as 0x6061 shows the mode
@@ -273,7 +274,7 @@ class ModeTarget(metaclass=ABCMeta):
 
     @abstractmethod
     def follow(self, value: float, now: int, period: float) -> None:
-        """Send a target in SI units, nan for none; `now` in ns, `period` in s."""
+        """Send a target in SI units (nan: no target); `now` is in ns, `period` in s."""
 
     def ramp(self, velocity: float, slope: float) -> None:
         """Set maximum speed and acceleration in device units, where the master ramps; else no effect."""
@@ -617,7 +618,7 @@ class SetPointTarget(_PositionTarget):
         return far and abs(velocity.value * axis.scale.vel_from_dev) > _FAST
 
     def move(self, count: int, *, relative: bool) -> None:
-        """Send one set-point in device units, without a controller."""
+        """Send one set-point in device units, independent of controllers."""
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode

@@ -407,7 +407,7 @@ KNOWN: Final = {
 def kind_of(
     description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
 ) -> PluginKind:
-    """Return the kind of a tag's component; RobotConfigError for an unknown plugin, with the nearest name."""
+    """Return the kind of a tag's component; raise RobotConfigError for an unknown plugin, with the nearest name."""
     if mock or real:
         return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)

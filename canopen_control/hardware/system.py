@@ -224,7 +224,7 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Set the modes of drives to be enabled; ControlError or DriveError if a drive cannot be enabled."""
+        """Set the modes of drives to be enabled; raise ControlError or DriveError if a drive cannot be enabled."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -244,7 +244,7 @@ class CanopenSystem(ComponentLifecycle):
                 joint.targets.set_mode(joint.targets.mode)  # the enable request repeats a failed mode
 
     def enable(self, joints: Sequence[JointDrive]) -> None:
-        """Enable drives for a user, all or none; ControlError or DriveError if impossible."""
+        """Enable drives for a user, all or none; raise ControlError or DriveError if impossible."""
         self.prepare_enable(joints)
         for joint in joints:
             joint.enable()
@@ -346,7 +346,7 @@ def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
 
 
 def _join_motors(joints: Sequence[JointDrive]) -> None:
-    """Set the partners of joints that share a controlword; RobotConfigError for different stop groups."""
+    """Set the partners of joints that share a controlword; raise RobotConfigError for different stop groups."""
     for joint in (joint for joint in joints if joint.node.plan.motors is not None):
         joint.partners = tuple(other for other in joints if other is not joint and other.node is joint.node)
         if any(other.stop_group is not joint.stop_group for other in joint.partners):
@@ -358,7 +358,7 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:
-    """Create the joint on its node (`device_name` or `node_id`); RobotConfigError for an unknown node."""
+    """Create the joint on its node (`device_name` or `node_id`); raise RobotConfigError for an unknown node."""
     name = joint.parameters.get("device_name")
     if name is None and (node_id := joint.parameters.get("node_id")) is not None:
         by_id = {str(node.node_id): key for key, (node, _) in nodes.items()}
@@ -377,7 +377,7 @@ def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImag
 
 
 def _axis_of(joint: ControlJoint) -> int:
-    """Return the axis number in the device (`axis` or `channel`); RobotConfigError if invalid."""
+    """Return the axis number in the device (`axis` or `channel`); raise RobotConfigError if invalid."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     # CiA 402-2, 5.1: a device has at most eight axes
     if not text.isdigit() or int(text) >= AXES:

@@ -237,7 +237,7 @@ class Tracking:
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Add this cycle's set-point and the value measured before; nan for none."""
+        """Add the set-point of this cycle and the last measured value; nan for an unknown value."""
         last = self._first
         if target == actual and target == last == self._second == self._third:  # no error, as in the cycles before
             self._count += 1
@@ -270,7 +270,7 @@ class Tracking:
 
     @property
     def moving(self) -> bool:
-        """Whether the set-points command motion at present."""
+        """Whether the joint is commanded to move at present."""
         return self._still <= _PAUSE if self._positions else self._first != 0.0 and self._first == self._first
 
     def figures(self) -> TrackingFigures | None:

@@ -71,7 +71,7 @@ class JointPlace:
 
 @dataclass(frozen=True)
 class Body:
-    """Robot in a compiled model, with its driven joints by name; `base` is the body index of a free root, else None.
+    """Robot in a compiled model; `base` is the body index of a free root, None for a fixed root.
 
     `notes` list assumptions; `wheels` and `casters` are the indices of the shapes on the floor. In a model of several
     robots all names of this robot begin with `prefix`, such as "robby1/".
@@ -117,7 +117,7 @@ class PreparedRobot:
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return the MuJoCo specification of a URDF; raise PhysicsError if MuJoCo refuses it."""
+    """Return the MuJoCo specification of a URDF; raise PhysicsError if MuJoCo refuses the URDF."""
     try:
         return mujoco.MjSpec.from_string(urdf.text, assets=urdf.meshes)
     except ValueError as error:
@@ -156,10 +156,10 @@ def prepared(
     start: Start,
     sensors: Sequence[WorldSensor] = (),
 ) -> PreparedRobot:
-    """Return a robot that is complete except for its world; `axes` are by joint.
+    """Return a robot with motors, locks and sensors, before it is added to a world.
 
-    `free` is whether the root of the robot is free, None to let wheels decide. Lengths are in m, `step` in s. Raise
-    PhysicsError, with a line in the file at `path`, for a missing joint.
+    `axes` are by joint. `free` is whether the root of the robot is free, None to let wheels decide. Lengths are in m,
+    `step` in s. Raise PhysicsError, with a line in the file at `path`, for a missing joint.
     """
     _check_joints(axes, description, path)
     for number, geom in enumerate(spec.geoms):

@@ -34,7 +34,7 @@ _CHANGED: Final = ("body_mass", "body_ipos", "body_iquat", "body_inertia", "geom
 
 
 class JointBlocker(Protocol):
-    """Interface of a simulation that can block joints."""
+    """Interface of a simulation with joints that can be blocked."""
 
     def block(self, robot: str, joint: str, on: bool) -> None: ...
 
@@ -110,7 +110,7 @@ class Disturbances:
         return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
-        """Apply the disturbances that are due at `now`; return whether there were any."""
+        """Apply the disturbances due at `now`; return whether any was due."""
         happened = False
         while self._pending and self._pending[0][0] <= now:
             at_ns, _, world_act, robot = heapq.heappop(self._pending)
@@ -147,7 +147,7 @@ class Disturbances:
                 raise ConfigError(f"{numbers}: these numbers must be finite")
 
     def _link(self, name: str, robot: str) -> int:
-        """Return the index of a link of a robot, or of its heaviest link if `name` is empty."""
+        """Return the index of a robot's link, of its heaviest link if `name` is empty."""
         links = self._links[robot]
         if name and name not in links:
             raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")

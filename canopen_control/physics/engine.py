@@ -1,4 +1,4 @@
-"""Entry point for the virtual drives: creates the world of plant files for the engine `mujoco`.
+"""Entry point of the engine `mujoco` for the virtual drives: builds worlds from plant files.
 
 Errors are reported before the simulation starts; assumptions about the robots are in the world's notes.
 """

@@ -29,9 +29,9 @@ _FOLLOW_NS: Final = 10_000_000
 
 
 class ServoLoop:
-    """Position P loop over a velocity PI loop, with a period in s; `quantum` is one encoder count in rad.
+    """Position P loop with a velocity PI loop; `quantum` is one encoder count in rad.
 
-    The gains follow from the settings, unless the drive sets its own.
+    `period` is in s. The gains follow from the settings, unless the drive sets its own.
     """
 
     kp: float
@@ -135,7 +135,7 @@ class JointWorld(Protocol):
 
 
 class JointPlant:
-    """Plant of one joint of a world (a `CoupledPlant`), which advances the world and reports the motion of the joint.
+    """Plant of one joint of a world (a `CoupledPlant`), which advances the whole world.
 
     `external` acts in the drive's positive direction and `friction` against the motion, both in per mille of the rated
     torque; `stalled` blocks the joint.

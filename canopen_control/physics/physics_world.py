@@ -325,7 +325,7 @@ class PhysicsWorld:
         return max(0, self._shown)
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
-        """Return the shapes around a robot (None: the first robot), including other robots."""
+        """Return the shapes around a robot (None: the first robot), other robots included."""
         own = self._robots[self._first if robot is None else robot].body.prefix
         return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
 

@@ -368,7 +368,7 @@ class JointMotor:
 
 
 class DriverlessRobot:
-    """Joints and sensors of a robot without drives, advanced once per cycle; an `Engine` of `driverless_system`."""
+    """Robot without drives, advanced once per cycle; an `Engine` of `driverless_system`."""
 
     def __init__(
         self,

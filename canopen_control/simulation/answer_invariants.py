@@ -125,7 +125,7 @@ class AnswerInvariants:
         )
 
     def unless_reported(self, node_id: int, rule: str, text: str, since: int) -> None:
-        """Report a breach later, unless the robot reports a reason after `since` and in time."""
+        """Report a breach after the time for an answer, unless the robot reports a reason by then."""
         axis, now = self._axes.get(node_id), self._robot.now_ns
         if axis is None:
             self._report(rule, text)
@@ -225,7 +225,7 @@ class AnswerInvariants:
         return abs(wrap32(target - place)) > axis.way
 
     def _limit(self, axis: _Axis) -> int:
-        """Return the time in ns that an axis has to start a motion."""
+        """Return the time in ns within which an axis must start to move."""
         device = self._robot.drives[axis.view.node_id].device
         drive = None if device is None else device.drives.get(0)
         gate = None if drive is None else drive.modes.gate

@@ -161,7 +161,7 @@ class Shrinker:
         self._breaks, self._most = breaks, most
 
     def shrink(self, acts: Sequence[ScenarioEvent]) -> Acts:
-        """Return the smallest schedule found, or `acts` if no smaller schedule breaks the rule."""
+        """Return the smallest schedule found that breaks the rule, at worst `acts` itself."""
         smallest = tuple(acts)
         while (smaller := self._round(smallest)) != smallest:
             smallest = smaller
@@ -343,7 +343,7 @@ class Campaign:
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the seed's first broken rule; `hear` gets the number of each try."""
+        """Return the smallest schedule that breaks the first broken rule; `hear` gets the number of each try."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:

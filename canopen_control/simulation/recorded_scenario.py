@@ -206,7 +206,7 @@ class RecordedRobot:
 
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
-    """Convert a recording to a scenario; ConfigError without a frame on a bus of the robot."""
+    """Convert a recording to a scenario; raise ConfigError without a frame on a bus of the robot."""
     known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
         buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no bus"

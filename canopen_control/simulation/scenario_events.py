@@ -101,12 +101,12 @@ KINDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class ScenarioEvent:
-    """Event `at_ns` after the start, of a kind in KINDS; `for_ns` is its duration, None: unlimited or instantaneous.
+    """Event of a schedule, `at_ns` after the start; `for_ns` None means unlimited or instantaneous.
 
-    `target` is a node id, `master`, or a controller; `name` is the name of a fault, a quirk or an action, `world` a
-    disturbance of the physics world. `times` are the times in s of the points of a trajectory, whose values are
-    concatenated; empty for one point. `when` is a state machine and a state, such as "axis power BRAKING": the event
-    waits until its node, or any node, is in this state.
+    `kind` is a key of KINDS. `target` is a node id, `master`, or a controller; `name` is the name of a fault, a quirk
+    or an action, `world` a disturbance of the physics world. `times` are the times in s of the points of a trajectory,
+    whose values are concatenated; empty for one point. `when` is a state machine and a state, such as "axis power
+    BRAKING": the event waits until its node, or any node, is in this state.
     """
 
     at_ns: int

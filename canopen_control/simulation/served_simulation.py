@@ -85,7 +85,7 @@ class OutsideClient(SimulatedClient):
 
 
 class ServedSimulation:
-    """Server that connects other programs to a player's robot; RobotConfigError if the socket is in use.
+    """Server that connects other programs to a player's robot; raises RobotConfigError if the socket is in use.
 
     Requests are received and answers sent during `wait`, which follows each `slice_ns` of virtual time.
     """
@@ -133,7 +133,7 @@ class ServedSimulation:
         self._front.run_for(round(seconds * 1e9))
 
     def run(self, duration_ns: int, speed: float = 1.0) -> None:
-        """Advance virtual time, at most `speed` times as fast as real time, with data exchange."""
+        """Advance virtual time at most `speed` times as fast as real time, and serve the programs meanwhile."""
         robot, begun, passed = self._player.robot, time.perf_counter(), 0
         while passed < duration_ns:
             step = min(self.slice_ns, duration_ns - passed)

@@ -45,7 +45,7 @@ class SharedOutcome:
 class SharedSimulation:
     """Robots in one physics world, each with its own random schedule and observers.
 
-    `runs` contains the run of each robot by name. ConfigError if the world refuses a robot.
+    `runs` contains the run of each robot by name. Raises ConfigError if the world refuses a robot.
     """
 
     def __init__(

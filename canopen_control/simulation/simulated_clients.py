@@ -37,7 +37,7 @@ _STATE_RATE: Final = 50.0
 
 
 class _ServerEnd:
-    """Server's end of a connection, with the interface of a non-blocking socket."""
+    """Server's end of a simulated connection, as a non-blocking socket."""
 
     def __init__(self, client: SimulatedClient, actor: Actor) -> None:
         self._client, self._actor = client, actor
@@ -61,7 +61,7 @@ class _ServerEnd:
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
-        """Return data of the client, empty after the client has left; BlockingIOError without data."""
+        """Return data of the client, empty after its end has closed; raise BlockingIOError without data."""
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
@@ -71,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send the part of the data that the client accepts, return its length; BlockingIOError if none."""
+        """Send what the client accepts, and return the number of bytes; raise BlockingIOError if that is none."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)
@@ -90,7 +90,7 @@ class _ServerEnd:
 
 
 class _Listener:
-    """Listening socket for simulated clients, with the interface of `socket.socket`."""
+    """Listening socket for simulated clients."""
 
     def __init__(self, actor: Actor) -> None:
         self._actor = actor
@@ -106,7 +106,7 @@ class _Listener:
         self._actor.arrived()
 
     def accept(self) -> tuple[_ServerEnd, str]:
-        """Return the oldest pending connection; BlockingIOError without a pending connection."""
+        """Return the oldest pending connection; raise BlockingIOError without a pending connection."""
         if not self._waiting:
             self._actor.selector.clear_ready(self._fileno)
             raise BlockingIOError

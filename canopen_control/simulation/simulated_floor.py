@@ -30,7 +30,7 @@ _PREFIX: Final = "canopen_control-"
 
 
 def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> World:
-    """Return the physics world of one robot, with the objects of a world file; RobotConfigError without joints."""
+    """Return one robot's physics world, with the objects of a world file; raise RobotConfigError without joints."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as folder:
         return read_world(write_plant(setup, joints, world, Path(folder)))
 
@@ -74,7 +74,7 @@ class SimulatedFloor:
         return self._world.describe()
 
     def act(self, world_act: WorldAct) -> None:
-        """Apply a disturbance; ConfigError for a missing link or joint."""
+        """Apply a disturbance; raise ConfigError for a missing link or joint."""
         self._keep_up_with(self._time.now_ns)
         if isinstance(self._world, AcceptsEvents):
             self._world.act(world_act)

@@ -248,7 +248,7 @@ class StatusInvariants:
             self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value} but is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
-        """Check the values and the time stamp of `/joint_states`."""
+        """Check the values and the time stamp of the published `/joint_states`."""
         by_joint: dict[str, Values] = sample.joints
         for shaft in self._shafts:
             values = by_joint.get(shaft.joint, {})
@@ -296,7 +296,7 @@ class StatusInvariants:
             self._report_once(name, since, "event_missing", f"{name} was lost, and no event reports the loss")
 
     def _judge_fault(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that a drive fault on the bus has an event."""
+        """Check that an event reports a drive fault that is seen on the bus."""
         hidden = max(self._disturbed.hidden_at, self._robot.started_ns)
         is_in_fault = view.in_fault and now - view.status_at < _EVERY_NS
         if (
@@ -309,7 +309,7 @@ class StatusInvariants:
             )
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an EMCY with an error has an event; one event is enough for a series."""
+        """Check that an event reports an EMCY with an error; one event is enough for a series."""
         sent = self._emcys.get(name, 0)
         if not sent:
             if view.emcy_at > self._emcys_told.get(name, 0):
@@ -323,7 +323,7 @@ class StatusInvariants:
             self._report("event_missing", f"{name} has sent an EMCY, and no event reports it")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that a repeated toggle bit in a guarding answer has an event."""
+        """Check that an event reports a repeated toggle bit in a guarding answer."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
@@ -333,7 +333,7 @@ class StatusInvariants:
             )
 
     def _judge_jumps(self, events: list[RobotEvent]) -> None:
-        """Check that each jump event belongs to a jump of the drive's count."""
+        """Check that a position jump is only reported if the drive's count has jumped."""
         for event in events:
             if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
                 continue
