@@ -153,11 +153,11 @@ class ProgramArea:
     def _part_of_date(self, part: int) -> int:
         return self.date[part]
 
-    def lose(self) -> None:
+    def erase(self) -> None:
         """Erase the program; the boot-loader runs from the next reset on."""
         self.image, self.error = b"", FlashError.NO_PROGRAM
 
-    def mend(self) -> None:
+    def restore_factory(self) -> None:
         """Restore the manufacturer's program for the next reset, unless the flash has a complete program."""
         if not self.is_whole:
             self.image, self.error = FACTORY_PROGRAM, FlashError.NONE

@@ -233,9 +233,9 @@ def program_lost(node: VirtualNode, on: bool, now: int) -> None:
     if node.program is None:
         return
     if on:
-        node.program.lose()
+        node.program.erase()
     else:
-        node.program.mend()
+        node.program.restore_factory()
     node.power_on(now)
 
 

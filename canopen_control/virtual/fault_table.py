@@ -190,7 +190,7 @@ def parse_fault(text: str) -> tuple[Fault, int]:
 
 _FLOOD_NS = 1_000_000
 _OTHER_SERIAL = 1000
-_DEVICES = {"axis": "a drive", "program": "one whose program can be loaded (0x1F51)"}
+_DEVICES = {"axis": "drives", "program": "devices with a loadable program (0x1F51)"}
 
 
 class FaultSwitches:
@@ -225,10 +225,8 @@ class FaultSwitches:
     def _require(self, fault: Fault) -> None:
         node = self._node
         if not fault.fits(node):
-            which = _DEVICES.get(fault.acts) or f"not a drive and has a profile with {fault.acts}s"
-            raise ConfigError(
-                f"{fault.name} is a fault of a device that is {which}; node {node.node_id} is {node.name}"
-            )
+            which = _DEVICES.get(fault.acts) or f"devices other than drives, with {fault.acts}s"
+            raise ConfigError(f"{fault.name} is possible only on {which}; node {node.node_id} is {node.name}")
 
     def set_quirks(self, outgoing: tuple[Outgoing, ...], incoming: tuple[Incoming, ...]) -> None:
         self._outgoing, self._incoming = outgoing, incoming

@@ -137,7 +137,7 @@ class ServedBus:
             name += f", serial number {self.nodes[0].store.number(0x1018, 4)}"  # by which LSS finds the node
         return f"{which} ({name}) ready on {self.port.channel}"
 
-    # -- what happens
+    # -- events
 
     def _on_event(self, node: VirtualNode, event: object) -> None:
         words = in_words(event)
@@ -290,7 +290,7 @@ class DriveProcess:
         for bus in self._buses:
             bus.advance(now)
 
-    # -- what happens
+    # -- events
 
     def _log(self, prefix: str, text: str) -> None:
         line = f"{(self._reactor.now() - self._started) * 1e-9:9.3f} {prefix}{text}"

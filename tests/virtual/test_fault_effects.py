@@ -312,7 +312,7 @@ def test_a_fault_of_inputs_is_refused_by_a_drive_and_one_of_axes_by_a_module(num
     node = virtual(number).node if number else bench().node
     switches = node.switches or FaultSwitches(node)
     for act in (lambda: switches.set(name, True, 0), lambda: switches.schedule(name)):
-        with pytest.raises(ConfigError, match=f"{name} is a fault of a device that is"):
+        with pytest.raises(ConfigError, match=f"{name} is possible only on "):
             act()
 
 
@@ -337,7 +337,7 @@ def test_outputs_that_are_overloaded_are_off_at_the_terminals_and_told():
 
 
 def test_outputs_are_overloaded_where_there_are_some():
-    with pytest.raises(ConfigError, match="a device that is not a drive and has a profile with outputs"):
+    with pytest.raises(ConfigError, match="only on devices other than drives, with outputs"):
         FaultSwitches(virtual(406).node).set("output_overload", True, 0)
 
 
@@ -401,5 +401,5 @@ def test_a_flash_that_is_slow_is_busy_for_long(programmed):
 
 
 def test_a_drive_without_a_program_area_has_no_such_faults():
-    with pytest.raises(ConfigError, match=r"of a device that is one whose program can be loaded \(0x1F51\)"):
+    with pytest.raises(ConfigError, match=r"only on devices with a loadable program \(0x1F51\)"):
         bench().set("flash_slow")
