@@ -77,7 +77,6 @@ CURRENT_S: Final = 0.2
 ENABLE_S: Final = 15.0
 CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
 """Objects with the current in per mille of the rated current, or else the torque in per mille of the rated torque."""
-_TARGET: Final = "target"
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +131,7 @@ def drive_of_robot(client: RobotClient, node: str, axis: int, mode: str) -> JogD
 
 def takes_targets(controller: ControllerReading, joint: str) -> bool:
     """Whether a controller is active and accepts targets for a single joint."""
-    return controller.active and controller.topic == _TARGET and controller.joints == (joint,)
+    return controller.active and controller.topic == "target" and controller.joints == (joint,)
 
 
 def users_of(controllers: Iterable[ControllerReading], joint: str) -> list[str]:

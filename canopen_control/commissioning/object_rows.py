@@ -318,7 +318,6 @@ _CONTROLWORD: Final = {
 }
 _INPUTS: Final = {0: "negative limit switch", 1: "positive limit switch", 2: "home switch", 3: "interlock"}
 _MODES: Final = {mode - 1: mode.name for mode in OperationMode if mode > 0}
-_ERROR_REGISTER: Final = 0x1001
 
 
 class NamedBit(NamedTuple):
@@ -351,7 +350,7 @@ def bits_of(index: int, subindex: int, value: object, mode: int | None = None) -
     if base == objects.CONTROLWORD:
         mode_bits = MODE_BITS.get(mode) if mode is not None else None
         return _named(value, {**_CONTROLWORD, **(mode_bits.controlword if mode_bits is not None else {})})
-    if index == _ERROR_REGISTER:
+    if index == 0x1001:  # error register
         return _named(value, {bit.bit_length() - 1: text for bit, text in REGISTER_TEXTS.items()})
     if base == objects.SUPPORTED_DRIVE_MODES:
         return _named(value, _MODES)

@@ -416,9 +416,6 @@ def value_text(entry: Entry, value: Value) -> str:
 # whose value has changed is then no parameter, whatever the EDS says.
 
 
-_VARIES = "two readings differed, so the object is not a parameter"
-
-
 @dataclass(frozen=True, slots=True)
 class LeftOut:
     """Parameter that could not be read, or whose value varies, with the reason."""
@@ -456,7 +453,7 @@ def read_parameters(
         for address in [
             address_read for address_read, value in values.items() if not _again(od[address_read], again, value)
         ]:
-            left_out.append(LeftOut(od[address], _VARIES))
+            left_out.append(LeftOut(od[address], "two readings differed, so the object is not a parameter"))
             del values[address]
     return ParameterSet(od, session.node_id, identity, without_unused_slots(values), str(session)), left_out
 

@@ -48,7 +48,6 @@ _FLASH_S: Final = 10.0  # timeout of a node that erases or writes its flash befo
 _DEVICE_FILE: Final = b"[fileinfo]"  # section of every EDS and DCF (CiA 306-1)
 _TEXT: Final = (b"[", b";")  # first characters of an EDS or DCF
 _EPOCH: Final = datetime.date(1984, 1, 1)  # day 0 of 0x1F52, as of 0x1020 (CiA 301, 7.5.2.23)
-_MOST_DAYS: Final = 0xFFFF
 _DAY_MS: Final = 86_400_000
 _REPORT_S: Final = 0.2  # interval of progress reports
 _SILENT: Final = -1  # instead of a number if the node is silent; bit 0 of it means busy in 0x1F57
@@ -292,7 +291,7 @@ def _verify_date(options: ProgramOptions, progress: DownloadProgress) -> Sequenc
 def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
     """Read the date of the program from 0x1F52, or return None if missing or invalid."""
     days = yield from _number(SOFTWARE_DATE, 1)
-    if not days or not 0 < days <= _MOST_DAYS:
+    if not days or not 0 < days <= 0xFFFF:
         return None
     milliseconds = yield from _number(SOFTWARE_DATE, 2)
     is_set = milliseconds is not None and 0 <= milliseconds < _DAY_MS
@@ -310,13 +309,12 @@ def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
 # Execution of a program download through a service session, with checks of the node before and after.
 
 
-_PROFILE: Final = 0xFFFF
 _VENDOR: Final = FIELDS["vendor_id"][1]
 
 
 def is_loader(identity: DeviceIdentity) -> bool:
     """Whether the node runs its boot-loader, whose device type (0x1000) names no profile."""
-    return not (identity.device_type or 0) & _PROFILE
+    return not (identity.device_type or 0) & 0xFFFF
 
 
 def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from canopen_control.commissioning.scope_signals import Signal
 
@@ -342,13 +343,7 @@ def refuse_without_pictures() -> None:
 
 def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tuple[float, float] | None = None) -> bytes:
     """Draw a capture as PNG, one plot per signal, with an overlay of the same signals and two cursors."""
-    refuse_without_pictures()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    count = len(named.names)
-    figure = Figure(figsize=(_WIDTH, 0.7 + _ROW * count), dpi=_DPI, layout="constrained")
-    axes = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = _figure(len(named.names))
     for place, axis in enumerate(axes):
         name = named.names[place]
         if overlay is not None and (overlay_place := overlay.place(name)) is not None:
@@ -356,7 +351,6 @@ def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tupl
         _line(axis, named.shot, place, color=f"C{place}", label=name)
         unit = named.units[place] if place < len(named.units) else ""
         axis.set_ylabel(unit, fontsize=8)
-        axis.tick_params(labelsize=8)
         axis.grid(visible=True, linewidth=0.4)
         if named.shot.triggered is not None:
             axis.axvline(0.0, color=_CURSOR, linewidth=0.8, linestyle=":")
@@ -364,6 +358,23 @@ def picture_of(named: NamedShot, overlay: NamedShot | None = None, cursors: tupl
             axis.axvline(at, color=_CURSOR, linewidth=0.9)
         axis.legend(loc="upper right", fontsize=8)
     axes[-1].set_xlabel(_time_words(named.shot, cursors), fontsize=8)
+    return _png(figure)
+
+
+def _figure(rows: int) -> tuple[Figure, list[Axes]]:
+    refuse_without_pictures()
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_WIDTH, 0.7 + _ROW * rows), dpi=_DPI, layout="constrained")
+    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    for axis in axes:
+        axis.tick_params(labelsize=8)
+    return figure, axes
+
+
+def _png(figure: Figure) -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     out = io.BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(out, format="png")
@@ -381,26 +392,17 @@ def plotted(
 
     `mark` is the x value of a vertical line.
     """
-    refuse_without_pictures()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(_WIDTH, 0.7 + _ROW * len(rows)), dpi=_DPI, layout="constrained")
-    axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = _figure(len(rows))
     for axis, (label, places, values) in zip(axes, rows, strict=True):
         axis.plot(places, values, linewidth=1.1)
         axis.set_ylabel(label, fontsize=8)
-        axis.tick_params(labelsize=8)
         axis.grid(visible=True, which="both", linewidth=0.4)
         if logarithmic:
             axis.set_xscale("log")
         if mark is not None:
             axis.axvline(mark, color=_CURSOR, linewidth=0.8, linestyle=":")
     axes[-1].set_xlabel(unit, fontsize=8)
-    out = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(out, format="png")
-    return out.getvalue()
+    return _png(figure)
 
 
 def _line(axis: Axes, shot: Shot, place: int, *, color: str, label: str) -> None:

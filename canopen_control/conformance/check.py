@@ -79,17 +79,6 @@ def clause_names(text: str) -> frozenset[str]:
     return frozenset(_NAMED.findall(_DOCUMENT.sub("", text)))
 
 
-def is_of_clause(check: Check, clause: str) -> bool:
-    """Whether a check belongs to a clause, such as "CiA 301, 7.2.4.3 (SDO)", or to one of its subsections."""
-    names, own = clause_names(clause), clause_names(check.clause)
-    sections = {name for name in names if not name.startswith("0x")}
-    if names & own - sections:
-        return True  # an object has one meaning in all documents
-    if ("402" in clause.split(",")[0]) != (check.group == "402"):
-        return False
-    return any(mine == section or mine.startswith(section + ".") for section in sections for mine in own)
-
-
 GENERAL_ERROR = 0x08000000  # abort code that a device may always use (CiA 301, 7.2.4.3.17)
 
 

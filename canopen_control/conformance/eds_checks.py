@@ -22,7 +22,6 @@ EDS_CHECKS = CheckList("306")
 _add = EDS_CHECKS.add
 _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 _SHOWN = 5  # issues in a result
-_DRIVES = 402
 _SHAPE = ("section-form", "section-repeated", "stray-line", "key-number", "key-repeated", "entry-repeated")
 _ROWS = (
     ("E01", "file format", "the file has no syntax error", _MUST, _SHAPE),  # T 1.0
@@ -133,7 +132,7 @@ def _bit_rates(node: CheckedNode) -> None:
 def _drive(node: CheckedNode) -> None:
     od = _eds(node).od
     entry = od.get(0x1000)
-    if entry is None or not isinstance(entry.value, int) or entry.value & 0xFFFF != _DRIVES:
+    if entry is None or not isinstance(entry.value, int) or entry.value & 0xFFFF != 402:
         raise NotApplicable("the low word of 0x1000 is not 402: no drive")
     required = (
         o.CONTROLWORD,

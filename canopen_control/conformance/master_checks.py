@@ -37,7 +37,7 @@ class MasterCheck(NamedTuple):
 
 
 # ruff: noqa: E501 - one check is one line of the table
-_SDO, _PDO, _MAP, _NMT, _HB, _SYNC = "7.2.4.3", "7.2.2", "7.5.2.36 and 7.5.2.38", "7.2.8.3", "7.2.8.3.2.2", "7.2.5"
+_SDO, _MAP, _NMT, _HB = "7.2.4.3", "7.5.2.36 and 7.5.2.38", "7.2.8.3", "7.2.8.3.2.2"
 _BOOT, _POWER = "302-2, boot NMT slave", "402-2, 6.3 (power state machine)"
 _CONTROL = "402-2, object 0x6040"
 # EN 60204-1, 9.2.3 (start) and 7.5 (restoration of the supply) forbid a restart without an intended command.

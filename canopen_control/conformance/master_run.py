@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from canopen_control.cia301.emcy import EMCY_COB_ID
 from canopen_control.cia301.nmt import ERROR_CONTROL_COB_ID, NMT_COB_ID, NmtState
 from canopen_control.cia301.sdo_codec import ABORT, ANSWER_BASE, REQUEST_BASE
 from canopen_control.conformance.master_checks import MS, MasterFindings, MasterObserver, S
@@ -34,7 +35,6 @@ _ENABLE_NS = 5 * S  # time for an operator to enable the drive again
 _BOOT_NS = 200 * MS  # boot time of the device
 _STEP_NS = 20 * MS
 _BEHIND_NS = 100 * MS
-_EMCY = 0x80
 #: checks of each kind of stage, which a run that is too short leaves out
 _OF_STAGE = {
     "fault": ("MF01", "MF02"),
@@ -183,7 +183,10 @@ class MasterJudge:
     def _log(self, direction: str, frame: CanFrame) -> None:
         """Log a frame from or to the device; an RPDO is logged only if its data have changed."""
         node_id, can_id = self.node.node_id, frame.can_id & 0x7FF
-        services = (NMT_COB_ID, *(base + node_id for base in (REQUEST_BASE, ANSWER_BASE, ERROR_CONTROL_COB_ID, _EMCY)))
+        services = (
+            NMT_COB_ID,
+            *(base + node_id for base in (REQUEST_BASE, ANSWER_BASE, ERROR_CONTROL_COB_ID, EMCY_COB_ID)),
+        )
         if can_id in services:
             self.findings.record(direction, frame)
         elif any(rpdos_of(self.node, frame)) and self._shown.get(can_id) != frame.data:

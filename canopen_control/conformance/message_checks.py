@@ -37,7 +37,6 @@ _RESTRICTED = (0x001, 0x07F, 0x101, 0x180, 0x581, 0x601, 0x6E0, 0x701)
 _IDS = (1 << 29) - 1
 _OFF = 1 << 31  # bit 31 of a COB-ID
 _SAVE, _LOAD, _WRONG = b"save", b"load", b"evas"  # the signature in the wrong order of bytes
-_LENGTH_CODES = (0x8210, 0x8220)
 
 
 # -- SYNC

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from canopen_control.conformance.checked_node import CheckedNode
     from canopen_control.frame import CanFrame
+    from canopen_control.od.model import Address
 
 
 PDO_CHECKS = CheckList("301")
@@ -611,19 +612,19 @@ def _mapped_operational(node: CheckedNode) -> None:
 # -- RPDO frames
 
 
-def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, int, int]:
-    """Return RPDO data that differ in one object without causing motion, and the object's index and subindex."""
+def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, Address]:
+    """Return RPDO data that differ in one object without causing motion, and the address of the object."""
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
         if index not in (*DUMMY_TYPES, _MODE):
             image = int.from_bytes(data, "little") ^ (_HALT if index == _CONTROLWORD else 1) << shift
-            return image.to_bytes(len(data), "little"), index, subindex
+            return image.to_bytes(len(data), "little"), (index, subindex)
         shift += bits
     raise NotApplicable("no object of the first RPDO can have another value without an effect")
 
 
-def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, applied: bool) -> None:
+def _expect_value(node: CheckedNode, frame: bytes, address: Address, *, applied: bool) -> None:
     """Check whether the device applies the value in an RPDO; then restore the old value."""
     record = first_pdo(node)
     before = node.read(*address)
@@ -641,9 +642,9 @@ def _expect_value(node: CheckedNode, frame: bytes, address: tuple[int, int], *, 
 @_add("P17", "7.2.2.5", "an RPDO that is one byte short has no effect", touch=_CONFIGURE)  # T 5.4
 def _short_rpdo(node: CheckedNode) -> None:
     record = first_pdo(node)
-    frame, *address = _other_values(node, record)
+    frame, address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame[:-1], (address[0], address[1]), applied=False)
+        _expect_value(node, frame[:-1], address, applied=False)
 
 
 @_add("P17e", "7.2.7", "an RPDO that is too short raises EMCY 0x8210", _SHOULD, _CONFIGURE)  # T 5.4
@@ -664,39 +665,39 @@ def _long_rpdo(node: CheckedNode) -> None:
     record = first_pdo(node)
     if record.length == 8:
         raise NotApplicable("the first RPDO has 8 bytes already")
-    frame, *address = _other_values(node, record)
+    frame, address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame + b"\0", (address[0], address[1]), applied=True)
+        _expect_value(node, frame + b"\0", address, applied=True)
 
 
 @_add("P18n", "7.2.2", "an RPDO of the mapped length is applied in OPERATIONAL", touch=_CONFIGURE)
 def _rpdo(node: CheckedNode) -> None:
     record = first_pdo(node)
-    frame, *address = _other_values(node, record)
+    frame, address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}), node.operational():
-        _expect_value(node, frame, (address[0], address[1]), applied=True)
+        _expect_value(node, frame, address, applied=True)
 
 
 @_add("P19", "7.3.2.2.2", "an RPDO in PRE-OPERATIONAL is ignored", touch=_CONFIGURE)
 def _rpdo_preop(node: CheckedNode) -> None:
     record = first_pdo(node)
-    frame, *address = _other_values(node, record)
+    frame, address = _other_values(node, record)
     with reconfigured(node, record, {2: 255}):
-        _expect_value(node, frame, (address[0], address[1]), applied=False)
+        _expect_value(node, frame, address, applied=False)
 
 
 @_add("P19s", "7.5.2.35", "an RPDO of transmission type 1 takes effect at the next SYNC", touch=_CONFIGURE)
 def _rpdo_at_sync(node: CheckedNode) -> None:
     record = first_pdo(node)
-    frame, *address = _other_values(node, record)
+    frame, address = _other_values(node, record)
     with reconfigured(node, record, {2: 1}), node.operational():
-        before = node.read(address[0], address[1])
+        before = node.read(*address)
         node.send(record.can_id, frame)
         node.listen(SYNC_PERIOD_S)
-        early = node.read(address[0], address[1])
+        early = node.read(*address)
         _syncs(node, 1, record.can_id)
-        after = node.read(address[0], address[1])
+        after = node.read(*address)
         if after != before:
-            node.write(address[0], address[1], before)
+            node.write(*address, before)
     expect(early == before, "the value took effect before the SYNC", "no change")
     expect(after != before, "the value did not take effect at the SYNC", "the new value")

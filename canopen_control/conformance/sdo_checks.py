@@ -39,7 +39,6 @@ _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
 _UPLOAD_ANSWER, _BLOCK_UPLOAD = 0x40, 0xA0
 _MANDATORY = (0x1000, 0x1001, 0x1018)
 _UNREAD = 2  # ObjFlags bit 1: not read in a scan (CiA 306)
-_SERVER = 0x1200
 _STRINGS = (0x1008, 0x1009, 0x100A)
 
 
@@ -103,7 +102,7 @@ def _unknown_command(node: CheckedNode) -> None:
 @_add("S12", "7.5.2.33", "0x1200 shows the identifiers of the default SDO")  # T 2.12
 def _server_parameters(node: CheckedNode) -> None:
     for subindex, base in ((1, REQUEST), (2, ANSWER)):
-        value = node.number(_SERVER, subindex)
+        value = node.number(0x1200, subindex)
         expect(value == base + node.node_id, f"0x{value:08X} in :{subindex:02X}", f"0x{base + node.node_id:X}")
 
 

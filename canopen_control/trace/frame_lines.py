@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 _REPEATED = frozenset(("pdo", "hb", "sync", "time"))
 _KNOWN = 4096  # maximum number of identifiers whose last data are stored
 _ALIASES = {"heartbeat": "hb", "heartbeats": "hb", "guarding": "hb"}
-_STANDARD = 0x7FF
 
 
 @dataclass(slots=True)
@@ -96,7 +95,7 @@ def _identifier(text: str) -> int:
         raise ValueError(f"{text!r}: an identifier is hexadecimal, as in 181 or 0x181") from None
     if not 0 <= value <= 0x1FFFFFFF:
         raise ValueError(f"{text!r}: identifiers are 0 to 1FFFFFFF")
-    return value | EXTENDED_FLAG if value > _STANDARD or len(text.lower().removeprefix("0x")) > 3 else value
+    return value | EXTENDED_FLAG if value > 0x7FF or len(text.lower().removeprefix("0x")) > 3 else value
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
