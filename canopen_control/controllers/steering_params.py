@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from canopen_control.controllers.params import Params
 
 
-_MOST_JOINTS: Final = 4
 #: upstream's default: the indices of the diagonal, by mistake, instead of its values
 _COVARIANCE: Final[Six] = (0.0, 7.0, 14.0, 21.0, 28.0, 35.0)
 

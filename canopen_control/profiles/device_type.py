@@ -73,7 +73,7 @@ def profile_of(od: ObjectDictionary) -> Profile:
         for axis in range(_AXES)
     ):
         return Profile.DRIVE
-    entry = od.get(DEVICE_TYPE)
+    entry = od.get(DEVICE_TYPE)  # the low word is the number of the profile (CiA 301 7.5.2.1)
     number = entry.value & 0xFFFF if entry is not None and isinstance(entry.value, int) else 0
     if number:
         is_known = number in _WORDS and number != Profile.DRIVE

@@ -54,6 +54,7 @@ def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
     index = index or next((candidate for candidate in (0x7130, 0x9130, 0x6130, 0x8130) if (candidate, 1) in od), None)
     for subindex in () if index is None else od.subindices(index):
         if 1 <= subindex < 0xFF:
+            # CiA 404: bit 0 invalid, bit 1 positive overload, bit 2 negative overload
             status = (0x6150, subindex) if (0x6150, subindex) in od else None
             unit, scales = _unit(od, index or 0, subindex, 0x6131, 0x6132)
             yield Signal(f"ai{subindex - 1}", index or 0, subindex, unit=unit, status=status, scales=scales)
@@ -68,7 +69,7 @@ def measuring_signals(od: ObjectDictionary) -> Iterator[Signal]:
 def _mapped(od: ObjectDictionary, index: int) -> bool:
     """Whether a TPDO maps the object by default."""
     return any(
-        isinstance(entry.value, int) and entry.value >> 16 == index
+        isinstance(entry.value, int) and entry.value >> 16 == index  # mapping entry, CiA 301 7.5.2.38
         for entry in od
         if 0x1A00 <= entry.index < 0x1C00 and entry.subindex
     )
@@ -108,7 +109,7 @@ def encoder_signals(od: ObjectDictionary) -> Iterator[Signal]:
     scales = (scale,) if scale.address in od else ()
     plain = 1.0 if scales else scale.of(scale.assumed)
     if (0x6004, 0) in od:
-        wraps = (0x6002, 0) if (0x6002, 0) in od else None
+        wraps = (0x6002, 0) if (0x6002, 0) in od else None  # CiA 406: the position wraps at the total range
         yield Signal("position", 0x6004, factor=plain, unit=unit, scales=scales, unwrap=wraps)
         yield Signal("position_absolute", 0x6004, factor=plain, unit=unit, scales=scales)
     elif (0x6020, 1) in od:
