@@ -267,7 +267,6 @@ class Job:
 
     @property
     def declared(self) -> Mapping[str, JobOption]:
-        """Options of the job by name."""
         return {name: one for name, one in options_of(self.options).items() if name not in self.without}
 
     @property

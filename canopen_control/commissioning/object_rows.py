@@ -316,6 +316,7 @@ _CONTROLWORD: Final = {
     7: "fault reset",
     8: "halt",
 }
+# 0x60FD (CiA 402-2)
 _INPUTS: Final = {0: "negative limit switch", 1: "positive limit switch", 2: "home switch", 3: "interlock"}
 _MODES: Final = {mode - 1: mode.name for mode in OperationMode if mode > 0}
 

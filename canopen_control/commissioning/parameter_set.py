@@ -61,8 +61,9 @@ if TYPE_CHECKING:
 _MAPPINGS: Final = tuple(range(first, first + COUNT) for first in MAPPING.values())
 _MOST_MAPPED: Final = 64  # a higher count identifies an MPDO (CiA 301, 7.5.2.36)
 _NO_TRANSFER: Final = 0b11  # ObjFlags: not written in a download, not read in a scan (CiA 306-1)
+# error history, store, restore, time stamp and OS commands of CiA 301; requests of CiA 302
 _COMMANDS: Final = frozenset((0x1003, 0x1010, 0x1011, 0x1013, *range(0x1023, 0x1027), 0x1F25, 0x1F82, 0x1F83))
-_PROGRAM: Final = range(0x1F50, 0x1F59)  # CiA 302-3
+_PROGRAM: Final = range(0x1F50, 0x1F59)  # program download (CiA 302-3)
 _DRIVE_COMMANDS: Final = (MOTION | {TOUCH_PROBE_FUNCTION}) - {MODES_OF_OPERATION}
 _VENDOR_COMMANDS: Final = {
     0x286: frozenset((0x210B, 0x2700, 0x2701)),  # Trinamic: position of the motion controller, store and restore

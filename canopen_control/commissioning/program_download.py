@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 DATA, CONTROL, SOFTWARE_DATE, IDENTIFICATION, FLASH = 0x1F50, 0x1F51, 0x1F52, 0x1F56, 0x1F57
-STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80
+STOP, START, CLEAR, CONFIRM = 0, 1, 3, 0x80  # values of 0x1F51 (CiA 302-3); 0x80 confirms a program on trial in Zephyr
 _STOPPED: Final = (STOP, CLEAR)
 _RESETTING: Final = (STOP, START)  # commands at which a node may reset
 _BUSY_S: Final = 30.0  # maximum time to erase or write a flash
@@ -51,6 +51,7 @@ _EPOCH: Final = datetime.date(1984, 1, 1)  # day 0 of 0x1F52, as of 0x1020 (CiA 
 _DAY_MS: Final = 86_400_000
 _REPORT_S: Final = 0.2  # interval of progress reports
 _SILENT: Final = -1  # instead of a number if the node is silent; bit 0 of it means busy in 0x1F57
+# bits 1 to 7 of 0x1F57 (CiA 302-3)
 _ERRORS: Final = {
     1: "no valid program",
     2: "unknown data format",
@@ -249,7 +250,7 @@ def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
         if status is None:
             yield DownloadOrder(DownloadAct.PAUSE, seconds=_NO_STATUS_S)
             return ""
-        if not status & 1:
+        if not status & 1:  # bit 0 of 0x1F57: in progress
             return flash_text(status)
         yield DownloadOrder(DownloadAct.PAUSE, seconds=pause)
         seconds -= pause + (_SILENCE_S if status == _SILENT else 0.0)

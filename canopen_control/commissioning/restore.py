@@ -484,7 +484,6 @@ class RestoreReport:
     stored: bool
 
     def words(self, session: NodeSession) -> str:
-        """Return the final sentence of the restore."""
         if self.refused:
             end = "the drive is unchanged" if self.undone else "the accepted values are kept, but not stored"
             return f"{session}: {len(self.refused)} parameters refused; {end}"

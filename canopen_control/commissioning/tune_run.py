@@ -494,7 +494,6 @@ class TuneRequest:
         return scale.si(self.speed)
 
     def excitation(self, scale: JogScale) -> Excitation:
-        """Return the excitation signal of the test."""
         if self.test is TuneTest.STEP:
             return StepExcitation(self.height(scale), self.seconds + LEAD_S)
         if self.test is TuneTest.IDENTIFY:

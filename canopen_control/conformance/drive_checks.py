@@ -461,6 +461,7 @@ def _faulted(node: CheckedNode, word: int = 0x0F) -> Iterator[list[int]]:
     is_drive(node)
     other = other_node_id(node)
     can_id = node.number(0x1014) & 0x7FF
+    # with 0x6007 = 1 (fault signal) a lost heartbeat leads to FAULT (CiA 402-2)
     with option(node, o.ABORT_CONNECTION_OPTION, 1), drive_at(node, OE):
         control(node, word)
         with node.kept(0x1016, 1):

@@ -24,7 +24,7 @@ LIMIT_S = 10.0  # longest time of a transition, or of a change of mode
 _STANDING = (OperationMode.PV, OperationMode.PP, OperationMode.CSV, OperationMode.CSP)
 SOD, RTSO, ON, OE = State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.OPERATION_ENABLED
 QSA, FAULT = State.QUICK_STOP_ACTIVE, State.FAULT
-_UP, _UP_WORDS = (SOD, RTSO, ON, OE), (0x06, 0x07, 0x0F)
+_UP, _UP_WORDS = (SOD, RTSO, ON, OE), (0x06, 0x07, 0x0F)  # transitions 2, 3 and 4 (CiA 402-2, 6.3)
 
 
 def is_drive(node: CheckedNode) -> None:

@@ -28,7 +28,7 @@ _MOST_COMMANDS = 10  # maximum number of NMT commands per second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
-    """Whether an object is a record of one of the 512 PDOs from an index in `bases` on."""
+    """Whether an object is a PDO record, where `bases` are the first indices of the ranges of 512 records."""
     return any(base <= index < base + 0x200 for base in bases)
 
 

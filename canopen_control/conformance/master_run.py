@@ -151,7 +151,6 @@ class MasterJudge:
             observer.tick(now)
 
     def begin(self, stage: Stage, now: int) -> None:
-        """Begin a stage and inject its faults."""
         self.findings.now = now
         self.reactions.begin(stage, now)
         self._answers.arm(on=stage.holds)

@@ -37,7 +37,7 @@ _add, _add_lss = NMT_CHECKS.add, LSS_CHECKS.add
 _SHOULD, _CONFIGURE = CheckLevel.SHOULD, CheckTouch.CONFIGURE
 _PERIOD_MS = 50  # heartbeat period while a check monitors the NMT state
 _BOOT_S = 5.0  # longest time to the boot-up message
-HEARTBEAT_LOST = 0x8130
+HEARTBEAT_LOST = 0x8130  # EMCY error code of a lost heartbeat or life guarding (CiA 301, 7.2.7)
 _START_FLAGS = 0x1F80  # bit 2 clear: OPERATIONAL without a command (CiA 302-2)
 _LIFE_S = 0.1
 

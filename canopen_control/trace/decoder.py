@@ -297,7 +297,7 @@ class _Decoded:
 
 @dataclass(frozen=True, slots=True)
 class _Route:
-    """Service, node and handler of a CAN identifier."""
+    """Service, node and handler for a CAN identifier."""
 
     service: str
     node_id: int | None
@@ -327,7 +327,6 @@ class _Node:
         return 0
 
     def booted(self, time: int) -> None:
-        """Forget the usual heartbeat interval at a boot-up."""
         self.beat, self.usual_gap = time, 0
 
 

@@ -81,7 +81,6 @@ class ReplayedRobot:
         answers(messages.Subscribe, self._subscribe)
 
     def close(self) -> None:
-        """Close the socket."""
         self._server.close()
 
     def _refuse(self, call: Call[Any]) -> None:

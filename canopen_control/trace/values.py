@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 _SHOWN_BYTES = 16
 _NUMBER_SIZES = (1, 2, 4, 8)
-_ERROR_BEHAVIOUR = {0: "to PRE-OPERATIONAL", 1: "no change of state", 2: "to STOPPED"}
-_SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}
+_ERROR_BEHAVIOUR = {0: "to PRE-OPERATIONAL", 1: "no change of state", 2: "to STOPPED"}  # 0x1029 (CiA 301)
+_SIGNATURES = {0x65766173: "save", 0x64616F6C: "load"}  # 0x1010 and 0x1011 (CiA 301, 7.5.2.13 and 7.5.2.14)
 
 
 class SignalValue(NamedTuple):
@@ -235,6 +235,7 @@ def _communication_record(_words: NodeWords, subindex: int, value: int) -> str:
 
 
 def _transmission(value: int) -> str:
+    # CiA 301, 7.5.2.37
     named = {0: "at SYNC when it changed", 1: "every SYNC", 252: "at SYNC, on request", 253: "on request"}
     return named.get(value) or (f"every {value} SYNCs" if value <= 240 else "on events" if value >= 254 else "reserved")
 
