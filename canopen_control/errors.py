@@ -344,7 +344,7 @@ class UnreadableMessage(RemoteError):
 _OF_USAGE = (ConfigError, InterfaceDown, InterfaceNotFound, UnknownName)
 
 
-_CLOSE = 0.6  # minimum ratio of difflib for a suggestion
+_MIN_RATIO = 0.6  # minimum ratio of difflib for a suggestion
 _OPPOSITES = ({"left", "right"}, {"front", "rear"}, {"front", "back"}, {"upper", "lower"}, {"min", "max"})
 
 
@@ -359,14 +359,14 @@ def nearest(name: str, known: Iterable[str], *, listed: bool = True) -> str:
     words = _words(name)
 
     def ratio(candidate: str) -> float:
-        theirs = _words(candidate)
-        if any(pair <= set(words) ^ set(theirs) for pair in _OPPOSITES):
+        candidate_words = _words(candidate)
+        if any(pair <= set(words) ^ set(candidate_words) for pair in _OPPOSITES):
             return 0.0
-        orders = (name, candidate), (" ".join(sorted(words)), " ".join(sorted(theirs)))
+        orders = (name, candidate), (" ".join(sorted(words)), " ".join(sorted(candidate_words)))
         return max(difflib.SequenceMatcher(None, *order).ratio() for order in orders)
 
     best = max(names, key=ratio, default="")
-    if best and ratio(best) >= _CLOSE:
+    if best and ratio(best) >= _MIN_RATIO:
         return f", did you mean {best!r}?"
     return f"; known: {', '.join(names)}" if names and listed else ""
 

@@ -108,17 +108,17 @@ class _Checker:
         self.stops: tuple[StopTime, ...] = ()
         self._files, self._options = files, options
         self._buses: dict[str, BusConfig] = {}
-        self._whole: dict[str, BusConfig] = {}  # without errors
+        self._valid_buses: dict[str, BusConfig] = {}  # without errors
 
     def run(self) -> None:
         for name, path in self._files.buses.items():
             self._read_bus(name, path)
-        self.findings += [_placed(text, self._files.description) for text in clashes_of(self._whole)]
+        self.findings += [_placed(text, self._files.description) for text in clashes_of(self._valid_buses)]
         alone = self._files.bus_alone
         control, description = (None, None) if alone else (self._read_controllers(), self._read_description())
-        for text in default_warnings(self._whole) if alone else ():
+        for text in default_warnings(self._valid_buses) if alone else ():
             self.findings += rules.findings_of(text, str(self._files.bus), 0, Severity.WARNING)
-        for text in () if description is None else unmoved_drives(self._whole, description, control):
+        for text in () if description is None else unmoved_drives(self._valid_buses, description, control):
             self.findings += rules.findings_of(text, str(self._files.bus), 0, Severity.NOTE)
         self.findings += rules.find(
             self._files,
@@ -131,7 +131,7 @@ class _Checker:
             real=self._options.real or bool(self._files.hardware.real),
         )
         self._read_world()
-        for name, config in self._whole.items():
+        for name, config in self._valid_buses.items():
             self.budgets[name] = budget = budget_of(config, cycle_ns(config, control))
             self.findings += _with_known_period(config, budget, control)
             self.findings += check_timing(config, control, description)
@@ -149,7 +149,7 @@ class _Checker:
             return
         self._buses[name] = config
         if not problems.errors:
-            self._whole[name] = config
+            self._valid_buses[name] = config
         self.findings += [_of_problem(problem, Severity.ERROR) for problem in problems.errors]
         self.findings += [_of_problem(problem, Severity.WARNING) for problem in problems.warnings]
         for note in config.notes[len(problems.warnings) :]:

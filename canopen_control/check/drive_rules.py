@@ -61,26 +61,28 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
     by_id = {str(node.node_id): name for name, node in bus.nodes.items()}
     # in ROS 1 every hardware interface has an effort, also if the robot does not measure it
     measured = {name: index for name, index in MEASURED.items() if not (description.ros1 and name == EFFORT)}
-    silent = any(tag.joints for tag in description.hardware)
+    no_feedback = any(tag.joints for tag in description.hardware)
     for tag in description.hardware:
-        silent = silent and not tag.sensors and not tag.gpios
+        no_feedback = no_feedback and not tag.sensors and not tag.gpios
         if KNOWN.get(tag.plugin) is not PluginKind.CANOPEN and not robot.real:
-            silent = False
+            no_feedback = False
             continue
         for joint in tag.joints:
             name = joint.parameters.get("device_name") or by_id.get(joint.parameters.get("node_id", "").strip(), "")
             axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
             if (plan := bus.plans.get(name)) is None or not axis.isdigit() or int(axis) >= len(plan.axes):
-                silent = False
+                no_feedback = False
                 continue
             carried = {mapped.index for layout in plan.tpdos for mapped in layout.objects}
-            silent = silent and carried.isdisjoint(objects.axis_index(index, int(axis)) for index in MEASURED.values())
-            lacks = {
+            no_feedback = no_feedback and carried.isdisjoint(
+                objects.axis_index(index, int(axis)) for index in MEASURED.values()
+            )
+            missing = {
                 interface: objects.axis_index(index, int(axis))
                 for interface, index in measured.items()
                 if interface in joint.state_interfaces and objects.axis_index(index, int(axis)) not in carried
             }
-            for interface, index in lacks.items():
+            for interface, index in missing.items():
                 text = f"joint {joint.name} has {interface} as state interface, but no TPDO of {name} has 0x{index:04X}"
                 derived = interface == VELOCITY and objects.axis_index(MEASURED[POSITION], int(axis)) in carried
                 end = "the velocity is derived from positions, later and coarser" if derived else "the value is unknown"
@@ -89,7 +91,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
                 fix = f"map 0x{index:04X} in {bus.path}" if counts else f"{file} has no such object that can be mapped"
                 severity = Severity.NOTE if derived else Severity.WARNING
                 yield Finding(description.path, joint.place.line, severity, f"{text}: {end}", fix)
-    for name, controller in robot.configured.items() if silent else ():
+    for name, controller in robot.configured.items() if no_feedback else ():
         if ALL_STATES in controller.state_interface_names():
             config = robot.config(name)
             text = f"{name} has nothing to publish: no TPDO carries a position, a velocity or an effort"
@@ -126,8 +128,8 @@ def _known(robot: CheckedRobot) -> Iterator[Finding]:
             continue
         section = bus.sections[name]
         keys = {str(key) for key in section.keys()}  # noqa: SIM118 - a Node is not a mapping
-        written = {entry.index for entry in node.boot.sdo}
-        for key, text in proposals(drive, bus.master.sync_period, keys, written, _commanded(robot, name)):
+        written_indices = {entry.index for entry in node.boot.sdo}
+        for key, text in proposals(drive, bus.master.sync_period, keys, written_indices, _commanded(robot, name)):
             yield Finding(
                 section.path,
                 section.line,
@@ -176,11 +178,11 @@ def _targets_unmapped(robot: CheckedRobot) -> Iterator[Finding]:
 
 def _commanded(robot: CheckedRobot, node: str) -> set[str]:
     """Return the command interfaces of the joints that a node moves."""
-    description = robot.description
-    joints = () if description is None else (joint for tag in description.hardware for joint in tag.joints)
-    return {
-        name for joint in joints if joint.parameters.get("device_name") == node for name in joint.command_interfaces
-    }
+    bus, description = robot.bus, robot.description
+    if bus is None or description is None:
+        return set()
+    joints = [joint for tag in description.hardware for joint in tag.joints]
+    return {name for joint in joints if node_of(bus, joint) is bus.nodes[node] for name in joint.command_interfaces}
 
 
 DRIVE_RULES: Final[tuple[Callable[[CheckedRobot], Iterator[Finding]], ...]] = (

@@ -28,6 +28,7 @@ from canopen_control.master.keys import SCALES
 from canopen_control.od.issues import Severity
 from canopen_control.rpc.messages.robot import STREAM_RATE
 from canopen_control.runtime.setup import started_controllers
+from canopen_control.runtime.sync_choice import axis_number, node_of
 from canopen_control.yamlfile.convert import keys_of
 
 if TYPE_CHECKING:
@@ -193,10 +194,9 @@ def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
     for tag in robot.description.hardware:
         ratios = {transmission.joint: transmission.reduction for transmission in tag.transmissions}
         for part in tag.joints:
-            node = robot.bus.nodes.get(part.parameters.get("device_name", ""))
+            node = node_of(robot.bus, part)
             if part.name == joint and node is not None:
-                axis = part.parameters.get("axis", "0").strip()
-                scale = node.units.of_axis(int(axis) if axis.isdigit() else 0)["vel_to_dev"]
+                scale = node.units.of_axis(axis_number(part))["vel_to_dev"]
                 return node, scale * ratios.get(joint, 1.0) < 0.0
     return None
 

@@ -102,7 +102,7 @@ def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[Joi
     """Add the joints that share a base or a controlword; also return a sentence about the added joints or ""."""
     complete = with_partners(joints)
     notes = [
-        f"{' and '.join(each.joint for each in (joint, *joint.partners))} share one controlword: "
+        f"{' and '.join(motor.joint for motor in (joint, *joint.partners))} share one controlword: "
         f"{action.value} applies to all of them"
         for joint in joints
         if any(partner not in joints for partner in joint.partners)

@@ -89,9 +89,9 @@ class TruePoseQuery:
         sense: Callable[[Mapping[str, tuple[float, ...]]], object] | None = None,
         period_ns: int = PERIOD_NS,
     ) -> None:
-        self._sense, self._period_ns = sense, period_ns
-        self._names, self._reactor, self._take = tuple(drives), reactor, take
-        self._answers = False
+        self._on_sensors, self._period_ns = sense, period_ns
+        self._names, self._reactor, self._on_pose = tuple(drives), reactor, take
+        self._has_answered = False
         self._client: ReactorClient | None = None
         self._drives: Iterator[str] = iter(())
         self._closed = False
@@ -106,7 +106,7 @@ class TruePoseQuery:
         self._leave()
         name = next(self._drives, None)
         if name is None:
-            if self._answers:  # a lost drive may have returned
+            if self._has_answered:  # a lost drive may have returned
                 self._reactor.call_later(_RETRY_NS, self.start)
             return
         try:
@@ -121,18 +121,18 @@ class TruePoseQuery:
     def _answered(self, world: WorldState | None, _why_not: str | None) -> None:
         if self._client is None:
             return
-        sensed = None if world is None or self._sense is None else world.sensors
+        sensed = None if world is None or self._on_sensors is None else world.sensors
         if world is None or (world.base is None and not sensed):
             self._reactor.call_soon(self._try_next)
             return
-        self._answers = True
+        self._has_answered = True
         if world.base is not None:
-            self._take(world.base)
-        if sensed and self._sense is not None:
-            self._sense(sensed)
-        self._reactor.call_later(self._period_ns, self._again)
+            self._on_pose(world.base)
+        if sensed and self._on_sensors is not None:
+            self._on_sensors(sensed)
+        self._reactor.call_later(self._period_ns, self._poll)
 
-    def _again(self) -> None:
+    def _poll(self) -> None:
         if self._client is not None:
             self._client.ask(GetWorld(), self._answered)
 

@@ -114,7 +114,7 @@ def read_launch(path: Path) -> LaunchFile:
         return LaunchFile(
             path,
             content.arguments,
-            content.texts,
+            tuple(content.texts),
             computed=tuple(content.computed),
             replaced=content.replaced,
             nodes=tuple(content.nodes),
@@ -291,9 +291,9 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
     """Raise RobotConfigError for an unknown argument of the user that resembles an argument of the launch file."""
-    strange = [name for name in words if name in launched.arguments]  # not declared in the launch file
-    source = description.read_text(encoding="utf-8", errors="replace") if strange else ""
-    for name in strange:
+    unknown = [name for name in words if name in launched.arguments]  # not declared in the launch file
+    source = description.read_text(encoding="utf-8", errors="replace") if unknown else ""
+    for name in unknown:
         hint = nearest(name, launched.known)
         if "did you mean" in hint and not re.search(rf"\b{re.escape(name)}\b", source):
             raise RobotConfigError(f"no argument {name!r} of the launch file or of {description.name}{hint}")

@@ -84,18 +84,14 @@ class PythonLaunch:
     argument_lines: dict[str, int] = field(default_factory=dict)
     nodes: list[LaunchNode] = field(default_factory=list)
     includes: list[LaunchInclude] = field(default_factory=list)
-    found: list[LaunchText] = field(default_factory=list)
+    texts: list[LaunchText] = field(default_factory=list)
+    """File names and commands."""
     computed: list[tuple[int, str]] = field(default_factory=list)
     generates: bool = False
     replaced: dict[str, str] = field(default_factory=dict)
     """Replacements that nav2's ReplaceString makes in a parameter file."""
     pushed: list[str] = field(default_factory=list)
     """Namespaces of PushRosNamespace (PushROSNamespace since Jazzy), "$(computed)" for a computed namespace."""
-
-    @property
-    def texts(self) -> tuple[LaunchText, ...]:
-        """File names and commands in the launch file."""
-        return tuple(self.found)
 
 
 def read_python(source: str, path: str) -> PythonLaunch:
@@ -163,7 +159,7 @@ class _Reader:
                 self.launch.replaced[name] = text
 
     def _node(self, call: ast.Call) -> None:
-        def one(key: str) -> str | None:
+        def text_of(key: str) -> str | None:
             place = _keyword(call, key)
             value = "" if place is None else self.text(place)
             if value is None:
@@ -175,13 +171,13 @@ class _Reader:
         self.launch.computed += [(word.line, "an argument of a node") for word in words if word.text is None]
         self.launch.nodes.append(
             LaunchNode(
-                one("package"),
-                one("executable"),
-                one("name"),
-                one("namespace"),
+                text_of("package"),
+                text_of("executable"),
+                text_of("name"),
+                text_of("namespace"),
                 words,
                 call.lineno,
-                one("plugin"),
+                text_of("plugin"),
                 tuple(self._parameter_files(_keyword(call, "parameters"))),
                 self._condition(call),
             )
@@ -255,17 +251,17 @@ class _Reader:
         """Collect the file names and commands in a syntax tree, as complete texts."""
         if isinstance(node, ast.Call):
             if _called(node) == "process_file" and (text := self._processed(node)):
-                self.launch.found.append(LaunchText(text, node.lineno))
+                self.launch.texts.append(LaunchText(text, node.lineno))
                 return
             if builder := _moveit_builder(node):
                 self._moveit(node, builder)
                 return
             if _called(node) == "generate_demo_launch" and (package := self._moveit_package(node)):
-                self.launch.found.append(LaunchText(f"{package}/config/ros2_controllers.yaml", node.lineno))
+                self.launch.texts.append(LaunchText(f"{package}/config/ros2_controllers.yaml", node.lineno))
         if isinstance(node, ast.expr) and not isinstance(node, ast.Name):
             text = self.text(node)
             if text is not None and (text.endswith(_SUFFIXES) or _is_command(node)):
-                self.launch.found.append(LaunchText(text, node.lineno))
+                self.launch.texts.append(LaunchText(text, node.lineno))
                 return
             if text is None and _is_command(node):
                 self.launch.computed.append((node.lineno, "a command"))
@@ -328,7 +324,7 @@ class _Reader:
         if described is not None and mappings is None and len(described.args) > 1:
             mappings = described.args[1]
         if (text := self._xacro(file, mappings)) is not None:
-            self.launch.found.append(LaunchText(text, builder.lineno))
+            self.launch.texts.append(LaunchText(text, builder.lineno))
 
     def _moveit_names(self, builder: ast.Call) -> tuple[str | None, str | None]:
         """Return the robot name and $(find PACKAGE) of a MoveItConfigsBuilder call; None for a computed part."""

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _MISSED = 5  # periods without SYNC until the task is set up again
 _RETRY_NS = 500_000_000
 _BLOCK, _BLOCKS = 64, 5  # SYNCs in a block, and blocks before a correction
-_MOST_TRIMMED = 20  # a correction is at most this fraction of a period, and _LATENCY_US
+_TRIM_DIVISOR = 20  # a correction is at most a period divided by this, and _LATENCY_US
 _LATENCY_US = 100  # a larger excess is caused by pauses of the machine
 
 
@@ -71,7 +71,7 @@ class _Excess:
     minimum of several blocks counts, since a pause of the machine delays all later SYNCs.
     """
 
-    __slots__ = ("_before", "_count", "_least", "_longer", "_next_check", "_period_ns")
+    __slots__ = ("_before", "_count", "_excesses", "_minimum", "_next_check", "_period_ns")
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
@@ -79,27 +79,29 @@ class _Excess:
 
     def restart(self) -> None:
         """Discard the measurements so far."""
-        self._count = self._next_check = self._least = 0
+        self._count = self._next_check = self._minimum = 0
         self._before: int | None = None
-        self._longer: list[int] = []
+        self._excesses: list[int] = []
 
     def receive_sync(self, now: int) -> int | None:
         """Evaluate a SYNC received at `now`; return the excess of the period in ns when known, else None."""
         if not self._count:
-            self._next_check = self._least = now
+            self._next_check = self._minimum = now
         self._count += 1
-        self._least = min(self._least, now - self._next_check) if self._count % _BLOCK != 1 else now - self._next_check
+        self._minimum = (
+            min(self._minimum, now - self._next_check) if self._count % _BLOCK != 1 else now - self._next_check
+        )
         self._next_check += self._period_ns
         if self._count % _BLOCK:
             return None
-        before, self._before = self._before, self._least
+        before, self._before = self._before, self._minimum
         if before is not None:
-            self._longer.append((self._least - before) // _BLOCK)
-        if len(self._longer) < _BLOCKS:
+            self._excesses.append((self._minimum - before) // _BLOCK)
+        if len(self._excesses) < _BLOCKS:
             return None
-        deadline = min(self._longer)
+        excess = min(self._excesses)
         self.restart()
-        return deadline
+        return excess
 
 
 class NodeSync:
@@ -140,7 +142,7 @@ class ExternalSync:
         self._timeout = max(_MISSED * period_us * 1000, _RETRY_NS // 2)
         self.count = 0
         self._deadline, self._first_wait = 0, first_wait_ns
-        self._silent = False
+        self._loss_reported = False
         self._excess, self._trimmed_us = _Excess(period_us * 1000), 0
 
     def start(self, now: int) -> None:
@@ -152,21 +154,21 @@ class ExternalSync:
         """Handle a SYNC received at `now` in ns."""
         self.count += 1
         self._deadline = now + self._timeout
-        self._silent = False
+        self._loss_reported = False
         if self._lead is not None:
             self._lead(now)
-        if (longer := self._excess.receive_sync(now)) is not None:
-            self._trim(round(longer / 1000))
+        if (excess := self._excess.receive_sync(now)) is not None:
+            self._trim(round(excess / 1000))
 
     def _begin(self) -> None:
         self._trimmed_us = 0
         self._excess.restart()
         self._task.start(self._period_us)
 
-    def _trim(self, longer_us: int) -> None:
+    def _trim(self, excess_us: int) -> None:
         """Shorten the period of the SYNC task by a measured excess in us."""
-        most = min(self._period_us // _MOST_TRIMMED, _LATENCY_US)
-        trimmed = max(0, min(most, self._trimmed_us + longer_us))
+        limit = min(self._period_us // _TRIM_DIVISOR, _LATENCY_US)
+        trimmed = max(0, min(limit, self._trimmed_us + excess_us))
         if trimmed != self._trimmed_us:
             self._trimmed_us = trimmed
             with contextlib.suppress(BusError):  # a missing SYNC is set up again later
@@ -183,8 +185,8 @@ class ExternalSync:
             self._begin()
         except BusError as error:
             why = str(error)
-        if not self._silent:
-            self._silent = True
+        if not self._loss_reported:
+            self._loss_reported = True
             self._report(
                 Event(now, "sync_lost", "", f"no SYNC is received from {self._task.sender}; {why}", Level.WARNING)
             )

@@ -200,16 +200,20 @@ def find_robot(
     files = launched.files if launched is not None else {}
     no_bus: list[str] = []
     missing: list[str] = []
-    main = _one(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
+    main = _find_file(bus, folder, BUS, "--bus", no_bus, files.get("bus"))
     alone = _is_default(controllers, description, launched) and not no_bus and _is_alone(folder)
     control = (
-        main if alone else _one(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
+        main
+        if alone
+        else _find_file(controllers, folder, CONTROLLERS, "--controllers", missing, files.get("controllers"))
     )
     described = (
-        main if alone else _one(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
+        main
+        if alone
+        else _find_file(description, folder, _DESCRIPTIONS, "--description", missing, files.get("description"))
     )
-    beside = folder if main == Path() else main.parent
-    more = _more_buses(beside, missing) if beside is not None and bus is None else {}
+    bus_folder = folder if main == Path() else main.parent
+    more = _more_buses(bus_folder, missing) if bus_folder is not None and bus is None else {}
     world = _world(hardware, launch, missing)
     missing += _irregular((main, control, described, *more.values()))
     foreign = next((word for word in words if word not in hardware.names), None)
@@ -326,7 +330,7 @@ def find_buses(config: str | None) -> dict[str, Path]:
         raise _not_given()
     missing: list[str] = []
     folder = _folder(config)
-    main = _one(None, folder, BUS, "--bus", missing)
+    main = _find_file(None, folder, BUS, "--bus", missing)
     more = _more_buses(main.parent if main != Path() else folder, missing)
     missing += _irregular((main, *more.values()))
     if missing:
@@ -378,7 +382,7 @@ def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str
     return launched_robot(find_launch(launch), words, obeyed)
 
 
-def _one(
+def _find_file(
     path: str | None,
     folder: Path | None,
     names: str | Sequence[str],
@@ -388,14 +392,14 @@ def _one(
 ) -> Path:
     """Return one file: from the option, the folder or the launch file; otherwise add a text to `missing`."""
     count = len(missing)
-    file = _own(path, folder, names, option, missing)
+    file = _find_own_file(path, folder, names, option, missing)
     if file == Path() and launched is not None and launched.is_file():
         del missing[count:]
         return launched
     return file
 
 
-def _own(
+def _find_own_file(
     argument: str | None, folder: Path | None, names: str | Sequence[str], option: str, missing: list[str]
 ) -> Path:
     if argument is not None:

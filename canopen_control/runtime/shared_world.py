@@ -81,8 +81,8 @@ def read_shared(world: Path) -> list[SharedRobot]:
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
     """Read one robot of a world file, from a folder next to that file or as found by `find_robot`."""
-    beside = world.parent / start.robot
-    config = str(beside) if beside.is_dir() else start.robot
+    folder = world.parent / start.robot
+    config = str(folder) if folder.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]
     files = find_robot(config, arguments=words)
     files.refuse_hardware("the robots of a world are on virtual drives")
@@ -133,7 +133,7 @@ class SharedRun:
             raise (ConfigError if self._refused else CanopenError)(self._failed)
 
     def _start_drives(self) -> None:
-        plants = [(robot.setup, _written(robot.setup)) for robot in self._robots]
+        plants = [(robot.setup, _write_plant_file(robot.setup)) for robot in self._robots]
         file = write_buses(state_dir(f"world-{self._robots[0].name}"), plants, self._world.resolve())
         argv = [*MODULE, "canopen_control", "drive", "--buses", str(file)]
         self._drives = spawn(argv, name="drives", log_dir=file.parent, reports=True)
@@ -171,11 +171,11 @@ class SharedRun:
     def _on_robot_ended(self, robot: SharedRobot, returncode: int, _lines: list[str]) -> None:
         del self._running[robot.name]
         if returncode and not self._ending:
-            again = " ".join(("canopen-control", *robot.arguments))
+            command = " ".join(("canopen-control", *robot.arguments))
             self._failed = f"{robot.name} ended with exit code {returncode}"
             running = ", ".join(self._running)
             if running:
-                self._report(f"{self._failed}; its drives stop, {running} continues; start it again with: {again}")
+                self._report(f"{self._failed}; its drives stop, {running} continues; start it again with: {command}")
         if not self._running:
             self._end()
 
@@ -189,7 +189,7 @@ class SharedRun:
         self._reactor.close()
 
 
-def _written(setup: RobotSetup) -> Path:
+def _write_plant_file(setup: RobotSetup) -> Path:
     """Write the plant file of a robot and return the path."""
     with Reactor() as reactor:
         core = RobotCore(dataclasses.replace(setup), reactor)

@@ -45,7 +45,7 @@ DELAY_NS: Final = 500_000_000  # before each restart, so that resources of the e
 _DRIVE = "drive-"
 _FLIGHT: Final = "flight"
 _NOTES = 50  # output lines of a drive process before it is ready
-_USAGE, _COMPLAINT = 2, "canopen-control: "  # exit code for wrong files, and prefix of the message
+_USAGE, _ERROR_PREFIX = 2, "canopen-control: "  # exit code for wrong files, and prefix of the message
 _READY_NS = 20_000_000_000  # time for drives to join the bus, even on a busy machine
 _READY_EACH_NS = 500_000_000  # additional time per drive
 _LISTENING_NS = 2_000_000_000  # for the recorder, without which the robot can start
@@ -218,8 +218,10 @@ class Supervisor:
         drives_ns = _READY_NS + _READY_EACH_NS * len(self._drives)
         for child in [child for child in (*self._drives, self._recorder) if child is not None]:
             is_drive = child is not self._recorder
-            late = partial(self._fail_late, child, run) if is_drive else partial(self._continue_without_recorder, child)
-            self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, late)
+            on_timeout = (
+                partial(self._fail_late, child, run) if is_drive else partial(self._continue_without_recorder, child)
+            )
+            self._awaited[child] = self._reactor.call_later(drives_ns if is_drive else _LISTENING_NS, on_timeout)
             child.watch_ready(self._reactor, partial(self._continue_without_ready, child))
         self._check_ready()
 
@@ -413,18 +415,18 @@ class Supervisor:
         for children in (self._drives, self._clients):
             if child in children:
                 children.remove(child)
-        how = f"was ended by signal {-returncode}" if returncode < 0 else f"ended with exit code {returncode}"
+        outcome = f"was ended by signal {-returncode}" if returncode < 0 else f"ended with exit code {returncode}"
         last_output = f"; its last output: {' | '.join(lines[-3:])}" if lines else ""
         if returncode == _USAGE and child in self._awaited and self._world is not None and child is self._world[0]:
             self.refused = True
             self._stop_waiting()
-            text = "\n".join(line.removeprefix(_COMPLAINT) for line in lines if not line.startswith(WORLD_NOTE))
+            text = "\n".join(line.removeprefix(_ERROR_PREFIX) for line in lines if not line.startswith(WORLD_NOTE))
             if self._run is not None:
                 self._run.child_failed(text)
             return
-        text = f"process {child.name} (pid {child.pid}) {how}{last_output}"
+        text = f"process {child.name} (pid {child.pid}) {outcome}{last_output}"
         self._report(Event(self._reactor.now(), "process_ended", "", text, Level.ERROR))
-        self.missing[child.name] = how
+        self.missing[child.name] = outcome
         self._stop_waiting_for(child)
         restartable = self._restartable.pop(child, None)
         if restartable is not None and not self._over:
@@ -446,17 +448,17 @@ class Silence:
     """Duration of a child's silence, counted only while this process is on time; times are in monotonic ns."""
 
     def __init__(self, now: int) -> None:
-        self._looked, self._heard_at = now, -1
-        self._silent = 0
+        self._checked_at, self._heard_at = now, -1
+        self._duration = 0
 
     def look(self, now: int, heard_at: int | None) -> int:
         """Return the silence until `now`; `heard_at` is the last report. Call this every `_ANSWER_LOOK_NS`."""
-        since, self._looked = now - self._looked, now
+        since, self._checked_at = now - self._checked_at, now
         if heard_at is not None and heard_at != self._heard_at:
-            self._heard_at, self._silent = heard_at, 0
+            self._heard_at, self._duration = heard_at, 0
         elif since <= _ANSWER_LOOK_NS + _ON_TIME_NS:
-            self._silent += since
-        return self._silent
+            self._duration += since
+        return self._duration
 
 
 class Restarts:

@@ -113,7 +113,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
         return [*lines, f"# PROBLEM: {node.unusable}", comment]
     if node.drive is None:
         product = f"{node.profile.words}: " if node.signals else "unknown profile, a proxy: "
-        return [*lines, *_watched(node), *_kept_pdos(robot, node), *_device_pdos(node, product)]
+        return [*lines, *_watched(node), *_safe_outputs(robot, node), *_device_pdos(node, product)]
     return [
         *lines,
         *(motion := _motion(node, node.drive)),
@@ -129,9 +129,9 @@ def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
         first, *_, last = (f"0x{index:04X}:{subindex:02X}" for index, subindex in (*node.left_out, node.left_out[-1]))
         yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
     listed = (("tpdo", "from the device", node.tpdos), ("rpdo", "to the device", node.rpdos))
-    kept = [f"{key.upper()}s" for key, _, uses in listed if not uses]
-    stay = f"its {'PDOs' if len(kept) == len(listed) else ''.join(kept)} are unchanged"
-    yield f"# {product}{stay if kept else 'its PDOs carry its signals'}"
+    unchanged = [f"{key.upper()}s" for key, _, uses in listed if not uses]
+    stay = f"its {'PDOs' if len(unchanged) == len(listed) else ''.join(unchanged)} are unchanged"
+    yield f"# {product}{stay if unchanged else 'its PDOs carry its signals'}"
     for key, words, uses in listed:
         if uses:
             yield f"{key}:  # {words}; {key.upper()}s that are not listed are disabled"
@@ -176,7 +176,7 @@ def _watched(node: NewNode) -> list[str]:
     return ["signals:", limit, remark("", "then the position is nan until the next boot of the device")]
 
 
-def _kept_pdos(robot: NewRobot, node: NewNode) -> list[str]:
+def _safe_outputs(robot: NewRobot, node: NewNode) -> list[str]:
     """Return the keys with `safe: keep` for outputs that the device cannot switch off by itself."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
@@ -264,14 +264,14 @@ def _counts_comment(axis: AxisChoice) -> str:
 def _writes(robot: NewRobot, node: NewNode, drive: DriveChoice) -> list[str]:
     """Return the `sdo` entries: manufacturer's needs, reaction to a lost master, and ramps missing in the EDS."""
     lines = []
-    if _takes(node, ABORT_CONNECTION_OPTION, 0, _QUICK_STOP):
+    if _accepts(node, ABORT_CONNECTION_OPTION, 0, _QUICK_STOP):
         lines.append(remark("  - {index: 0x6007, sub_index: 0, value: 3}", "when the master is lost: quick stop"))
     for axis in drive.axes:
         unit = 60.0 / math.tau / axis.rpm if axis.rpm else axis.counts / math.tau
         for base, value, words, modes in _RAMPS:
             address, raw = (axis.index(base), 0), round(value * unit)
             address = address if drive.motors is None else drive.motors.address(*address)
-            if axis.mode in modes and not _eds_value(node, *address) and _takes(node, *address, raw):
+            if axis.mode in modes and not _eds_value(node, *address) and _accepts(node, *address, raw):
                 text = f"{words}: {value:g} {'rad/s' if base == PROFILE_VELOCITY else 'rad/s^2'}"
                 line = f"  - {{index: 0x{address[0]:04X}, sub_index: {address[1]}, value: {raw}}}"
                 lines.append(remark(line, text))
@@ -288,7 +288,7 @@ def _eds_value(node: NewNode, index: int, subindex: int) -> bool:
     return entry is not None and bool(entry.value)
 
 
-def _takes(node: NewNode, index: int, subindex: int, value: int) -> bool:
+def _accepts(node: NewNode, index: int, subindex: int, value: int) -> bool:
     entry = node.device.od.get(index, subindex)
     return entry is not None and entry.writable and not outside_limits(entry, value)
 

@@ -123,7 +123,7 @@ def choose_drive(od: ObjectDictionary, interfaces: Sequence[Sequence[str]] = ())
     if motors is not None:
         sent = [part for address in sent for part in motors.parts(*address) or (address,)]
     carried, view = {index for index, _ in sent}, _view(od)
-    choices = (_axis_choice(view, axis, *how, carried) for axis, how in zip(axes, chosen, strict=True))
+    choices = (_axis_choice(view, axis, *choice, carried) for axis, choice in zip(axes, chosen, strict=True))
     return DriveChoice(tuple(choices), rpdos, tpdos, motors)
 
 
@@ -138,8 +138,8 @@ def _pdos_for(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[Pdo
     if (motors := motors_of(od)) is None:
         return choose_pdos(od, required)
     needed, useful = (
-        tuple(dict.fromkeys(motors.address(*address) for address in each))
-        for each in (required.needed, required.useful)
+        tuple(dict.fromkeys(motors.address(*address) for address in addresses))
+        for addresses in (required.needed, required.useful)
     )
     return choose_pdos(od, replace(required, needed=needed, useful=useful))
 
@@ -162,11 +162,11 @@ def _axis_choice(
 def _feedback_pdos(od: ObjectDictionary, axes: Sequence[int]) -> tuple[PdoUse, ...]:
     """Choose the TPDOs; RobotConfigError if an axis lacks statusword, mode or mode display."""
 
-    def each(*indices: int) -> tuple[Address, ...]:
+    def addresses_of(*indices: int) -> tuple[Address, ...]:
         return tuple((objects.axis_index(index, axis), 0) for axis in axes for index in indices)
 
-    useful = each(objects.MODES_OF_OPERATION_DISPLAY, *_FEEDBACK.values(), objects.ERROR_CODE)
-    tpdos, missing = _pdos_for(od, PdoRequirement(False, each(objects.STATUSWORD), useful))
+    useful = addresses_of(objects.MODES_OF_OPERATION_DISPLAY, *_FEEDBACK.values(), objects.ERROR_CODE)
+    tpdos, missing = _pdos_for(od, PdoRequirement(False, addresses_of(objects.STATUSWORD), useful))
     if missing:
         raise RobotConfigError(f"no TPDO can carry its statusword ({_named(missing)})")
     for axis in axes:

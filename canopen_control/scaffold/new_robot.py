@@ -286,8 +286,8 @@ def _wrong_joints(joints: Sequence[str], axes: int, devices: Sequence[Device]) -
         names = (
             f" ({len(devices) - drives} of the {len(devices)} nodes are not drives)" if len(devices) > drives else ""
         )
-        few = f"{drives} drive{'' if drives == 1 else 's'}" if axes == drives else f"{axes} axes"
-        problems.append(f"{len(joints)} joints for {few}{names}; give a node id for each, or fewer --joint")
+        drive_count = f"{drives} drive{'' if drives == 1 else 's'}" if axes == drives else f"{axes} axes"
+        problems.append(f"{len(joints)} joints for {drive_count}{names}; give a node id for each, or fewer --joint")
     return problems
 
 

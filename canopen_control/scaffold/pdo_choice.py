@@ -55,7 +55,7 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
     needed = [address for address in required.needed if _mappable(od, address, required)]
     useful = [address for address in required.useful if _mappable(od, address, required)]
     fixed = [pdo for pdo in pdos if _usable(od, pdo, required)]
-    uses = _chosen(od, pdos, fixed, required, (needed, useful))
+    uses = _choose(od, pdos, fixed, required, (needed, useful))
     if any(not od[pdo.communication, 1].writable for pdo, _, _ in uses):
         live = [(pdo, _ordered(pdo), False) for pdo in fixed if pdo.enabled]
         own = tuple(PdoUse(pdo.number, objects, False, False, None, own=True) for pdo, objects, _ in live)
@@ -63,18 +63,18 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
     return _result(od, uses, required), _missing(uses, required.needed)
 
 
-def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, ...]:
+def complete_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[PdoUse, ...]:
     """Return PDOs that contain all required objects; () if the default PDOs already do.
 
     PDOs that are enabled by default stay unchanged. Disabled PDOs that have the objects in the default mapping are
     enabled, as CiA 401 requires for PDOs 2 to 4; objects that are still missing are mapped into unused PDOs.
     """
-    pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od]
-    uses = [(pdo, _ordered(pdo), False) for pdo in pdos if pdo.enabled and _usable(od, pdo, wish)]
+    pdos = [pdo for pdo in pdos_of(od) if pdo.is_rpdo == required.is_rpdo and (pdo.communication, 1) in od]
+    uses = [(pdo, _ordered(pdo), False) for pdo in pdos if pdo.enabled and _usable(od, pdo, required)]
     live = {pdo.number for pdo, _, _ in uses}
-    rest = [address for address in _missing(uses, dict.fromkeys(wish.needed)) if _mappable(od, address, wish)]
-    off = [pdo for pdo in pdos if pdo.number not in live and _usable(od, pdo, wish)]
-    added = _covering([pdo for pdo in off if not _objects(pdo) & _carried(uses)], rest, ())
+    rest = [address for address in _missing(uses, dict.fromkeys(required.needed)) if _mappable(od, address, required)]
+    disabled = [pdo for pdo in pdos if pdo.number not in live and _usable(od, pdo, required)]
+    added = _covering([pdo for pdo in disabled if not _objects(pdo) & _carried(uses)], rest, ())
     taken = live | {pdo.number for pdo, _, _ in added}
     free = [pdo for pdo in pdos if pdo.number not in taken and _slots(od, pdo)]
     added += _packed(od, free, _missing(added, rest))
@@ -85,26 +85,28 @@ def complete_pdos(od: ObjectDictionary, wish: PdoRequirement) -> tuple[PdoUse, .
     return tuple(sorted((*kept, *new), key=lambda use: use.number))
 
 
-def not_carried(od: ObjectDictionary, wish: PdoRequirement, uses: Sequence[PdoUse]) -> tuple[Address, ...]:
+def not_carried(od: ObjectDictionary, required: PdoRequirement, uses: Sequence[PdoUse]) -> tuple[Address, ...]:
     """Return the required objects that are neither in `uses` nor, if `uses` is empty, in the default PDOs."""
-    live = (pdo for pdo in pdos_of(od) if pdo.is_rpdo == wish.is_rpdo and (pdo.communication, 1) in od and pdo.enabled)
-    mapped = [use.objects for use in uses] or [_ordered(pdo) for pdo in live if _usable(od, pdo, wish)]
+    live = (
+        pdo for pdo in pdos_of(od) if pdo.is_rpdo == required.is_rpdo and (pdo.communication, 1) in od and pdo.enabled
+    )
+    mapped = [use.objects for use in uses] or [_ordered(pdo) for pdo in live if _usable(od, pdo, required)]
     carried = {address for objects in mapped for address in objects}
-    return tuple(address for address in dict.fromkeys(wish.needed) if address not in carried)
+    return tuple(address for address in dict.fromkeys(required.needed) if address not in carried)
 
 
 _Use = tuple["Pdo", "tuple[Address, ...]", bool]
 
 
-def _chosen(
+def _choose(
     od: ObjectDictionary,
     pdos: Sequence[Pdo],
     fixed: Sequence[Pdo],
     required: PdoRequirement,
-    wishes: tuple[list[Address], list[Address]],
+    requirements: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
     """Fill writable PDOs and use fixed PDOs for remaining objects; prefer sufficient fixed mappings."""
-    needed, useful = wishes
+    needed, useful = requirements
     uses = _covering(fixed, needed, useful, doubling=not required.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
         return uses

@@ -376,8 +376,8 @@ def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Writte
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
-    with tempfile.TemporaryDirectory(prefix="canopen-control-") as aside:
-        temporary = Path(aside) / robot.name
+    with tempfile.TemporaryDirectory(prefix="canopen-control-") as temporary_root:
+        temporary = Path(temporary_root) / robot.name
         robot, warnings = _make_checked(robot, temporary)
         names = tuple(sorted(path.name for path in temporary.iterdir()))
         try:

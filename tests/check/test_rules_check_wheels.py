@@ -164,3 +164,13 @@ def test_wheels_on_the_wrong_side_and_axes_the_wrong_way_round(tmp_path):
         "drives backwards; reverse its <axis>"
         for side in ("left", "right")
     ]
+
+
+def test_scales_of_the_same_sign_are_found_for_joints_that_name_a_node_id(tmp_path):
+    files = changed(tmp_path, "robby")
+    files.bus.write_text(re.sub(r"(scale_\w+: )-", r"\1", files.bus.read_text()))
+    (named,) = found(files)
+    ids = '<param name="node_id">${3 if side == "left" else 2}</param>'
+    text = files.description.read_text()
+    files.description.write_text(text.replace('<param name="device_name">${side}_drive</param>', ids))
+    assert found(files) == [named]

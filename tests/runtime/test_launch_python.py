@@ -146,7 +146,7 @@ def test_names_that_are_computed_are_told_with_their_lines():
 def test_a_file_whose_name_is_put_together_is_told_by_its_end_and_never_guessed(expression, ending):
     found = read_python(f"f()\nx = [{expression}]\n", "x.launch.py")
     assert found.computed == ([(2, f"the name of a file that ends in {ending!r}")] if ending else [])
-    assert found.texts == ()
+    assert found.texts == []
 
 
 def test_names_that_stand_for_each_other_end():

@@ -43,7 +43,7 @@ def test_arguments_and_controllers_of_a_robot_go_to_its_runtime(tmp_path):
     ("old", "new", "error", "message"),
     [
         ("robot: robby, at: [1", "robot: robbi, at: [1", RobotConfigError, r"hall\.yml:3:5: hall_b: no robot 'robbi'"),
-        ("hall_b", "hall_a", PhysicsError, r"hall\.yml:3:5: .*named hall_a is there already"),
+        ("hall_b", "hall_a", PhysicsError, r"hall\.yml:3:5: .*named hall_a exists already"),
         ("at: [1, 0]", "at: [1]", PhysicsError, r"hall\.yml:3:38: .*at"),
         (HALL, "boxes: []", RobotConfigError, "it names no robots"),
     ],
