@@ -203,14 +203,14 @@ class Network:
             self._sync_record = RECORD.pack(frame.can_id, len(frame.data), frame.data)
         self._consumer = HeartbeatConsumer()
         self._producer = HeartbeatProducer(config.master.node_id, config.master.heartbeat_ms * 1_000_000)
-        self._report = report
+        self.report = report
         self._deadline: int | None = None
         self._stale = True  # whether `_deadline` must be computed again
         self.nodes = {name: self._node(name) for name in config.nodes}
         self._by_id = {node.node_id: node for node in self.nodes.values()}
         self._handlers: dict[int, Callable[[bytes, int, int], None]] = {}
         self._pdos: dict[int, ReceivedPdo] = {}
-        self._foreign = SecondMasterDetector(name, report, self._wake)
+        self._foreign = SecondMasterDetector(name, report, self.wake)
         for node in self.nodes.values():
             self._connect(node)
         for node in self.nodes.values():
@@ -362,18 +362,7 @@ class Network:
 
     def _node(self, name: str) -> RemoteNode:
         config = self.config
-        node = RemoteNode(
-            config.nodes[name],
-            config.plans[name],
-            config.dictionaries[name],
-            send_nmt=self.send_nmt,
-            watch=self._consumer.watch,
-            report=self._report,
-            wake=self._wake,
-            guard=lambda on, now: self._guard(node, on, now),
-            lay_out=lambda result: self._lay_out(node, result),
-            written=lambda index, subindex, data: self._written(node, index, subindex, data),
-        )
+        node = RemoteNode(config.nodes[name], config.plans[name], config.dictionaries[name], self)
         for layout in node.plan.tpdos:
             pdo = self.image.add_tpdo(node.node_id, layout.cob_id, layout.objects, layout.transmission_type)
             pdo.allow(node.config.supervision.missed_syncs)
@@ -430,7 +419,7 @@ class Network:
         for sent in node.sent:
             handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
 
-    def _lay_out(self, node: RemoteNode, result: BootResult) -> None:
+    def lay_out(self, node: RemoteNode, result: BootResult) -> None:
         """Set up the process data of a node as configured by the boot, with the initial values read from the node."""
         self._last_records, self._repeated = b"", None  # the handlers and values change
         own = {(kind, layout.number): layout for kind, layout in result.adopted}
@@ -457,7 +446,7 @@ class Network:
         if self.reader is not None:
             self.reader.follow_identifiers()
 
-    def _written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
+    def written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
         """Copy a value written by SDO into the RPDOs that map the object, so that the next RPDO does not revert it."""
         output = self.image.output(node.node_id, index, subindex)
         if output is None or output.driven:
@@ -496,10 +485,15 @@ class Network:
 
         return on_pdo
 
-    def _wake(self) -> None:
+    def wake(self) -> None:
+        """Compute the time of the next `tick` again, after a deadline has changed."""
         self._stale = True
 
-    def _guard(self, node: RemoteNode, on: bool, now: int) -> None:
+    def watch_heartbeat(self, node_id: int, timeout_ns: int) -> None:
+        """Monitor the heartbeat of a node from the next heartbeat on; 0 ends monitoring."""
+        self._consumer.watch(node_id, timeout_ns)
+
+    def guard(self, node: RemoteNode, on: bool, now: int) -> None:
         """Start or stop node guarding, if the plan of the node has guarding."""
         if node.plan.guard is None:
             return

@@ -8,7 +8,7 @@ The end of READY invalidates the process data and restarts the boot; the owner o
 from __future__ import annotations
 
 import enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from canopen_control.cia301.abort import AbortCode
 from canopen_control.cia301.emcy import MANUFACTURER_BYTES, EmcyConsumer
@@ -187,6 +187,27 @@ class NodeState(enum.Enum):
     READY = "ready"
 
 
+class NodeOwner(Protocol):
+    """Network that a node belongs to, with the methods that the node calls."""
+
+    def send_nmt(self, command: NmtCommand, node_id: int) -> None: ...
+    def report(self, event: Event, /) -> None: ...
+    def wake(self) -> None:
+        """Compute the time of the next `tick` again."""
+
+    def watch_heartbeat(self, node_id: int, timeout_ns: int) -> None:
+        """Monitor the heartbeat of a node from the next heartbeat on; 0 ends monitoring."""
+
+    def guard(self, node: RemoteNode, on: bool, now: int) -> None:
+        """Start or stop node guarding, if the plan of the node has guarding."""
+
+    def lay_out(self, node: RemoteNode, result: BootResult) -> None:
+        """Set up the process data of a node as configured by the boot."""
+
+    def written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
+        """Handle an SDO download that the node has accepted."""
+
+
 class RemoteNode:
     """Configured node, with its SDO client, boot, supervision and PDOs."""
 
@@ -195,14 +216,7 @@ class RemoteNode:
         config: NodeConfig,
         plan: NodePlan,
         od: ObjectDictionary,
-        *,
-        send_nmt: Callable[[NmtCommand, int], None],
-        watch: Callable[[int, int], None],
-        report: Callable[[Event], None],
-        wake: Callable[[], None] = lambda: None,
-        guard: Callable[[bool, int], None] = lambda _on, _now: None,
-        lay_out: Callable[[BootResult], None] = lambda _result: None,
-        written: Callable[[int, int, bytes], None] = lambda _index, _subindex, _data: None,
+        owner: NodeOwner,
     ) -> None:
         self.config, self.plan, self.od = config, plan, od
         self.name, self.node_id = config.name, config.node_id
@@ -228,11 +242,10 @@ class RemoteNode:
         self.fault: FaultEvent | None = None
         """Fault in the last EMCY message of the node, which may be an error reset."""
         self.expected_state: NmtState | None = None  # by the last NMT command of a user
-        self.log = NodeLog(config, report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
+        self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
         self.who = self.log.who
         """Node id and name, as in every message."""
-        self._send_nmt, self._watch, self._report = send_nmt, watch, report
-        self._wake, self._guard, self._lay_out, self._written = wake, guard, lay_out, written
+        self._owner = owner
         self._guarding_boot = False
         self.sdo_reads = self.sdo_writes = self.sdo_failed = 0
         self._stopping_until: int | None = None
@@ -252,8 +265,8 @@ class RemoteNode:
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
         """Start a boot of the node, aborting a boot in progress."""
         self._abandon()
-        self._guard(False, now)
-        self._watch(self.node_id, 0)
+        self._owner.guard(self, False, now)
+        self._owner.watch_heartbeat(self.node_id, 0)
         if self._stopping_until is None:
             self._stop_sending()
         else:
@@ -280,12 +293,12 @@ class RemoteNode:
             self.sdo.read(index, subindex).context = done
         else:
             self.sdo.read(place.index, place.subindex).context = _with_part(place, done)
-        self._wake()
+        self._owner.wake()
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
         """Download an object of an axis by SDO; `done` is called with the ended request, whether successful or not."""
         self.sdo.write(*self.plan.address(index, subindex), data).context = done
-        self._wake()
+        self._owner.wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
         """Mark the node as lost because the bus has failed; the network boots the node when the bus has recovered."""
@@ -306,12 +319,12 @@ class RemoteNode:
         self._retry_at = now + 2 * RETRY_NS if boot else None
         # CiA 301, 7.2.8.3.2.1: life guarding counts from the first remote frame on
         if command not in RESETS:  # without remote frames the node would consider the master lost
-            self._guard(True, now)
+            self._owner.guard(self, True, now)
 
     def _send_command(self, command: NmtCommand) -> None:
         if command in RESETS:
             self.log.reset()
-        self._send_nmt(command, self.node_id)
+        self._owner.send_nmt(command, self.node_id)
 
     def on_heartbeat(self, event: HeartbeatEvent, now: int, since: int | None = None) -> None:
         """Handle an event of the heartbeat consumer; the frame was received between `since` and `now`."""
@@ -331,7 +344,7 @@ class RemoteNode:
         self.nmt_state = None
         lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
         if self.is_taken_out:
-            self._report(Event(now, "heartbeat_lost", self.name, f"{lost}; it was taken out", Level.WARNING))
+            self._owner.report(Event(now, "heartbeat_lost", self.name, f"{lost}; it was taken out", Level.WARNING))
             return
         self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
 
@@ -418,7 +431,7 @@ class RemoteNode:
             self.sdo_reads += not request.is_write
             self.sdo_writes += request.is_write
             if request.is_write and request.error is None:
-                self._written(request.index, request.subindex, request.data)
+                self._owner.written(self, request.index, request.subindex, request.data)
                 self._guard_at_once(request, now)
                 self._follow_heartbeat(request, now)
             if self._task is not None:
@@ -496,7 +509,7 @@ class RemoteNode:
         self._abandon()
         self.state, self.ready = NodeState.WAITING, False
         self.stale = False
-        self._guard(False, now)
+        self._owner.guard(self, False, now)
         self.error = str(error) if error is not None else text
         for received in self.received:
             received.forget()
@@ -506,7 +519,7 @@ class RemoteNode:
         else:
             self._stop_sending()
         if was_used:
-            self._report(Event(now, kind, self.name, text, level))
+            self._owner.report(Event(now, kind, self.name, text, level))
 
     def _stop_silent_drive(self, now: int) -> None:
         """Send a quick stop by SDO, and RPDOs for `STOPPING_NS` more, since a silent drive may still receive.
@@ -544,10 +557,10 @@ class RemoteNode:
         if task is None:
             return
         if task.step == "heartbeat" and self.plan.heartbeat_timeout_ns:
-            self._watch(self.node_id, self.plan.heartbeat_timeout_ns)
+            self._owner.watch_heartbeat(self.node_id, self.plan.heartbeat_timeout_ns)
         if task.step in ("keep alive", "heartbeat") and self.plan.guard and not self._guarding_boot:
             self._guarding_boot = True
-            self._guard(True, now)
+            self._owner.guard(self, True, now)
         if not task.done:
             return
         self._task = None
@@ -561,14 +574,14 @@ class RemoteNode:
     def _become_ready(self, result: BootResult, started: int, now: int) -> None:
         self.identity, self.error, self.state, self.ready = result, None, NodeState.READY, True
         if not self._guarding_boot:
-            self._guard(True, now)
+            self._owner.guard(self, True, now)
         self._stopping_until = None
         confirmed = self.nmt_state is NmtState.OPERATIONAL
         self.nmt_state = NmtState.OPERATIONAL  # shown by a TPDO if not by a heartbeat
         if not self.plan.supervision_ns and not confirmed:
             text = "it has neither heartbeat nor guarding: OPERATIONAL was commanded, but cannot be confirmed"
             self.log.report(now, "nmt_unconfirmed", text)
-        self._lay_out(result)
+        self._owner.lay_out(self, result)
         for received in self.received:
             received.expected, received.reported_lengths = True, 0
         for sent in self.sent:
@@ -590,7 +603,7 @@ class RemoteNode:
         writes_guarding = request.index in (_GUARD_TIME, _LIFE_TIME_FACTOR) and self._task is not None
         if writes_guarding and self.plan.guard is not None and not self._guarding_boot:
             self._guarding_boot = True
-            self._guard(True, now)
+            self._owner.guard(self, True, now)
 
     def _follow_heartbeat(self, request: SdoRequest, now: int) -> None:
         """Adapt the supervision to a heartbeat period that a user has just written to 0x1017."""
@@ -603,16 +616,16 @@ class RemoteNode:
             return
         self.log.heartbeat_changed(ms * 1_000_000)
         timeout = round(ms * self.config.supervision.multiplier * 1_000_000)
-        self._watch(self.node_id, timeout)
+        self._owner.watch_heartbeat(self.node_id, timeout)
         text = f"0x1017 was set to {ms} ms by SDO: until the next boot its heartbeat timeout is {timeout / 1e9:g} s"
         self.log.report(now, "heartbeat_changed", text)
 
     def _failed(self, error: CanopenError | None, now: int) -> None:
         text = str(error)
         if text != self.error:  # a missing node is reported once, not every second
-            self._report(Event(now, "boot_failed", self.name, text, Level.ERROR))
+            self._owner.report(Event(now, "boot_failed", self.name, text, Level.ERROR))
         self.error, self.state = text, NodeState.WAITING
-        self._watch(self.node_id, 0)
+        self._owner.watch_heartbeat(self.node_id, 0)
         self._retry_at = now + RETRY_NS
 
 
