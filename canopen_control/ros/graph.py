@@ -245,10 +245,7 @@ class Graph:
     def publisher(self, topic: str, kind: str, data: object) -> Publication:
         """Create a publisher of a message that is filled with `data`; ConfigError if the data is invalid."""
         message = _filled(class_of(kind)(), data)
-        publisher = self._node.create_publisher(type(message), topic, 10)
-        return Publication(
-            lambda: _sent(publisher, message), publisher.get_subscription_count, lambda data: _filled(message, data)
-        )
+        return Publication(self._node.create_publisher(type(message), topic, 10), message)
 
     def call(self, service: str, kind: str, data: object, seconds: float) -> Any:  # noqa: ANN401 - a response
         """Call a service and return the response; ConfigError for invalid data, CanopenError after a timeout."""
@@ -266,16 +263,25 @@ class Graph:
 
 
 class Publication:
-    """Message that can be published repeatedly.
+    """Message of a publisher that can be published repeatedly."""
 
-    `publish` sends the message, `subscribers` returns the number of subscribers, and `fill` changes fields of the
-    message.
-    """
+    def __init__(self, publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and a generated class
+        self._publisher, self._message = publisher, message
 
-    def __init__(
-        self, publish: Callable[[], object], subscribers: Callable[[], int], fill: Callable[[object], object]
-    ) -> None:
-        self.publish, self.subscribers, self.fill = publish, subscribers, fill
+    def publish(self) -> None:
+        """Send the message; ConfigError if rclpy cannot serialise a value."""
+        try:
+            self._publisher.publish(self._message)
+        except Exception as error:
+            raise ConfigError(f"the message cannot be sent: {error}") from error
+
+    def fill(self, data: object) -> None:
+        """Set the fields that `data` contains; ConfigError if the data is invalid."""
+        _filled(self._message, data)
+
+    def subscribers(self) -> int:
+        """Return the number of matching subscriptions."""
+        return int(self._publisher.get_subscription_count())
 
 
 def class_of(name: str) -> type:
@@ -292,10 +298,3 @@ def _filled(message: Any, data: object) -> Any:  # noqa: ANN401 - a generated cl
         return fill(message, data, class_of)
     except (TypeError, ValueError, AssertionError, OverflowError) as error:
         raise ConfigError(f"the message cannot be created: {error}") from error
-
-
-def _sent(publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and a generated class
-    try:
-        publisher.publish(message)
-    except Exception as error:
-        raise ConfigError(f"the message cannot be sent: {error}") from error

@@ -2,7 +2,7 @@
 
 Rules (controller_manager_msgs, Jazzy 4.46): names and answers are the same as upstream; strictness 2 is strict, any
 other value is best effort; a refused request is answered with ok false, and its reason is logged, and also sent if the
-response has a field for it. All decisions are made by the runtime, none by this module.
+response has a field for it. All decisions are new_message by the runtime, none by this module.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 from canopen_control.ros.endpoint import COMMANDER, Endpoint
-from canopen_control.ros.interfaces import interface, made
+from canopen_control.ros.interfaces import interface, new_message
 from canopen_control.rpc.messages.robot import (
     ROBOT,
     AxisRequest,
@@ -95,7 +95,7 @@ class ControllerManagerServices(Endpoint):
         def fill(answer: tuple[ControllerReading, ...]) -> None:
             commanded = {name for reading in answer for name in reading.claims}
             response.controller = [
-                made(
+                new_message(
                     make,
                     name=reading.name,
                     state=reading.state,
@@ -160,7 +160,7 @@ class ControllerManagerServices(Endpoint):
 
         def fill(answer: list[HardwareReading]) -> None:
             response.component = [
-                made(
+                new_message(
                     make,
                     name=reading.name,
                     type=reading.type,
@@ -202,7 +202,7 @@ class ControllerManagerServices(Endpoint):
     def _interfaces(self, readings: Iterable[InterfaceReading]) -> list[Any]:
         make = interface("controller_manager_msgs/msg/HardwareInterface")
         return [
-            made(
+            new_message(
                 make,
                 name=reading.name,
                 data_type="double",

@@ -14,6 +14,7 @@ import json
 import os
 import sys
 import types
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from canopen_control.ros.interfaces.support import Supports
 
-__all__ = ["PACKAGES", "MissingInterface", "interface", "made", "provide", "put"]
+__all__ = ["PACKAGES", "MissingInterface", "interface", "new_message", "provide"]
 
 PACKAGES: Final = tuple(dict.fromkeys(parts_of(name)[0] for name in DEFINITIONS))
 """Packages that can be created."""
@@ -77,18 +78,10 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of 
         raise MissingInterface(name) from error
 
 
-def made(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
+def new_message(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
     """Create a message, with the values for which the installed version of the message has a field."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
-
-
-def put(message: Any, **values: object) -> None:  # noqa: ANN401 - as above
-    """Set the values for which the installed version of the message has a field."""
-    field_types = message.get_fields_and_field_types()
-    for name, value in values.items():
-        if name in field_types:
-            setattr(message, name, value)
 
 
 class _Factory:
@@ -147,27 +140,23 @@ class _Factory:
     def _maker(self, prefix: str, make: Callable[[str], type]) -> Callable[[str], type]:
         """Return a module's `__getattr__`, which creates the class of a name or raises AttributeError."""
 
-        def made(short: str) -> type:
+        def create(short: str) -> type:
             name = f"{prefix}/{short}"
             if owner_of(name) not in DEFINITIONS or short.startswith("_"):
                 raise AttributeError(f"there is no {name}")
             return make(name) if name in DEFINITIONS else self.class_of(name)
 
-        return made
+        return create
 
 
-_made: list[_Factory] = []
-
-
+@cache
 def _factory() -> _Factory:
-    if not _made:
-        factory = _Factory()
-        try:
-            _check(factory)
-        except Exception as error:
-            raise CanopenError(f"no interfaces can be created for this ROS: {type(error).__name__}: {error}") from error
-        _made.append(factory)
-    return _made[0]
+    factory = _Factory()
+    try:
+        _check(factory)
+    except Exception as error:
+        raise CanopenError(f"no interfaces can be created for this ROS: {type(error).__name__}: {error}") from error
+    return factory
 
 
 def _check(factory: _Factory) -> None:
