@@ -45,9 +45,11 @@ _passes = whole_number("number from 1 to 5", range(1, 6))
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "config", nargs="?", metavar="ROBOT", help="folder of the robot, or a bundled one, whose YAML is copied"
+        "config", nargs="?", metavar="ROBOT", help="folder of the robot, or bundled robot, whose YAML is copied"
     )
-    parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
+    parser.add_argument(
+        "--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the file in the folder"
+    )
     parser.add_argument("-o", "--output", metavar="FILE", default=OUTPUT, help=f"file to write (default: {OUTPUT})")
     parser.add_argument("--overwrite", action="store_true", help="overwrite an existing file")
     parser.add_argument(

@@ -21,7 +21,7 @@ ROBOT: Final = "robby"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options, which are those of `run`."""
+    """Declare the options of `run`, which are also the options of `demo`."""
     add_run_arguments(parser)
 
 

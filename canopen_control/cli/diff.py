@@ -4,7 +4,7 @@ When comparing a file with a node, only the objects in the file are read; no EDS
 DCF. COB-IDs that depend on the node id are compared without it. Differences in product, revision or software version
 are printed to standard error and do not count as parameter differences.
 
-Exit codes, as those of diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.
+Exit codes, as of the program diff: 0 equal; 1 different, or a node did not answer; 2 wrong usage.
 """
 
 from __future__ import annotations

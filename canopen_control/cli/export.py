@@ -55,7 +55,7 @@ def _dbc(args: argparse.Namespace) -> int:
     from canopen_control.trace.dbc import dbc_text
 
     if args.config is None and args.name is None and not args.eds:
-        raise ConfigError("give the robot to export: a folder, a bundled one, --name, or --eds")
+        raise ConfigError("give the robot to export: a folder, a bundled robot, --name, or --eds")
     network = described(args, units=True)
     with _output(args.output) as out:
         out.write(dbc_text(network))

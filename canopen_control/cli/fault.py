@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="name of the fault, or SIGNAL=VALUE; without a name the active faults are listed",
     )
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="state of the fault (default: on)")
-    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: channel of the running robot)")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,6 +1,6 @@
 """Serve the text commands of CiA 309-3, which read and write objects, for CANopenNode's cocomm and for scripts.
 
-The nodes are those of a running robot, or with --can all nodes of a bare bus. Commands come from standard input, from a
+It serves the nodes of a running robot, or with --can all nodes of a bare bus. Commands come from standard input, from a
 Unix socket that only you can open (--unix), or from a TCP port of this computer (--tcp), which every user of it can
 reach. One client is served at a time. NMT commands, writes that may move a drive, and changes of node ids are refused
 without --allow-motion. The robot runs, and stops, as it does without a gateway.
@@ -195,7 +195,7 @@ class RobotNetwork:
 
 
 class BusNetwork:
-    """Gateway access to the nodes of a bus, except those of a running robot; `label` is the channel."""
+    """Gateway access to the nodes of a bus, except the nodes of a running robot; `label` is the channel."""
 
     def __init__(self, target: BusTarget) -> None:
         self._target, self._bus = target, target.bus

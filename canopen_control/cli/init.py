@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         default=[],
-        help="EDS of the device, a file or a bundled one (repeatable; each --eds applies to the --node-id "
+        help="EDS of the device, a path or the name of a bundled file (repeatable; each --eds applies to the --node-id "
         "that follows it)",
     )
     parser.add_argument(

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--name", help="the robot (default: the only one that runs)")
     group.add_argument("--can", metavar="CHANNEL", help="only listen, on this channel (can0, local:NAME, ...)")
     parser.add_argument(
-        "--config", metavar="ROBOT", help="with --can: use the names of this robot, a folder or a bundled one"
+        "--config", metavar="ROBOT", help="with --can: use the names of this robot, a folder or a bundled robot"
     )
     parser.add_argument("--bus", metavar="NAME", help="with --config: bus of a robot with several buses")
     parser.add_argument(

@@ -372,7 +372,7 @@ _WARNING = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_file_arguments(parser)
-    add_new_name(parser, "robot name that the pass is recorded for (default: the folder's)")
+    add_new_name(parser, "name of the robot for which the pass is recorded (default: name of the folder)")
     parser.add_argument("--yes", action="store_true", help="assume yes to all questions (unattended use)")
     parser.add_argument("--no-jog", action="store_true", help="check only, move nothing; this does not count as a pass")
     parser.add_argument(
@@ -523,7 +523,7 @@ def _conclude(flight: Preflight, *, passed: bool, check_only: bool, report: str 
 
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
-    """Result of a preflight; `serial_numbers` are by node, `joints` are those that turned as commanded."""
+    """Result of a preflight; `serial_numbers` are by node, `joints` have turned as commanded."""
 
     robot: str
     time: str

@@ -1,4 +1,4 @@
-"""Enable and disable quirks of a running virtual drive, such as those of a manufacturer's drives.
+"""Enable and disable quirks of a running virtual drive, such as the quirks of a manufacturer.
 
 A quirk is a documented way in which a healthy drive departs from CiA 301 or CiA 402; a malfunction is a fault. `quirk
 list` explains every quirk, its strength and its source. `quirk NODE NAME on|off` switches one, for all axes of the
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "name", nargs="?", metavar="NAME", help="name of the quirk; without a name the active quirks are listed"
     )
     parser.add_argument("state", nargs="?", choices=["on", "off"], help="state of the quirk (default: on)")
-    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: that of the running robot)")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drive (default: channel of the running robot)")
 
 
 def run(args: argparse.Namespace) -> int:

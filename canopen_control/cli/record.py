@@ -146,7 +146,7 @@ class Recorded:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("channel", nargs="?", help=argparse.SUPPRESS)  # the old form: record CHANNEL --can FILE
-    parser.add_argument("--can", metavar="CHANNEL", help="channel to record (default: that of the running robot)")
+    parser.add_argument("--can", metavar="CHANNEL", help="channel to record (default: channel of the running robot)")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the frames to this file: .log, .asc, .blf, .trc")
     parser.add_argument("--bag", metavar="DIR", help="write a ROS 2 bag (MCAP) of the running robot to this new folder")
     parser.add_argument(

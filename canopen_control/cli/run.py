@@ -143,7 +143,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="start drives, hub, recorder and ROS bridge as new interpreters instead of forks of this process",
     )
-    add_duration(parser, "stop S seconds after the robot runs", former="--duration", dest="duration")
+    add_duration(parser, "stop S seconds after the controllers have started", former="--duration", dest="duration")
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,
@@ -179,18 +179,26 @@ def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--like",
         metavar="NAME|FILE",
-        help="let the virtual drives behave like those of a manufacturer, see drive --like",
+        help="let the virtual drives behave like the drives of a manufacturer, see drive --like",
     )
-    add_new_name(parser, "name of this robot for its clients (default: the folder's)")
+    add_new_name(parser, "name of this robot for its clients (default: name of the folder)")
 
 
-def add_file_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options that select the files of a robot, and how strictly they are read."""
+_CHANNEL_HELP: Final = "channel of the drives: local:NAME (default), vcan0, can0, pcan:..."
+
+
+def add_file_arguments(parser: argparse.ArgumentParser, *, channel: str | None = _CHANNEL_HELP) -> None:
+    """Declare the options that select the files of a robot, and how strictly they are read.
+
+    `channel` is the help of --can; None hides this option for a verb that refuses it.
+    """
     parser.add_argument("config", nargs="?", metavar="ROBOT", help="a robot folder, or the name of a bundled robot")
     parser.add_argument("xacro", nargs="*", metavar="NAME:=VALUE", help="an argument of the robot's xacro")
-    parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the folder's")
-    parser.add_argument("--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the folder's")
-    parser.add_argument("--description", metavar="FILE", help="URDF or xacro, instead of the folder's")
+    parser.add_argument("--bus", metavar="FILE", help="bus.yml, instead of the file in the folder")
+    parser.add_argument(
+        "--controllers", metavar="FILE", help="ros2_controllers.yaml, instead of the file in the folder"
+    )
+    parser.add_argument("--description", metavar="FILE", help="URDF or xacro, instead of the file in the folder")
     parser.add_argument(
         "--launch",
         metavar="FILE",
@@ -202,7 +210,7 @@ def add_file_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="[BUS=]CHANNEL",
-        help="channel of the drives: local:NAME (default), vcan0, can0, pcan:...",
+        help=argparse.SUPPRESS if channel is None else channel,
     )
     parser.add_argument(
         "--strict", action="store_true", help="treat repeated and unknown keys of ros2_controllers.yaml as errors"
@@ -233,7 +241,7 @@ def find_files(args: argparse.Namespace) -> RobotFiles:
 
 def add_kind_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that select real drives or mock hardware, and the active controllers."""
-    parser.add_argument("--real", action="store_true", help="use real drives; start no virtual ones")
+    parser.add_argument("--real", action="store_true", help="use real drives; start no virtual drives")
     parser.add_argument("--mock", action="store_true", help="use mock hardware: no drives and no bus")
     parser.add_argument(
         "--controller",

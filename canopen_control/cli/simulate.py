@@ -97,7 +97,7 @@ def _duration(text: str) -> int:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_file_arguments(parser)
+    add_file_arguments(parser, channel=None)
     parser.add_argument(
         "--controller",
         action="append",
@@ -123,7 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --physics: objects on the floor, YAML or SDF; without ROBOT: simulate the robots that the "
         "file names",
     )
-    parser.add_argument("--like", metavar="NAME|FILE", help="let all drives behave like those of a manufacturer")
+    parser.add_argument("--like", metavar="NAME|FILE", help="let all drives behave like the drives of a manufacturer")
     parser.add_argument(
         "--quirk", action="append", default=[], metavar="Q[=V][@AXIS]", help="give all drives a quirk (repeatable)"
     )
@@ -169,7 +169,7 @@ def _add_serving(parser: argparse.ArgumentParser) -> None:
         "--serve", action="store_true", help="let programs connect to the robot by its socket, as to a running robot"
     )
     parser.add_argument(
-        "--ros", action="store_true", help="as --serve, and start the ROS 2 bridge, which publishes /clock"
+        "--ros", action="store_true", help="same as --serve, and start the ROS 2 bridge, which publishes /clock"
     )
     parser.add_argument("--namespace", metavar="NS", help="with --ros: namespace of all ROS names and frames")
     parser.add_argument(

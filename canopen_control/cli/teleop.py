@@ -229,7 +229,7 @@ class TeleopRobot:
         except BaseException:
             self._robot.close()
             raise
-        wheels = "" if self._is_base else " (no base controller is active: the speeds are those of the wheels)"
+        wheels = "" if self._is_base else " (no base controller is active: the speeds apply to the wheels)"
         self.title = f"{self._robot.robot}, {self._name}{wheels}"
         self.units = ("m/s", "rad/s") if self._is_base else ("rad/s", "rad/s")
         self.speeds = _BASE_SPEEDS if self._is_base else _WHEEL_SPEEDS

@@ -48,7 +48,7 @@ CHUNK = 256  # frames of a file that are printed at once
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument("--can", metavar="CHANNEL", help="channel to listen to (default: that of the running robot)")
+    group.add_argument("--can", metavar="CHANNEL", help="channel to listen to (default: channel of the running robot)")
     group.add_argument(
         "--file", metavar="FILE", help="a recording: .log, .asc, .blf, .trc (text also as .gz), or a flight recording"
     )

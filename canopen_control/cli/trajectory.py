@@ -152,7 +152,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record = actions.add_parser("record", help="record the motion of the joints as a file for play, until Ctrl-C")
     record.add_argument("-o", "--output", required=True, metavar="FILE", help="the YAML file to write")
     record.add_argument(
-        "--joints", metavar="NAMES", help="joints to record, as in joint_1,joint_2 (default: the controller's)"
+        "--joints", metavar="NAMES", help="joints to record, as in joint_1,joint_2 (default: joints of the controller)"
     )
     record.add_argument("--rate", type=_rate, default=20.0, metavar="HZ", help="points per second (default: 20)")
     add_duration(record, "end after S seconds", former="--duration", dest="duration")

@@ -86,11 +86,11 @@ VERBS = {verb: text for group in GROUPS.values() for verb, text in group.items()
 WITHOUT_JSON: Final = {
     "run": "it prints events until the robot ends; `status --json` has the state",
     "demo": "same as for `run`",
-    "ros bridge": "it runs until the robot ends; its options are those of ROS",
+    "ros bridge": "it runs until the robot ends; its options are ROS arguments",
     "monitor": "it is for people; `status --watch --json` has the same data",
     "view": "it serves a page until Ctrl-C",
     "teleop": "it is driven by keys",
-    "gateway": "its answers are those of CiA 309-3",
+    "gateway": "its answers have the format of CiA 309-3",
     "help": "it prints a text",
     "completion": "it prints a script",
 }

@@ -150,7 +150,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--for", type=finite, default=0.2, dest="seconds", metavar="S", help="with push: duration in s (default: 0.2)"
     )
-    parser.add_argument("--can", metavar="CHANNEL", help="channel of the drives (default: that of the running robot)")
+    parser.add_argument(
+        "--can", metavar="CHANNEL", help="channel of the drives (default: channel of the running robot)"
+    )
     parser.add_argument("--name", help="the robot, if it has no drives (default: the only one that runs)")
 
 

@@ -583,7 +583,7 @@ class MonitorApp(App[None]):
             except CanopenError as error:
                 self._messages.append((f"{title}: {error}", "error"))
 
-        # Not a worker of Textual: those are few, and a STOP must not wait for the others.
+        # Not a worker of Textual, because their number is limited, and a STOP must not wait for other requests.
         threading.Thread(target=run, name=title, daemon=True).start()
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.health import StateWords
 
 
-# the most important columns come first, because a terminal of 80 columns shows only those
+# the most important columns are first, as a terminal of 80 columns shows only some
 DRIVE_COLUMNS: Final = ("drive", "NMT", "CiA 402", "error", "heard", "mode", "SDO", "statusword")
 JOINT_COLUMNS: Final = ("joint", "command", "velocity", "position", "effort")
 

@@ -55,7 +55,7 @@ class WatchedBus:
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare ROBOT, --name, --bus and --eds."""
     parser.add_argument(
-        "config", nargs="?", metavar="ROBOT", help="use the names of this robot: a folder or a bundled one"
+        "config", nargs="?", metavar="ROBOT", help="use the names of this robot: a folder or a bundled robot"
     )
     parser.add_argument("--name", help="the running robot (default: the only one)")
     parser.add_argument("--bus", metavar="NAME", help="bus of a robot with several buses")

@@ -1,7 +1,7 @@
 """Recordings for `simulate`: writes a flight recording of a simulation, and reads a scenario from a recording.
 
 A recording of a simulation has the format of a robot's flight recorder, but covers the whole simulation; times are
-those of the virtual clock.
+virtual times.
 """
 
 from __future__ import annotations
