@@ -155,7 +155,7 @@ def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) ->
     if not active[0].active:
         raise ConfigError(
             f"{active[0].name} is {active[0].state}; activate it: canopen-control controller switch --activate "
-            f"{active[0].name}, with --deactivate for the controller that holds its wheels"
+            f"{active[0].name}, with --deactivate for the controller that has claimed its wheels"
         )
     return active[0]
 

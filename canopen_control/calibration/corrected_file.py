@@ -59,7 +59,9 @@ def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str
     Raises ConfigError, without leaving a copy, if that is not possible.
     """
     if copy.exists() and copy.samefile(path):
-        raise ConfigError(f"{copy} is the robot's own file; the values go to a copy, give another name with --output")
+        raise ConfigError(
+            f"{copy} is the robot's own file; the values are written to a copy; give another name with --output"
+        )
     file = read_controllers(path)
     flat = _flat(file, controller)
     before = {name: _number(flat, name) for name in values}

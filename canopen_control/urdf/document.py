@@ -221,5 +221,5 @@ def read_document(text: str, path: str, source: str | None = None) -> UrdfDocume
     except ValueError as error:  # a surrogate or another character without an encoding
         raise RobotConfigError(f"{path}: not valid XML: {error}") from error
     if builder.root is None:
-        raise RobotConfigError(f"{path}: not valid XML: there is no element in it")
+        raise RobotConfigError(f"{path}: not valid XML: the file has no element")
     return UrdfDocument(builder.root, path)

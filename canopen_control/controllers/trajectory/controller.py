@@ -137,7 +137,7 @@ class ToleranceMonitor:
             off, allowed = errors[self.left], tolerances.path[self.left].position
             deviation = f"{joints[self.left]} is {off:g} off its path, with a tolerance of {allowed:g}"
             return ToleranceResult(
-                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{deviation}; check what holds it back"
+                GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED, f"{deviation}; check what blocks the joint"
             )
         if self.over and self.outside < 0:
             return _REACHED
@@ -145,7 +145,7 @@ class ToleranceMonitor:
             off, time = errors[self.outside], tolerances.goal_time
             deviation = f"{joints[self.outside]} is {off:g} off its goal {time:g} s after the end"
             return ToleranceResult(
-                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{deviation}; check what holds it back"
+                GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, f"{deviation}; check what blocks the joint"
             )
         return None
 

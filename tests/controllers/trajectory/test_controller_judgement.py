@@ -43,7 +43,7 @@ def test_a_goal_that_is_missed_is_late_after_its_time(past, late):
     verdict = judged.verdict(TOLERANCES)
     if late:
         assert verdict.code is ResultCode.GOAL_TOLERANCE_VIOLATED
-        assert verdict.text == "b is -0.02 off its goal 0.5 s after the end; check what holds it back"
+        assert verdict.text == "b is -0.02 off its goal 0.5 s after the end; check what blocks the joint"
     else:
         assert verdict is None
 
@@ -51,7 +51,7 @@ def test_a_goal_that_is_missed_is_late_after_its_time(past, late):
 def test_a_joint_that_left_its_path_is_named_with_its_tolerance():
     verdict = found(0.2, 0.0).verdict(TOLERANCES)
     assert (verdict.state, verdict.code) == (GoalState.ABORTED, ResultCode.PATH_TOLERANCE_VIOLATED)
-    assert verdict.text == "a is 0.2 off its path, with a tolerance of 0.1; check what holds it back"
+    assert verdict.text == "a is 0.2 off its path, with a tolerance of 0.1; check what blocks the joint"
 
 
 def test_within_all_at_the_end_is_reached_and_on_the_way_nothing_is_said():
