@@ -46,7 +46,7 @@ def parse_end(text: str) -> tuple[float, float]:
 
 
 class TypedEnds:
-    """End positions that a user types at a terminal; `ask` shows a prompt and returns a line, or raises EOFError."""
+    """Source of end positions that a user types; `ask` shows a prompt and returns a line, or raises EOFError."""
 
     def __init__(self, ask: Callable[[str], str], report: Callable[[str], object]) -> None:
         self._ask, self._report = ask, report
@@ -71,7 +71,7 @@ class TypedEnds:
 
 
 class FiledEnds:
-    """End positions from a file, in the order of its lines."""
+    """Source of end positions from a file, in the order of the lines."""
 
     def __init__(self, ends: Sequence[tuple[float, float]], report: Callable[[str], object]) -> None:
         self._ends, self._report = list(ends), report

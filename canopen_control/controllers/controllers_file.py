@@ -77,7 +77,7 @@ class ControllersFile:
 
 @dataclass(frozen=True)
 class ManagerParams:
-    """Parameters of the controller_manager.
+    """Parameters of the controller_manager, including parameters that have no effect in this package.
 
     Parameters that do not apply to one process with one thread are accepted, without effect.
     """

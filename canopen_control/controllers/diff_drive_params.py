@@ -125,12 +125,8 @@ RENAMES: Final = {
 """Names of noetic and humble, mapped to those of jazzy; "" marks parameters without effect."""
 
 
-def _silent(_text: str) -> None:
-    """Ignore a report."""
-
-
 def read_params(
-    params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], None] = _silent
+    params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> DiffDriveParams:
     """Return the checked parameters; raise RobotConfigError with all errors in them.
 
@@ -149,7 +145,7 @@ def read_params(
 
 
 def _completed(
-    params: DiffDriveParams, geometry: WheelGeometrySource | None, report: Callable[[str], None]
+    params: DiffDriveParams, geometry: WheelGeometrySource | None, report: Callable[[str], object]
 ) -> DiffDriveParams:
     if geometry is None:
         return params

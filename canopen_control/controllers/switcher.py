@@ -59,7 +59,7 @@ class Rate:
         self.hz, self.last = hz, _NEVER
 
     def step(self, now: int, period: float) -> float:
-        """Return the time since the last step in s; NOT_DUE if the next cycle is closer to the due time.
+        """Return the time since the last step in s, or NOT_DUE if the next cycle is closer to the due time.
 
         `now` is in ns, `period` is that of the cycle in s.
         """

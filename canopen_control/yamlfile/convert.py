@@ -96,7 +96,7 @@ def part() -> Any:
 
 
 def derived(default: Any) -> Any:
-    """Return a field without a key in the file, which the reader of the file computes."""
+    """Return a field that is not read from the file, but set by the code that reads the file."""
     return dataclasses.field(default=default, metadata={"derived": True})
 
 

@@ -206,7 +206,10 @@ class JointSetpoint(metaclass=ABCMeta):
             self.sampled = True
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time `t`, in ns, to `out`, without a change of the progress; False without a state."""
+        """Write the state at any time `t`, in ns, to `out`; return False without a state.
+
+        The progress of the motion is unchanged.
+        """
         return self.sampled and self.sample(t, out, ahead=True)
 
     @property

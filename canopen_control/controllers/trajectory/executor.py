@@ -105,7 +105,7 @@ class Blend(JointSetpoint):
         return result
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time to `out`, without a change of the progress.
+        """Write the state at any time to `out`; the progress of the motion is unchanged.
 
         Up to the first point of a queued trajectory, the state is that of the trajectories before it.
         """
@@ -332,7 +332,7 @@ class TrajectoryExecutor:
         self.hold()
 
     def clear(self, *, holding: bool) -> None:
-        """Discard the motion and the queued motion; `holding` is stored in the attribute."""
+        """Discard the motion and the queued motion, and set the attribute `holding`."""
         self.motion = self._queued = self._message = None
         self.holding = holding
 
@@ -515,7 +515,7 @@ class TrajectoryExecutor:
         )
 
     def _begin(self, motion: JointSetpoint, now: int, scaling: float) -> None:
-        """Set the state before the first point: the last command or the actual state, by the parameters."""
+        """Set the state before the first point to the last command (`from_desired`) or to the actual state."""
         wrap = () if self._message is self._hold else self._group.wrap
         if self._params.from_desired and self._last.positions:
             self._last_time = self._last_time or now
