@@ -124,7 +124,7 @@ def _switch(robot: RobotCore, call: Call[messages.SwitchControllers]) -> None:
 
 
 def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates]) -> None:
-    controller = robot.manager.loops(call.request.controller, "takes no measured states")
+    controller = robot.manager.loops(call.request.controller, "accepts no measured states")
     controller.set_measured_states(call.request.values, robot.cycle.clock.now())
     call.reply(Done())
 

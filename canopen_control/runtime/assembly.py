@@ -193,7 +193,7 @@ class Assembly:
         setup = self.setup
         if not setup.description.hardware and not setup.files.bus_alone:
             raise RobotConfigError(
-                f"{setup.files.description}: no <ros2_control> tag; it says which drive moves which joint"
+                f"{setup.files.description}: no <ros2_control> tag; add one that assigns the drives to joints"
             )
         kinds = setup.kinds
         self._add_buses()

@@ -144,8 +144,8 @@ def why_not_started(buses: Collection[RobotBus], missing: Iterable[tuple[RobotBu
 def _why_silent(bus: RobotBus) -> str:
     master = bus.config.master
     return (
-        f"no node answers on {bus.channel}: not one frame came from {', '.join(bus.config.nodes)} within "
-        f"{master.boot_time / 1000:g} s; are the drives there, powered, and set to {master.baudrate} kbit/s?"
+        f"no node answers on {bus.channel}: no frame was received from {', '.join(bus.config.nodes)} within "
+        f"{master.boot_time / 1000:g} s; are the drives connected, powered and set to {master.baudrate} kbit/s?"
     )
 
 
@@ -153,7 +153,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
     if node.error and node.error.startswith(f"node {node.node_id}"):
         return node.error
     seconds = bus.config.master.boot_time / 1000
-    reason = node.error or f"not operational within {seconds:g} s; its boot got as far as {node.boot_step!r}"
+    reason = node.error or f"not operational within {seconds:g} s; its boot stopped at step {node.boot_step!r}"
     return f"{node.who}: {reason}"
 
 
@@ -197,7 +197,7 @@ def return_hint(absent: Iterable[RemoteNode]) -> str:
     nodes = list(dict.fromkeys(absent))
     names = [node.name for node in nodes if node.is_taken_out]
     if names:
-        return f"start what was stopped: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
+        return f"start the stopped nodes: {', '.join(f'canopen-control nmt start {name}' for name in names)}"
     return f"wait for {', '.join(node.name for node in nodes)}"
 
 

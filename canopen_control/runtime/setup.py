@@ -366,7 +366,7 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
         raise RobotConfigError("--kernel-sync: there is no bus; omit the option")
     for name, config in buses.items():
         if not config.master.sync_period:
-            raise RobotConfigError(f"--kernel-sync: {config.path} has no sync_period, so that there is no SYNC to send")
+            raise RobotConfigError(f"--kernel-sync: {config.path} has no sync_period, so no SYNC can be sent")
         if parse_channel(channels[name]).kind is not ChannelKind.SOCKETCAN:
             raise RobotConfigError(
                 f"--kernel-sync: the kernel cannot send SYNC on {channels[name]}; "

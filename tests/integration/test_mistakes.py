@@ -105,7 +105,9 @@ def test_a_file_that_is_missing_in_the_folder(stage, tmp_path):
 def test_a_bus_that_nobody_answers_on(stage, tmp_path):
     config = copy_robby(tmp_path, bus={"  sync_period: 20000": "  boot_time: 1500\n  sync_period: 20000"})
     program = stage.call("run", config, "--no-drives", "--can", "local:desert")
-    check(program, 1, "no node answers on local:desert: not one frame came from left_drive, right_drive within 1.5 s")
+    check(
+        program, 1, "no node answers on local:desert: no frame was received from left_drive, right_drive within 1.5 s"
+    )
     stage.nobody_is_left(GONE_S)
 
 

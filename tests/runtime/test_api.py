@@ -618,7 +618,7 @@ def test_a_base_is_driven_by_stamped_twists_and_put_somewhere_else():
     refused = client.ask("set_feed_forward", controller="robby_base_controller", enabled=True)["error"]
     assert "has no feed-forward to switch" in refused["message"]
     refused = client.ask("set_measured_states", controller="robby_base_controller", values=[0.0])["error"]
-    assert "takes no measured states" in refused["message"]
+    assert "accepts no measured states" in refused["message"]
     client.close()
     base.api.close()
     base.close()

@@ -284,7 +284,7 @@ def test_a_node_that_is_not_there_ends_the_start_with_its_name(tmp_path):
     robot = AloneBench("absent", config=config, drives=())
     robot.robot.start()
     robot.until(lambda: robot.robot.state is RobotState.STOPPED)
-    assert "not one frame came from io_module" in robot.robot.failure
+    assert "no frame was received from io_module" in robot.robot.failure
     robot.close()
 
 

@@ -101,7 +101,7 @@ def test_buses_of_different_sync_periods_and_doubled_names_are_no_robot(tmp_path
 def test_the_kernel_sends_sync_only_where_there_is_one(tmp_path):
     files = find_robot(str(copy_robby(tmp_path, bus={"sync_period: 20000": "sync_period: 0"})))
     assert read_robot(files, can=["vcan0"]).kernel_sync is False
-    with pytest.raises(RobotConfigError, match=r"bus\.yml has no sync_period, so that there is no SYNC to send"):
+    with pytest.raises(RobotConfigError, match=r"bus\.yml has no sync_period, so no SYNC can be sent"):
         read_robot(files, can=["vcan0"], kernel_sync=True)
     setup = read_robot(find_robot("robby"), can=["vcan0"], kernel_sync=True)
     told = "SYNC is sent by the kernel, and the cycle follows it: --kernel-sync"
