@@ -322,7 +322,7 @@ class DriveMachine:
         self.evaluations = 0
         timeouts = {**_DEFAULT_TIMEOUTS, SETTLE: settle_ns, **(transition_timeouts or {})}
         self._step = StepTimer(transition_timeout_ns, timeouts)
-        self._intent = DriveRequest(self._step, disabled_state)
+        self._request = DriveRequest(self._step, disabled_state)
         self._undefined_limit = undefined_limit
         self._undefined_run = 0
         self._always_remote = REMOTE if ignore_remote else 0
@@ -440,15 +440,15 @@ class DriveMachine:
 
     @property
     def disabled_state(self) -> State:
-        return self._intent.disabled_state
+        return self._request.disabled_state
 
     @disabled_state.setter
     def disabled_state(self, state: State) -> None:
-        self._intent.disabled_state = state
+        self._request.disabled_state = state
 
     @property
     def goal(self) -> DriveGoal:
-        return self._intent.goal
+        return self._request.goal
 
     @property
     def mode(self) -> int | None:
@@ -463,7 +463,7 @@ class DriveMachine:
     @property
     def enabled(self) -> bool:
         """Whether the drive is in OPERATION_ENABLED without a pending request or event that ends this state."""
-        return self.state is State.OPERATION_ENABLED and self._intent.state is EnableRequest.ENABLED
+        return self.state is State.OPERATION_ENABLED and self._request.state is EnableRequest.ENABLED
 
     @property
     def may_move(self) -> bool:
@@ -532,14 +532,14 @@ class DriveMachine:
         if now >= step.deadline:
             self._step_timed_out(now)
         command = self._choose()
-        self._intent.begin(command, self.state, now)
+        self._request.begin(command, self.state, now)
         self.controlword = self._word(command, now)
         self._deadline = min(step.deadline, mode.deadline, self._reset.deadline)
         self.next_update = min(self.next_update, self._deadline)
         return self.controlword
 
     def _fire(self, trigger: EnableTrigger) -> None:
-        if self._intent.fire(trigger):
+        if self._request.fire(trigger):
             self.next_update = _AT_ONCE
 
     def _statusword_text(self) -> str:
@@ -576,7 +576,7 @@ class DriveMachine:
                 self._events.append(ControlChanged(now, statusword))
         # CiA 402-2, 0x605A = 5 to 8: the drive stays in QUICK STOP ACTIVE after its stop
         if state is State.QUICK_STOP_ACTIVE:
-            self._intent.stopping(statusword)
+            self._request.stopping(statusword)
 
     def _count_undefined(self, statusword: int, now: int) -> None:
         self.undefined += 1
@@ -599,13 +599,13 @@ class DriveMachine:
         self._reset.cancel()
         if previous in FAULT_STATES:
             self._events.append(FaultCleared(now, statusword))
-        elif previous is not None and self._intent.lost_enable(previous, state):
+        elif previous is not None and self._request.lost_enable(previous, state):
             self._lose(now, state)
 
     def _enter(self, state: State | None, now: int) -> None:
         self._events.append(StateChanged(now, self.state, state, self.statusword))
         self.state = state
-        self._intent.entered(state)
+        self._request.entered(state)
 
     def _lose(self, now: int, state: State | None) -> None:
         self._events.append(EnableLost(now, state, self.statusword))
@@ -635,20 +635,20 @@ class DriveMachine:
     def _detour(self) -> None:
         """Make an enabled drive pass through `switching_state`, in which it can change its mode."""
         detour = self._switching_state if self._switches else None
-        if detour is not self._intent.detour:
-            self._intent.detour = detour
+        if detour is not self._request.detour:
+            self._request.detour = detour
             self._step.rearm()
 
     def _step_timed_out(self, now: int) -> None:
-        event = self._intent.timed_out(self.state, self.statusword, now)
+        event = self._request.timed_out(self.state, self.statusword, now)
         if event is not None:
             self._events.append(event)
             self._fire(EnableTrigger.LOST if event.gave_up else EnableTrigger.ARRIVED)
 
     def _choose(self) -> Command | None:
         may_enable = self.mode_request.may_enable and not self.held_in_switched_on
-        command = self._intent.choose(self.state, self.statusword, self.standstill, may_enable)
-        if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._intent.waits):
+        command = self._request.choose(self.state, self.statusword, self.standstill, may_enable)
+        if self._switches or (self.state is State.QUICK_STOP_ACTIVE and self._request.waits):
             self.next_update = _AT_ONCE  # `standstill` is not an input of update
         return command
 

@@ -77,7 +77,7 @@ class OutputSignal:
         command, node = self.command, self._node
         value = command.value
         if not node.ready or node.boots != self._boots:
-            self._away(value)
+            self._node_absent(value)
             return
         if math.isnan(value):
             self._void = math.nan  # any further command is new
@@ -95,7 +95,7 @@ class OutputSignal:
         if not math.isnan(commanded) and safe is not None and not math.isnan(safe) and self._node.ready:
             self._send(safe, always=False)
 
-    def _away(self, value: float) -> None:
+    def _node_absent(self, value: float) -> None:
         """Clear the command after a node loss or reboot; update the scale when the node is ready."""
         self.void |= self.commanded
         self._commanded, self._void = math.nan, value

@@ -280,7 +280,7 @@ class MotionWatch:
             self._away = 0
             self._rest = here
         stands = not step and self._rest == self._still == here
-        self._idle = target if stands and not self._asks(target, scale) else None
+        self._idle = target if stands and not self._commands_motion(target, scale) else None
         self._idle_at = target.output.value
 
     @property
@@ -293,7 +293,7 @@ class MotionWatch:
         raw: int = target.output.value
         return (raw - self._axis.raw_position + (1 << 31)) % (1 << 32) - (1 << 31)
 
-    def _asks(self, target: ModeTarget, scale: float) -> bool:
+    def _commands_motion(self, target: ModeTarget, scale: float) -> bool:
         """Whether the target commands a motion large enough to be measured."""
         if target.interface == POSITION:
             return abs(self._distance(target)) > _WAY * scale
@@ -305,7 +305,7 @@ class MotionWatch:
         if moved:
             self._moved = self._moved or self._still is not None
             self._still = here
-        self._standing = 0 if moved or limited or not self._asks(target, scale) else self._standing + 1
+        self._standing = 0 if moved or limited or not self._commands_motion(target, scale) else self._standing + 1
         self.stands = self._standing == STANDING_LOOKS
         cyclic = target.tracks and target.interface == POSITION
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS

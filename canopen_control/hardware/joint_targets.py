@@ -514,7 +514,7 @@ class PositionTarget(_PositionTarget):
                 self._ramp.rest()
             return
         here = self._here() if self._count is None else self._count
-        self._go(here, self._towards(here, self._count_of(value, here), period), period)
+        self._send_position(here, self._towards(here, self._count_of(value, here), period), period)
 
     def ramp_down(self, period: float) -> bool:
         self.value = _NAN
@@ -524,7 +524,7 @@ class PositionTarget(_PositionTarget):
         self._slope = self._slope or stop_slope(self._axis, abs(self._speed))
         remaining = max(0.0, abs(self._speed) - self._slope * period)
         speed = math.copysign(remaining, self._speed)
-        self._go(here, here + round(speed * period), period)
+        self._send_position(here, here + round(speed * period), period)
         self._speed = speed
         return remaining == 0.0
 
@@ -551,7 +551,7 @@ class PositionTarget(_PositionTarget):
             self.value = _NAN  # so that the next cycle continues
         return here + step if way > 0 else here - step
 
-    def _go(self, here: int, count: int, period: float) -> None:
+    def _send_position(self, here: int, count: int, period: float) -> None:
         """Send a position count within the software position limits; store count and speed."""
         axis = self._axis
         limits, offset = axis.limits, axis.unwrap.offset
@@ -598,9 +598,9 @@ class SetPointTarget(_PositionTarget):
         if self._same(value):
             pass
         elif not math.isnan(value):
-            self._give(value)
+            self._send_set_point(value)
         elif self._sent is not None:
-            self._take_back(self._sent)
+            self._brake(self._sent)
         if handshake.busy:
             self.bits = handshake.update(
                 machine.statusword, ready=True, now=now, halted=machine.halted, under_way=self._is_moving()
@@ -634,7 +634,7 @@ class SetPointTarget(_PositionTarget):
     def events(self) -> Sequence[SetPointEvent]:
         return self._handshake.events()
 
-    def _take_back(self, target: int) -> None:
+    def _brake(self, target: int) -> None:
         """Stop by a set-point at the end of the drive's braking ramp, at most at `target`."""
         self._sent = None
         axis, here = self._axis, self._axis.raw_position
@@ -646,7 +646,7 @@ class SetPointTarget(_PositionTarget):
         low, high = min(here, target), max(here, target)
         self._handshake.move(max(low, min(high, resting)), immediately=True)
 
-    def _give(self, value: float) -> None:
+    def _send_set_point(self, value: float) -> None:
         axis = self._axis
         if axis.limits.ramp_unbounded:
             self.value = _NAN  # waits until the drive's own speed is known to be within the limit

@@ -239,7 +239,7 @@ def _touch_floor(spec: Any, ground: Ground, floor: FloorContact, step: float) ->
         if touch is None or part is ContactPart.CASTER:
             continue
         if part is ContactPart.ROLLER:
-            geom = _loosened(geom, step, floor.friction)
+            geom = _add_rolling_part(geom, step, floor.friction)
         if geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             radius, half = geom.size[0], geom.size[1]
             geom.type, geom.size = mujoco.mjtGeom.mjGEOM_ELLIPSOID, [radius, radius, half]
@@ -256,7 +256,7 @@ def solref(step: float) -> list[float]:
     return [max(0.004, 2.0 * step), 1.0]
 
 
-def _loosened(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
+def _add_rolling_part(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
     """Turn a wheel shape into a hub, and add a free-turning cylinder with half of the density around the axle."""
     geom.contype = geom.conaffinity = 0
     geom.density = 0.5 * geom.density
@@ -429,7 +429,7 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
     step = min(float(robot.spec.option.timestep) for robot, _ in robots.values())
     set_options(spec, step)
     for number, (name, (robot, start)) in enumerate(robots.items()):
-        _give_kind(robot.spec, 1 << (number + _FIRST_ROBOT))
+        _set_contact_bits(robot.spec, 1 << (number + _FIRST_ROBOT))
         spec.attach(robot.spec, prefix=f"{name}/", frame=_frame(spec, robot, start))
     lay_floor(spec, step, 0.0)
     add_scenery(spec, world, solref(step))
@@ -440,7 +440,7 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
     return model
 
 
-def _give_kind(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
+def _set_contact_bits(spec: Any, kind: int) -> None:  # noqa: ANN401 - as above
     """Set the contact bits of a robot's shapes, so that shapes of one robot do not touch each other."""
     for geom in spec.geoms:
         if geom.contype:

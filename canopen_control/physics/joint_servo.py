@@ -61,8 +61,8 @@ class ServoLoop:
         integrators is kept.
         """
         scale = counts * per_mille
-        mine = (gains[0] * scale, gains[1] * scale, gains[2], gains[3]) if gains is not None else self._own
-        self.kp, ki, self._gain, self._feed_forward = mine
+        values = (gains[0] * scale, gains[1] * scale, gains[2], gains[3]) if gains is not None else self._own
+        self.kp, ki, self._gain, self._feed_forward = values
         self._ki = ki * self._period
 
     def rest(self, torque: float = 0.0) -> None:
@@ -75,17 +75,17 @@ class ServoLoop:
 
     def torque(self, angle: float, position: float, velocity: float, limit: float) -> float:
         """Return the torque of the position loop with velocity feed-forward, limited to `limit`."""
-        error = position - self._see(angle)
+        error = position - self._measure(angle)
         if velocity == 0.0 and -self.quantum <= error <= self.quantum:
             return self._hold(limit)
-        return self._push(self._feed_forward * velocity + self._gain * error - self._velocity, limit)
+        return self._velocity_loop(self._feed_forward * velocity + self._gain * error - self._velocity, limit)
 
     def velocity_torque(self, angle: float, velocity: float, limit: float) -> float:
         """Return the torque of the velocity loop without a position loop, limited to `limit`."""
-        self._see(angle)
-        return self._push(velocity - self._velocity, limit)
+        self._measure(angle)
+        return self._velocity_loop(velocity - self._velocity, limit)
 
-    def _see(self, angle: float) -> float:
+    def _measure(self, angle: float) -> float:
         """Sample the encoder; return the measured position."""
         place = round(angle / self.quantum) * self.quantum
         way = 0.0 if self._place is None else place - self._place
@@ -93,7 +93,7 @@ class ServoLoop:
         self._velocity += self._share * (way / self._period - self._velocity)
         return place
 
-    def _push(self, lacking: float, limit: float) -> float:
+    def _velocity_loop(self, lacking: float, limit: float) -> float:
         """Return the torque of the PI velocity loop for a velocity error, limited to `limit`."""
         torque = self.kp * lacking + self._integral
         if torque > limit:
@@ -260,7 +260,7 @@ class JointPlant:
                 self._gains = owner.gains
                 self.loop.tune(owner.gains, abs(self._scale), abs(self._per_mille))
             if owner.torque is None:
-                newtons = self._led(owner, clock, limit)
+                newtons = self._loop_torque(owner, clock, limit)
             else:
                 newtons = max(-limit, min(limit, owner.torque.at(clock)[1] * self._per_mille))
                 self.loop.rest(newtons)
@@ -270,7 +270,7 @@ class JointPlant:
         self.torque = newtons / self._per_mille
         self._world.efforts[self.place.dof] = newtons + self._external * self._per_mille
 
-    def _led(self, owner: AxisOwner, clock: int, limit: float) -> float:
+    def _loop_torque(self, owner: AxisOwner, clock: int, limit: float) -> float:
         """Return the torque in N m of the loop that serves the owner's demand."""
         position, velocity = owner.demand.at(clock)
         angle, speed = float(self._world.angles[self.place.qpos]), velocity / self._scale

@@ -303,7 +303,7 @@ class JointMotor:
         self._robot, self._place, self._period = robot, place, period
         self._loop = ServoLoop(place.motor, settings, period)
         self._target = _Target()
-        self._place_wanted = 0.0
+        self._reference = 0.0
         self.effort = 0.0
 
     @property
@@ -314,7 +314,7 @@ class JointMotor:
     def position(self, value: float) -> None:
         """Set position and target of the joint before the start."""
         self._robot.data.qpos[self._place.qpos] = value
-        self._place_wanted = self._target.before = self._target.value = value
+        self._reference = self._target.before = self._target.value = value
 
     @property
     def velocity(self) -> float:
@@ -326,8 +326,8 @@ class JointMotor:
 
     def rest(self) -> None:
         """Reset the control loops, with the present position as target."""
-        self._target, self._place_wanted, self.effort = _Target(), self.position, 0.0
-        self._target.before = self._target.value = self._place_wanted
+        self._target, self._reference, self.effort = _Target(), self.position, 0.0
+        self._target.before = self._target.value = self._reference
         self._loop.begin()
         for loop in self._loops.values():
             loop.reset()
@@ -336,7 +336,7 @@ class JointMotor:
         """Set the target of a command interface (position, velocity or effort) for the cycle of `seconds`."""
         old = self._target
         if interface != old.interface:  # the previous target of another interface is not a position to start from
-            self._place_wanted = self.position
+            self._reference = self.position
             if (loop := self._loops.get(interface)) is not None:
                 loop.reset()
             old.value = target if interface == "position" else old.value
@@ -351,12 +351,12 @@ class JointMotor:
             self._loop.rest(self.effort)
         elif target.interface == "position":
             speed = (target.value - target.before) / length
-            self._place_wanted = target.before + part * (target.value - target.before)
-            self.effort = self._effort(angle, self._place_wanted, speed, self._place_wanted - angle)
+            self._reference = target.before + part * (target.value - target.before)
+            self.effort = self._effort(angle, self._reference, speed, self._reference - angle)
         else:
-            ahead = self._place_wanted + target.value * self._period
-            self._place_wanted = max(angle - _LEAD, min(angle + _LEAD, ahead))
-            self.effort = self._effort(angle, self._place_wanted, target.value, target.value - self.velocity)
+            ahead = self._reference + target.value * self._period
+            self._reference = max(angle - _LEAD, min(angle + _LEAD, ahead))
+            self.effort = self._effort(angle, self._reference, target.value, target.value - self.velocity)
         self._robot.data.qfrc_applied[place.dof] = self.effort
 
     def _effort(self, angle: float, place: float, speed: float, error: float) -> float:

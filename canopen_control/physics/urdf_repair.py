@@ -61,7 +61,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
         for element in root.findall(tag):
             root.remove(element)
     for link in root.findall("link"):
-        _give_shapes(link, description.path, notes, meshes)
+        _add_collisions(link, description.path, notes, meshes)
     problems = _masses_missing(root, description)
     for link in root.findall("link"):
         _check_inertia(link, description, notes, problems)
@@ -87,12 +87,12 @@ def _is_guessed(link: ET.Element) -> bool:
     return link.find("inertial") is None and link.find("collision") is not None
 
 
-def _give_shapes(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
+def _add_collisions(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
     """Copy the visuals of a link without collisions as collisions; leave out unusable meshes."""
     visuals = link.findall("visual")
-    seen_only = link.find("collision") is None
+    no_collisions = link.find("collision") is None
     for visual in visuals:
-        if seen_only:
+        if no_collisions:
             for material in visual.findall("material"):  # the material would colour the simulated shape
                 visual.remove(material)
             visual.tag = "collision"
@@ -184,9 +184,9 @@ def _check_inertia(link: ET.Element, description: UrdfDescription, notes: list[s
             f"others; simulated with {most:.4g} instead of {moments[2]:.4g}"
         )
     moments[2] = most * (1.0 - 1e-9)
-    put_right = axes @ np.diag(moments) @ axes.T
+    corrected = axes @ np.diag(moments) @ axes.T
     for key, row, column in zip(_MOMENTS, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2), strict=True):
-        element.set(key, repr(float(put_right[row, column])))
+        element.set(key, repr(float(corrected[row, column])))
 
 
 def _is_moved(description: UrdfDescription, link: str) -> bool:
@@ -203,24 +203,24 @@ def _mass_of(link: ET.Element) -> float:
 
 def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
     """Return errors, with lines, for moving links without a mass and without a shape."""
-    heavy = {link.get("name", "") for link in root.findall("link") if _weighs(link)}
+    heavy = {link.get("name", "") for link in root.findall("link") if _has_mass(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
         "which has neither a mass nor a shape; add <inertial> or <collision>"
         for joint in description.joints.values()
-        if not joint.fixed and not heavy.intersection(_rigid(description, joint.child))
+        if not joint.fixed and not heavy.intersection(_fixed_links(description, joint.child))
     ]
 
 
-def _weighs(link: ET.Element) -> bool:
+def _has_mass(link: ET.Element) -> bool:
     if link.find("inertial/mass") is None:
         return link.find("collision") is not None
     return _mass_of(link) > 0.0
 
 
-def _rigid(description: UrdfDescription, link: str) -> Iterator[str]:
+def _fixed_links(description: UrdfDescription, link: str) -> Iterator[str]:
     """Yield a link and all links that fixed joints attach below the link."""
     yield link
     for joint in description.joints.values():
         if joint.parent == link and joint.fixed:
-            yield from _rigid(description, joint.child)
+            yield from _fixed_links(description, joint.child)

@@ -64,7 +64,7 @@ class _Axis:
     joints: list[str]
     way: float  # _WAY in counts
     moved_at: int = 0
-    asked_since: int | None = None
+    requested_since: int | None = None
     reported: bool = False
 
 
@@ -101,7 +101,7 @@ class AnswerInvariants:
             axis.joints.append(joint)
             self._axis_of[joint] = axis
         self._requests: dict[tuple[str, str], _Request] = {}  # by joint and interface
-        self._places = False  # whether a position was requested
+        self._has_positions = False  # whether a position was requested
         self._reports: deque[tuple[int, Event]] = deque(maxlen=_KEPT)
         self._waiting: list[_Waiting] = []
 
@@ -142,11 +142,11 @@ class AnswerInvariants:
         for name, value in zip(self._ends.get(act.target, ()), act.values, strict=False):
             joint, _, interface = name.partition("/")
             if joint in self._axis_of and interface in (POSITION, VELOCITY):
-                self._take(now, joint, interface, value)
+                self._record(now, joint, interface, value)
 
-    def _take(self, now: int, joint: str, interface: str, value: float) -> None:
+    def _record(self, now: int, joint: str, interface: str, value: float) -> None:
         key = joint, interface
-        self._places = self._places or interface == POSITION
+        self._has_positions = self._has_positions or interface == POSITION
         request = self._requests.get(key)
         if interface == VELOCITY and not value:
             self._requests.pop(key, None)
@@ -168,7 +168,7 @@ class AnswerInvariants:
             device = self._robot.drives[node_id].device
             drive = None if device is None else device.drives.get(0)
             if drive is None:
-                axis.asked_since = None
+                axis.requested_since = None
                 continue
             self._judge(axis, drive, now)
         for waiting in list(self._waiting):
@@ -182,11 +182,11 @@ class AnswerInvariants:
         view = axis.view
         if abs(drive.mover.plant.velocity) > _LEAST:
             axis.moved_at, axis.reported = now, False
-        if not self._asks(axis, drive):
-            axis.asked_since = None
-        elif axis.asked_since is None:
-            axis.asked_since = now
-        if axis.moved_at >= now - ANSWER_NS and not self._places:
+        if not self._requests_motion(axis, drive):
+            axis.requested_since = None
+        elif axis.requested_since is None:
+            axis.requested_since = now
+        if axis.moved_at >= now - ANSWER_NS and not self._has_positions:
             return  # it has moved in time; of a position the motion is noted below
         quiet = max(self._disturbed.last(view.node_id), self._robot.started_ns, view.booted_at, view.limited_at)
         for since in self._since(axis, now):
@@ -199,8 +199,8 @@ class AnswerInvariants:
 
     def _since(self, axis: _Axis, now: int) -> Iterator[int]:
         """Yield the start times of the motion requests to an axis, from its target and from clients."""
-        if axis.asked_since is not None:
-            yield axis.asked_since
+        if axis.requested_since is not None:
+            yield axis.requested_since
         for joint in axis.joints:
             if (request := self._requests.get((joint, VELOCITY))) and now - request.last <= _RENEWED_NS:
                 yield request.since
@@ -211,7 +211,7 @@ class AnswerInvariants:
                 else:
                     yield request.since
 
-    def _asks(self, axis: _Axis, drive: VirtualDrive) -> bool:
+    def _requests_motion(self, axis: _Axis, drive: VirtualDrive) -> bool:
         """Whether the target on the bus requests a visible motion of an enabled axis."""
         view, mode = axis.view, drive.modes.number
         if not view.follows:

@@ -93,7 +93,11 @@ def targeted_schedule(
     draw = Random(f"{seed}/aimed").random
     way, armed = _WAYS[machine, state]
     node = str(nodes[int(draw() * len(nodes))])
-    acts = [*_moves(motions, draw()), *_led(way, node), _strike(kind, f"{machine} {state}", node, armed, draw())]
+    acts = [
+        *_commands(motions, draw()),
+        *_state_events(way, node),
+        _fault_event(kind, f"{machine} {state}", node, armed, draw()),
+    ]
     acts += [
         ScenarioEvent(_MENDED_NS, "axis", name="fault-reset"),
         ScenarioEvent(_MENDED_NS + 300 * _MS, "axis", name="enable"),
@@ -101,7 +105,7 @@ def targeted_schedule(
     return tuple(sorted(acts, key=lambda act: act.at_ns))
 
 
-def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
+def _commands(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
     """Return commands before and after the fault; empty without an active controller that moves joints."""
     motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
@@ -113,7 +117,7 @@ def _moves(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]
     ]
 
 
-def _led(way: str, node: str) -> list[ScenarioEvent]:
+def _state_events(way: str, node: str) -> list[ScenarioEvent]:
     """Return the events that bring the node into a state and back to operation."""
     again = [
         ScenarioEvent(_BACK_NS - 100 * _MS, "axis", name="fault-reset"),
@@ -132,7 +136,7 @@ def _led(way: str, node: str) -> list[ScenarioEvent]:
     return []
 
 
-def _strike(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
+def _fault_event(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
     """Return the fault event, which the player delays until the state `when` is reached."""
     lasts = (50 + int(1000 * drawn)) * _MS
     if kind not in KINDS:

@@ -216,13 +216,13 @@ class EventPlayer:
         """Send a trajectory that ends at standstill."""
         joints = self.robot.core.manager.get(act.target).joints if act.target in self.robot.core.manager.states else ()
         width = len(act.values) // max(1, len(act.times))
-        stands = [0.0] * width
+        zeros = [0.0] * width
         if act.times:
             parts = [act.values[at : at + width] for at in range(0, len(act.values), max(1, width))]
             points = [Point(part, time=round(at * 1e9)) for part, at in zip(parts, act.times, strict=False)]
-            points[-1].velocities = stands
+            points[-1].velocities = zeros
         else:
-            points = [Point(act.values, stands, time=act.for_ns or PUBLISH_NS)]
+            points = [Point(act.values, zeros, time=act.for_ns or PUBLISH_NS)]
         self._ask(act, lambda core: self._send(core, act, TrajectoryGoal(JointTrajectory(joints, points))))
 
     def _send(self, core: RobotCore, act: ScenarioEvent, goal: TrajectoryGoal) -> None:

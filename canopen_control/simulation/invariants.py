@@ -67,16 +67,16 @@ class ReportInvariants:
         self._names = {node.node_id: f"node {node.node_id}" for node in self._nodes}
         self._errors = 0
         self._blocks: int | None = None
-        self._weigh_at = robot.now_ns + _MEMORY_NS
+        self._memory_check_at = robot.now_ns + _MEMORY_NS
         # state requested by clients; None if it is unknown, because a request may have been lost
         self._latched: bool | None = False
-        self._latch_asked = self._latch_heard = 0
+        self._latch_requested = self._latch_received = 0
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
         """Record a client's latch or release request, which a stalled process receives after the stall."""
         if act.kind in ("latch", "release"):
             self._latched = act.kind == "latch"
-            self._latch_asked, self._latch_heard = now, max(now, self._robot.host.stalled_until)
+            self._latch_requested, self._latch_received = now, max(now, self._robot.host.stalled_until)
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
         """Report a command that was accepted although all its drives have been disabled for a while."""
@@ -93,9 +93,9 @@ class ReportInvariants:
         for error in robot.errors[self._errors :]:
             self._report("program_error", f"{type(error).__name__}: {error}")
         self._errors = len(robot.errors)
-        if now >= self._weigh_at:
-            self._weigh(now)
-        if now <= self._latch_heard + _FRESH_NS and not (robot.up and robot.started_ns <= self._latch_asked):
+        if now >= self._memory_check_at:
+            self._check_memory(now)
+        if now <= self._latch_received + _FRESH_NS and not (robot.up and robot.started_ns <= self._latch_requested):
             self._latched = None
         if not robot.up or now < robot.host.stalled_until:
             self._wrong_since.clear()
@@ -158,9 +158,9 @@ class ReportInvariants:
             since[key] = 1 << 62  # only once
             self._report("state_told", text.format(subject))
 
-    def _weigh(self, now: int) -> None:
+    def _check_memory(self, now: int) -> None:
         blocks = sys.getallocatedblocks()
-        self._weigh_at = now + _MEMORY_NS
+        self._memory_check_at = now + _MEMORY_NS
         if self._blocks is None:
             self._blocks = blocks
         elif blocks - self._blocks > _BLOCKS:
@@ -268,9 +268,9 @@ class Invariants(SimulationObserver):
         self._answers = AnswerInvariants(robot, views, motions, self._disturbed, self._report)
         self._targets = TargetInvariants(robot, views, motions, self._disturbed, self._answers, self._report)
         self._reports = ReportInvariants(robot, views, self._report)
-        self._faces = StatusInvariants(robot, views, self._disturbed, self._report)
+        self._status = StatusInvariants(robot, views, self._disturbed, self._report)
         self._clients = ClientInvariants(robot, player.clients, self._report)
-        self._goals = GoalInvariants(robot, player, self._faces, self._report)
+        self._goals = GoalInvariants(robot, player, self._status, self._report)
         plans = [plan for bus in robot.setup.joined.values() for plan in bus.plans.values()]
         self._configured = ConfigurationInvariants(robot, plans, self._disturbed, self._answers, self._report)
         self._wires = [WireInvariants(robot, robot.wires[name], view, self._report) for name, view in views.items()]
@@ -315,7 +315,7 @@ class Invariants(SimulationObserver):
         self._targets.sampled(now)
         self._answers.sampled(now)
         self._reports.sampled(now)
-        self._faces.sampled(now)
+        self._status.sampled(now)
         self._clients.sampled(now)
         self._goals.sampled(now)
         self._configured.sampled(now)

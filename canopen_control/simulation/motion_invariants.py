@@ -36,7 +36,7 @@ _ENABLES: Final = ("axis enable",)
 _LATCHES: Final = {"latch": True, "release": False}
 _OFF_NS: Final = 300 * _MS  # time in which a drive of a standing group must be disabled
 _SEEN_NS: Final = 100 * _MS  # maximum age of a statusword
-_NO_DISABLE: Final = ("axis halt was asked", "axis quick-stop was asked")
+_NO_DISABLE: Final = ("axis halt was requested", "axis quick-stop was requested")
 _STANDING: Final = 0.03  # fraction of the largest speed of a shaft
 _LEAST: Final = 10.0  # minimum of this largest speed in counts/s
 _ON_A_FLOOR: Final = 2.0  # rad/s (m/s) instead with physics, where a robot rocks on its wheels
@@ -98,7 +98,7 @@ class MotionInvariants:
             if self._all_at_standstill():
                 self._fresh.clear()  # a command must be newer
         elif request in _STOPS:
-            self._stop_by(reception, f"{request} was asked", reception)
+            self._stop_by(reception, f"{request} was requested", reception)
         elif act.kind == "activate":
             if not self._latched:  # an activated controller enables the drives that it claims
                 self._enabled_ns, self._stop = reception, None
@@ -202,8 +202,10 @@ class MotionInvariants:
             return
         for node in self._nodes:
             is_enabled = node.enabled and now - node.status_at < _SEEN_NS and node.commanded
-            was_told = is_enabled and node.told_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
-            if was_told and node.node_id not in self._still_enabled:
+            is_commanded = (
+                is_enabled and node.controlword_at > stop.since and node.enabled_at <= stop.since + _UNASKED_NS
+            )
+            if is_commanded and node.node_id not in self._still_enabled:
                 self._still_enabled.add(node.node_id)
                 late = (now - stop.since) / 1e9
                 self._report("enabled_still", f"node {node.node_id} is still enabled {late:.3f} s after {stop.why}")

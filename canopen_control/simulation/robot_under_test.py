@@ -194,8 +194,8 @@ class RobotUnderTest:
 
     `core` is the runtime, `drives` contains the drives by node id, `wires` the buses by name. `started_ns` is the time
     at which the robot's process was last started, `up` whether it runs, `errors` the exceptions raised in its program.
-    With `tells_time` clients are informed that the robot's time is simulated. `floor` is the physics world of the
-    drives, from the file `world`. If `time` is given, several robots share it, and their creator sets `floor`.
+    With `reports_virtual_time` clients are informed that the robot's time is simulated. `floor` is the physics world of
+    the drives, from the file `world`. If `time` is given, several robots share it, and their creator sets `floor`.
     """
 
     def __init__(
@@ -213,7 +213,7 @@ class RobotUnderTest:
         self.digest = EventDigest(str(path.parent) for path in setup.files.paths)
         self.errors: list[BaseException] = []
         self.started_ns = 0
-        self.up = self.tells_time = False
+        self.up = self.reports_virtual_time = False
         self.observers: list[SimulationObserver] = []
         self.setup = dataclasses.replace(setup, channels={name: f"memory:{name}" for name in setup.channels})
         self._ppm = Random(f"{seed}/ppm")
@@ -302,7 +302,7 @@ class RobotUnderTest:
             wire.members[MASTER] = self.host
         self.core = RobotCore(self.setup, self.host.reactor)
         self.core.wall.fix(0)
-        self.core.in_virtual_time = self.tells_time
+        self.core.in_virtual_time = self.reports_virtual_time
         self.core.observers.append(_CoreObserver(self))
         self.core.latch.keep(Path(self._state.name) / "stop_latched")
 

@@ -111,7 +111,7 @@ class ServedSimulation:
         self._held.callback(close_listener, self._socket)
         self._front.add_reader(self._socket, self._on_connection)
         self._clients.observer = self
-        player.robot.tells_time = player.robot.core.in_virtual_time = True
+        player.robot.reports_virtual_time = player.robot.core.in_virtual_time = True
 
     def start_bridge(self, arguments: Sequence[str]) -> None:
         """Start the ROS bridge as a client of the robot, until `close`."""

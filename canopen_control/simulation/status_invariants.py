@@ -46,9 +46,9 @@ _LEAST: Final = 1e-3  # rad, rad/s, m or m/s
 _MARGIN_S: Final = 0.3  # an event may precede the observation of a listener by this time
 _POSITION, _VELOCITY = 1, 2
 _VALUES: Final = {_POSITION: "position", _VELOCITY: "velocity"}
-Faces = tuple[str, ...]
-_FACES: Final[Faces] = ("status", "sample")
-_PUBLISHED: Final[Faces] = ("joint_states",)
+ReportNames = tuple[str, ...]
+_STATUS_REPORTS: Final[ReportNames] = ("status", "sample")
+_PUBLISHED: Final[ReportNames] = ("joint_states",)
 _STAMP: Final = (_PUBLISHED, "", "stamp")
 _REPORTED: Final = 1 << 62
 Truth = tuple[int, float, float]  # time, position, velocity in SI units
@@ -140,13 +140,13 @@ class StatusInvariants:
         ]
         self._next_check = robot.now_ns + _EVERY_NS
         self._calm: dict[int, bool] = {}  # whether a node has been undisturbed for a while, and is on its bus
-        self._wrong_since: dict[tuple[Faces, str, str], int] = {}  # (reports, node, text) -> since when
+        self._wrong_since: dict[tuple[ReportNames, str, str], int] = {}  # (reports, node, text) -> since when
         # node without supply -> since when, whether it was reported as ready
         self._lost: dict[str, tuple[int, bool]] = {}
         self._ready: dict[str, bool] = {}
-        self._told_faults: dict[tuple[str, str], int] = {}
+        self._reported: dict[tuple[str, str], int] = {}
         self._emcys: dict[str, int] = {}  # node -> EMCY that must be reported, 0: none
-        self._emcys_told: dict[str, int] = {}  # node -> last EMCY already checked
+        self._emcys_checked: dict[str, int] = {}  # node -> last EMCY already checked
         self._ready_since: dict[str, int] = {}  # node -> since when it is reported as ready
         self._first_start = 0
         self._jumped = 0.0  # time of the newest jump event already checked
@@ -171,9 +171,9 @@ class StatusInvariants:
             for view in self._nodes.values()
         }
         same = sample.nodes is status.nodes and sample.joints is status.joints
-        self._judge_snapshot(_FACES if same else _FACES[:1], status, now)
+        self._judge_snapshot(_STATUS_REPORTS if same else _STATUS_REPORTS[:1], status, now)
         if not same:
-            self._judge_snapshot(_FACES[1:], sample, now)
+            self._judge_snapshot(_STATUS_REPORTS[1:], sample, now)
         for item in sample.samples.values():
             if isinstance(item, JointStatesSample):
                 self._judge_published(item, now)
@@ -192,40 +192,40 @@ class StatusInvariants:
                 return min(places) + shaft.offset, max(places) + shaft.offset
         return None
 
-    def _judge_snapshot(self, faces: Faces, shown: Snapshot, now: int) -> None:
-        """Compare a report with the drives; `faces` are the names of the reports with these contents."""
+    def _judge_snapshot(self, reports: ReportNames, shown: Snapshot, now: int) -> None:
+        """Compare a report with the drives; `reports` are the names of the reports with these contents."""
         for name, view in self._nodes.items():
-            self._judge_node(faces, shown.nodes[name], view, now)
+            self._judge_node(reports, shown.nodes[name], view, now)
         for shaft in self._shafts:
             reading = shown.joints.get(shaft.joint)
             if reading is not None:  # a joint without feedback is not reported
-                self._judge_values(faces, shaft, reading.position, reading.velocity, now)
+                self._judge_values(reports, shaft, reading.position, reading.velocity, now)
 
     # -- states
 
-    def _judge_node(self, faces: Faces, reading: NodeReading, view: ObservedNode, now: int) -> None:
+    def _judge_node(self, reports: ReportNames, reading: NodeReading, view: ObservedNode, now: int) -> None:
         """Compare the reported states of a node and its axes with the device."""
         device = self._robot.drives[view.node_id].device
         if device is None:
             return
         calm = self._calm[view.node_id]
-        self._judge_claim(faces, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now)
+        self._judge_claim(reports, reading.name, "NMT", reading.nmt_state, device.nmt.state.name, calm, now)
         for axis in reading.axes:
             drive = device.drives[axis.axis]
-            self._judge_claim(faces, reading.name, "CiA 402", axis.state, drive.state.name, calm, now)
-            self._judge_claim(faces, reading.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
+            self._judge_claim(reports, reading.name, "CiA 402", axis.state, drive.state.name, calm, now)
+            self._judge_claim(reports, reading.name, "mode", axis.mode, mode_name(drive.modes.number), calm, now)
 
     def _judge_claim(
-        self, faces: Faces, subject: str, what: str, claim: str | None, truth: str, calm: bool, now: int
+        self, reports: ReportNames, subject: str, what: str, claim: str | None, truth: str, calm: bool, now: int
     ) -> None:
         if claim is None or claim == truth or not calm:
             if self._wrong_since:
-                self._wrong_since.pop((faces, subject, what), None)
-        elif self._lasts((faces, subject, what), _SOON_NS, now):
-            self._report_shown(faces, f"{subject} is reported as {claim} but is {truth}")
+                self._wrong_since.pop((reports, subject, what), None)
+        elif self._lasts((reports, subject, what), _SOON_NS, now):
+            self._report_shown(reports, f"{subject} is reported as {claim} but is {truth}")
 
     def _judge_values(
-        self, faces: Faces, shaft: _Shaft, position: float | None, velocity: float | None, now: int
+        self, reports: ReportNames, shaft: _Shaft, position: float | None, velocity: float | None, now: int
     ) -> None:
         node_id = shaft.view.node_id
         calm = self._calm[node_id]
@@ -235,17 +235,19 @@ class StatusInvariants:
             if origin != (self._first_start, 1, 0):  # at the first boot of both the drive's count is reported unchanged
                 shaft.offset = None
             shaft.origin = origin
-        self._judge_value(faces, shaft, _POSITION, position, calm, now)
-        self._judge_value(faces, shaft, _VELOCITY, velocity, calm, now)
+        self._judge_value(reports, shaft, _POSITION, position, calm, now)
+        self._judge_value(reports, shaft, _VELOCITY, velocity, calm, now)
 
-    def _judge_value(self, faces: Faces, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int) -> None:
+    def _judge_value(
+        self, reports: ReportNames, shaft: _Shaft, which: int, value: float | None, calm: bool, now: int
+    ) -> None:
         quantity = _VALUES[which]
         if not calm or shaft.agrees(which, value):
             if self._wrong_since:
-                self._wrong_since.pop((faces, shaft.joint, quantity), None)
-        elif self._lasts((faces, shaft.joint, quantity), _EVERY_NS, now):
+                self._wrong_since.pop((reports, shaft.joint, quantity), None)
+        elif self._lasts((reports, shaft.joint, quantity), _EVERY_NS, now):
             true = shaft.truth[-1][which]
-            self._report_shown(faces, f"the {quantity} of {shaft.joint} is reported as {value} but is {true:.4f}")
+            self._report_shown(reports, f"the {quantity} of {shaft.joint} is reported as {value} but is {true:.4f}")
 
     def _judge_published(self, sample: JointStatesSample, now: int) -> None:
         """Check the values and the time stamp of the published `/joint_states`."""
@@ -261,11 +263,11 @@ class StatusInvariants:
             old = f"{now / 1e9 - sample.time:.3f} s"
             self._report_shown(_PUBLISHED, f"the time stamp is {old} old, though every cycle has new values")
 
-    def _report_shown(self, faces: Faces, text: str) -> None:
-        for face in faces:
-            self._report("shown_wrong", f"{face}: {text}")
+    def _report_shown(self, reports: ReportNames, text: str) -> None:
+        for name in reports:
+            self._report("shown_wrong", f"{name}: {text}")
 
-    def _lasts(self, wrong: tuple[Faces, str, str], soon: int, now: int) -> bool:
+    def _lasts(self, wrong: tuple[ReportNames, str, str], soon: int, now: int) -> bool:
         """Whether a wrong report lasts longer than allowed; True only at the first such call."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
@@ -312,12 +314,12 @@ class StatusInvariants:
         """Check that an event reports an EMCY with an error; one event is enough for a series."""
         sent = self._emcys.get(name, 0)
         if not sent:
-            if view.emcy_at > self._emcys_told.get(name, 0):
+            if view.emcy_at > self._emcys_checked.get(name, 0):
                 self._emcys[name] = view.emcy_at
             return
         if now <= sent + _FLOOD_NS:
             return
-        self._emcys[name], self._emcys_told[name] = 0, sent
+        self._emcys[name], self._emcys_checked[name] = 0, sent
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns)
         if hidden + _CALM_NS < sent and not _has_event(events, name, sent - _FLOOD_NS, "emcy"):
             self._report("event_missing", f"{name} has sent an EMCY, and no event reports it")
@@ -349,8 +351,8 @@ class StatusInvariants:
                 self._report("shown_wrong", f"events: {event.text}, but the shaft has not jumped")
 
     def _report_once(self, name: str, since: int, rule: str, text: str) -> None:
-        if self._told_faults.get((name, text)) != since:
-            self._told_faults[name, text] = since
+        if self._reported.get((name, text)) != since:
+            self._reported[name, text] = since
             self._report(rule, text)
 
 
@@ -393,9 +395,9 @@ class GoalInvariants:
     """
 
     def __init__(
-        self, robot: RobotUnderTest, player: EventPlayer, faces: StatusInvariants, report: Callable[[str, str], None]
+        self, robot: RobotUnderTest, player: EventPlayer, status: StatusInvariants, report: Callable[[str, str], None]
     ) -> None:
-        self._robot, self._player, self._faces, self._report = robot, player, faces, report
+        self._robot, self._player, self._status, self._report = robot, player, status, report
         self._open: list[_Open] = []
         self._core: object = None
         self._torn = 0
@@ -471,7 +473,7 @@ class GoalInvariants:
 
         Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
         """
-        ways = {joint: self._faces.true_place(joint) for joint in goal.places}
+        ways = {joint: self._status.true_place(joint) for joint in goal.places}
         travels = [(joint, high - low) for joint, (low, high) in ((name, way) for name, way in ways.items() if way)]
         if len(travels) < len(ways) or self._newest is not goal.act or self._robot.floor is not None:
             return False
@@ -503,7 +505,7 @@ class GoalInvariants:
         """
         errors = {}
         for joint, (place, tolerance) in goal.places.items():
-            between = self._faces.true_place(joint)
+            between = self._status.true_place(joint)
             if between is None:
                 return {}
             low, high = between[0] - place, between[1] - place

@@ -170,7 +170,7 @@ class TargetInvariants:
             device = self._robot.drives[view.node_id].device
             drive = None if device is None else device.drives.get(0)
             if drive is not None and view.plan.axes:
-                self._judge_told(axis, drive, now)
+                self._judge_command(axis, drive, now)
             if drive is None or not view.plan.axes or not self._may_judge(view, now):
                 axis.rest()
                 continue
@@ -185,14 +185,16 @@ class TargetInvariants:
 
     # -- all modes
 
-    def _judge_told(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
+    def _judge_command(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
         """Check the target of an enabled drive against its limits, of a disabled drive for standstill."""
         view = axis.view
         pushes = ""
         if view.enabled:
             pushes = self._pushes(view, drive, now)
             wrong = pushes or self._beyond(axis, drive, now)
-        elif view.shown_enabled_at < now - _OFF_NS and now - view.told_at < _LAG_NS < now - view.target_changed_at:
+        elif (
+            view.shown_enabled_at < now - _OFF_NS and now - view.controlword_at < _LAG_NS < now - view.target_changed_at
+        ):
             wrong = self._not_at_rest(view, drive, now)
         else:
             wrong = ""

@@ -36,7 +36,7 @@ _SHOWN_ENABLED: Final = 0x27  # state bits of OPERATION ENABLED (CiA 402-2)
 class ObservedNode:
     """Traffic of one node: `controlword` and `targets` (by object) to the node, `statusword` from the node.
 
-    `timeout_ns` is the longest silence allowed, 0: unlimited. Times, 0 for never: `told_at` of the last controlword,
+    `timeout_ns` is the longest silence allowed, 0: unlimited. Times, 0 for never: `controlword_at` of a controlword,
     `alive_at` of the last heartbeat or guarding answer, `booted_at` of the last boot-up, `status_at` of the statusword,
     `fault_at` of the beginning of a fault; `enabled_at` of the first controlword that enables the drive,
     `shown_enabled_at` of the last statusword that shows OPERATION ENABLED; `emcy_at` of the last EMCY with an error,
@@ -51,7 +51,7 @@ class ObservedNode:
         self.controlword = self.statusword = 0
         self.targets: dict[int, int] = {}
         self.recent: dict[int, deque[tuple[int, int]]] = {}
-        self.target_changed_at = self.told_at = 0
+        self.target_changed_at = self.controlword_at = 0
         self.alive_at = self.booted_at = self.status_at = self.enabled_at = self.shown_enabled_at = 0
         self.fault_at = self.emcy_at = self.toggled_at = self.limited_at = 0
         self.nmt, self._toggle = -1, -1
@@ -98,7 +98,7 @@ class ObservedNode:
     def record_written(self, index: int, value: int, now: int) -> None:
         """Record a value that the master has written to the node."""
         if index == o.CONTROLWORD:
-            self.told_at = now
+            self.controlword_at = now
             if value != self.controlword:
                 was, self.controlword = self.commanded, value
                 if self.commanded and not was:

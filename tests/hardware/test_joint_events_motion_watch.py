@@ -112,7 +112,7 @@ def test_a_mode_of_bus_yml_that_0x6502_does_not_list_is_tried_and_named(robot, m
     monkeypatch.setattr(VirtualDrive, "_attach", without_csp)
     made = robot("csp")
     assert made.state == "running"
-    assert any("not CSP, which bus.yml gives" in each for each in sentences(made))
+    assert any("not CSP, which bus.yml selects" in each for each in sentences(made))
 
 
 def _slow_display(monkeypatch, ms):
