@@ -365,11 +365,11 @@ class Controller:
         A refused value also ends the previous command, and raises ControlError.
         """
         for command in commands:
-            fits = command.range_error(value)
-            if fits is not None:
+            problem = command.range_error(value)
+            if problem is not None:
                 self.forget(now)
                 raise self.refusal(
-                    f"cannot send {value:g}: {fits}; velocity and effort targets are 0, positions are held"
+                    f"cannot send {value:g}: {problem}; velocity and effort targets are 0, positions are held"
                 )
 
     def report(self, kind: str, text: str) -> None:

@@ -197,8 +197,8 @@ class GpioCommandController(Controller):
             raise ControlError(f"{self.name}: there is no state interface {missing[0]}{nearest(missing[0], inputs)}")
         commanded = {command.joint for command in commands}
         input_gpios = {state.joint for state in inputs.values()}
-        if strange := [gpio for gpio in whole_gpios if gpio not in commanded and gpio not in input_gpios]:
-            raise ControlError(f"{self.name}: there is no <gpio> {strange[0]!r} with interfaces; remove it")
+        if unknown := [gpio for gpio in whole_gpios if gpio not in commanded and gpio not in input_gpios]:
+            raise ControlError(f"{self.name}: there is no <gpio> {unknown[0]!r} with interfaces; remove it")
         layout: dict[str, dict[str, StateInterface | None]] = {gpio: {} for gpio in self.params.gpios}
         for state in inputs.values():
             layout[state.joint][state.interface] = state
@@ -245,8 +245,8 @@ class GpioCommandController(Controller):
             output = self.commands[index]
             if not output.enabled:
                 raise self.refusal(f"cannot set {output.name}, because its node is not present; nothing was applied")
-            if (fits := output.range_error(value)) is not None:
-                raise self.refusal(f"cannot set {value:g}: {fits}; nothing was applied")
+            if (problem := output.range_error(value)) is not None:
+                raise self.refusal(f"cannot set {value:g}: {problem}; nothing was applied")
         for index, value in zip(places, values.values(), strict=True):
             self._values[index] = float(value)
         self.life.give(now)

@@ -214,8 +214,8 @@ class PositionGripperActionController(Controller):
             raise self.refusal(
                 f"expects {low:g} to {high:g}, the limits of {joint}, got {position:g}; nothing was applied"
             )
-        if self.commanded == POSITION and (fits := self.commands[0].range_error(position)) is not None:
-            raise self.refusal(f"cannot send {position:g}: {fits}; nothing was applied")
+        if self.commanded == POSITION and (problem := self.commands[0].range_error(position)) is not None:
+            raise self.refusal(f"cannot send {position:g}: {problem}; nothing was applied")
 
     def _report_unlimited(self, goal: GripperGoal) -> None:
         """Report once that the effort of a goal has no effect, because no interface limits the effort."""

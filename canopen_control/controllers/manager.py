@@ -353,7 +353,7 @@ class ControllerManager:
         accepted.
         """
         controller = self.get(name)
-        self._hand(controller, lambda: _command(controller, values, now, stamp), source)
+        self._pass(controller, lambda: _command(controller, values, now, stamp), source)
         numbers = list(values.values()) if isinstance(values, Mapping) else values
         controller.life.source, controller.life.holder = source, None if controller.is_standstill(numbers) else holder
 
@@ -363,15 +363,15 @@ class ControllerManager:
         The goal is aborted when the connection `holder` ends.
         """
         controller = self.get(name)
-        self._hand(controller, lambda: _send_goal(controller, goal, now), source)
+        self._pass(controller, lambda: _send_goal(controller, goal, now), source)
         controller.life.source, controller.life.holder = source, holder
 
-    def _hand(self, controller: Controller, take: Callable[[], None], source: str) -> None:
-        """Pass a command to a controller with enabled drives by `take`, and report the first refusal."""
+    def _pass(self, controller: Controller, command: Callable[[], None], source: str) -> None:
+        """Pass a command to a controller with enabled drives by `command`, and report the first refusal."""
         name = controller.name
         try:
             self._require_enabled(controller)
-            take()
+            command()
         except ControlError as error:
             self.report_refusal(name, error, source)
             raise

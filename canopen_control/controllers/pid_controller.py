@@ -69,8 +69,8 @@ class _Dof:
             return math.nan
         command = 0.0
         if feed_forward:
-            led = reference if self.reference_rate is None else rate
-            command = self.forward * led if math.isfinite(led) else 0.0
+            forwarded = reference if self.reference_rate is None else rate
+            command = self.forward * forwarded if math.isfinite(forwarded) else 0.0
         if math.isfinite(self.error_rate):
             return command + self.pid.compute_with_rate(self.error, self.error_rate, period)
         return command + self.pid.compute(self.error, period)

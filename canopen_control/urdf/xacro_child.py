@@ -88,8 +88,8 @@ class _Arguments(dict[str, str]):
 
     def unknown(self) -> str:
         """Return an error text for required arguments that the file does not use, which xacro ignores, else ""."""
-        strange = [name for name in self._required if name not in self.declared]
-        return "; ".join(f"no argument {name!r}{_hint(name, self.declared)}" for name in strange)
+        unused = [name for name in self._required if name not in self.declared]
+        return "; ".join(f"no argument {name!r}{_hint(name, self.declared)}" for name in unused)
 
 
 def _hint(name: str, known: Iterable[str]) -> str:
@@ -113,8 +113,8 @@ def _run(path: str, mappings: Mapping[str, str]) -> tuple[bytes, str]:
         reason = reason or _absent_package(error) or str(error).strip() or type(error).__name__
         text = f"{reason}{_where(output.getvalue())}"
         return REFUSED, "; ".join(part for part in (text, arguments.unknown()) if part)
-    if strange := arguments.unknown():
-        return REFUSED, strange
+    if unused := arguments.unknown():
+        return REFUSED, unused
     if len(text) > LARGEST:
         return REFUSED, f"its URDF has more than {LARGEST >> 20} MiB; a macro or an expression generates too much"
     return URDF, text

@@ -307,7 +307,7 @@ class JointTrajectoryController(Controller):
         self._group = JointGroup((), (), (), ())
         self._follower = TrajectoryExecutor(self.params, self._group, NS // 100)
         self._acceptance = Acceptance(self.params, self._group, {})
-        self._judgement = ToleranceMonitor(self._group)
+        self._monitor = ToleranceMonitor(self._group)
         self._changed: TrajectoryParams | None = None
         self._waiting: str | None = None
         self._timeout = 0.0
@@ -329,11 +329,11 @@ class JointTrajectoryController(Controller):
             settings, group, NS // min(settings.update_rate or self.cycle_rate, self.cycle_rate)
         )
         self._acceptance = Acceptance(settings, group, self.description)
-        self._judgement = ToleranceMonitor(group)
+        self._monitor = ToleranceMonitor(group)
         group.wrap[:] = self._acceptance.continuous
         self._default = self.tolerances = settings.tolerances()
-        if (useless := self._acceptance.cannot_brake()) is not None:
-            self.report("decelerate_on_cancel", useless)
+        if (reason := self._acceptance.cannot_brake()) is not None:
+            self.report("decelerate_on_cancel", reason)
         positions = tuple(settings.command_interfaces) == (POSITION,)
         self.speed = SpeedScaling(settings.initial_scaling_factor, allowed=positions)
 
@@ -532,15 +532,15 @@ class JointTrajectoryController(Controller):
 
     def _follow(self, motion: JointSetpoint, now: int, period: float) -> None:
         """Check the tolerances, and write the computed command unless the trajectory has failed."""
-        group, follower, judgement = self._group, self._follower, self._judgement
+        group, follower, monitor = self._group, self._follower, self._monitor
         over, past = motion.is_over, follower.time_since_end
         if over and not follower.holding and 0.0 < self._timeout < past:
             text = f"no new trajectory arrived within {past:.2f} s after the end"
             self._end(GoalState.ABORTED, ResultCode.GOAL_TOLERANCE_VIOLATED, text)
             self._brake()
         group.compare(follower.desired)
-        judgement.check(self.tolerances, follower, over=over, time_since_end=past)
-        if not judgement.stops:
+        monitor.check(self.tolerances, follower, over=over, time_since_end=past)
+        if not monitor.stops:
             free = follower.limited is None
             follower.write(now, period)
             if free and follower.limited is not None:
@@ -548,7 +548,7 @@ class JointTrajectoryController(Controller):
                     "limited", f"{follower.limited} is slowed down by its limits; plan slower, or raise joint_limits"
                 )
         if not follower.holding:
-            self._apply_result(judgement.verdict(self.tolerances))
+            self._apply_result(monitor.verdict(self.tolerances))
 
     def _apply_result(self, verdict: ToleranceResult | None) -> None:
         """End the goal or the trajectory by the result of the tolerance check."""

@@ -74,9 +74,9 @@ def wrong_joints(joints: Sequence[str], command_joints: Sequence[str]) -> str | 
     """
     if len(command_joints) > len(joints):
         return f"command_joints: {len(command_joints)} are more than the {len(joints)} joints; remove some"
-    strange = [joint for joint in command_joints if joint not in joints]
-    if strange and len(command_joints) != len(joints):
-        return f"command_joints: {', '.join(strange)}: not among joints ({', '.join(joints)}); use names from joints"
+    unknown = [joint for joint in command_joints if joint not in joints]
+    if unknown and len(command_joints) != len(joints):
+        return f"command_joints: {', '.join(unknown)}: not among joints ({', '.join(joints)}); use names from joints"
     return None
 
 
@@ -85,9 +85,9 @@ def _wrong_list(key: str, names: Sequence[str], allowed: Sequence[str]) -> str |
         return f"{key} is empty; give one or more of {', '.join(allowed)}"
     if len(set(names)) != len(names):
         return f"{key} contains a name twice: {', '.join(names)}; list each name once"
-    strange = [name for name in names if name not in allowed]
-    if strange:
-        return f"{key}: {', '.join(strange)} is not among {', '.join(allowed)}"
+    unknown = [name for name in names if name not in allowed]
+    if unknown:
+        return f"{key}: {', '.join(unknown)} is not among {', '.join(allowed)}"
     return None
 
 

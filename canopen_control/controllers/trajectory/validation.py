@@ -406,10 +406,10 @@ def _wrong_joints(message: JointTrajectory, rules: Rules) -> Refused | None:
         return Refused(Rule.NO_JOINT_NAMES, f"it names no joints; name some of {own}")
     if not len(message.points):
         return Refused(Rule.NO_POINTS, "it has no points; give at least one")
-    strange = next((name for name in names if name not in rules.joints), None)
-    if strange is not None:
-        hint = nearest(strange, rules.joints)
-        return Refused(Rule.UNKNOWN_JOINT, f"it names {strange!r}, which is not a joint of this controller{hint}")
+    unknown = next((name for name in names if name not in rules.joints), None)
+    if unknown is not None:
+        hint = nearest(unknown, rules.joints)
+        return Refused(Rule.UNKNOWN_JOINT, f"it names {unknown!r}, which is not a joint of this controller{hint}")
     return None
 
 
@@ -599,15 +599,15 @@ class Acceptance:
         params = self._params
         if not params.decelerate_on_cancel:
             return None
-        lacks = None
+        reason = None
         if not self._group.knows_velocity:
-            lacks = "state_interfaces have no velocity; add it"
+            reason = "state_interfaces have no velocity; add it"
         for joint, constraints in zip(params.joints, params.constraints, strict=True):
             if not constraints.max_deceleration_on_cancel:
-                lacks = lacks or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
+                reason = reason or f"{joint} has no constraints.{joint}.max_deceleration_on_cancel; give it"
             if self.limits[joint].velocity == math.inf:
-                lacks = lacks or f"the description has no velocity limit of {joint}; give it"
-        return None if lacks is None else f"decelerate_on_cancel has no effect, joints are held at once: {lacks}"
+                reason = reason or f"the description has no velocity limit of {joint}; give it"
+        return None if reason is None else f"decelerate_on_cancel has no effect, joints are held at once: {reason}"
 
     def point_limiter(self) -> PointLimiter | None:
         """Return a new limiter of the commanded points, or None if no limiter is configured."""
@@ -646,14 +646,14 @@ class Acceptance:
         if (refused := broken_rule(message, survey, rules, now)) is not None:
             return refused
         here = dict(zip(params.joints, begin, strict=True))
-        unbearable = (
+        problem = (
             limit_error(message, survey, self.limits)
             or lost_start(message, now + _NEXT)
             or far_start(message, here, self.limits, params.allowed_start_tolerance)
             or (self._unreachable(message) if params.unreachable_points == "refuse" else None)
             or self._range_refusal(message, survey, here)
         )
-        return None if unbearable is None else Refused(None, unbearable)
+        return None if problem is None else Refused(None, problem)
 
     def unreachable_part(self, message: JointTrajectory) -> str | None:
         """Return a warning about a point that a joint cannot reach in time, if enabled, else None."""
@@ -679,8 +679,8 @@ class Acceptance:
             first = message.points[0].positions if self.limits[joint].continuous else ()
             turns = whole_turns(here[joint], first[place]) if place < len(first) else 0.0
             for value in (survey.positions.lowest[place], survey.positions.highest[place]):
-                if (fits := command.range_error(value + turns)) is not None:
-                    return f"it leads {joint} to {value:g}, and {fits}; plan within this range"
+                if (problem := command.range_error(value + turns)) is not None:
+                    return f"it leads {joint} to {value:g}, and {problem}; plan within this range"
         return None
 
 
