@@ -61,7 +61,7 @@ def parse_address(text: str) -> Address:
         raise ValueError(f"{text!r} is not an object; write INDEX[:SUB] [TYPE] in hexadecimal, such as 0x6083:00 u32")
     index, subindex, kind = match[1], match[2] or "0", match[3] or ""
     if kind not in ("", *_FORMATS, *_TEXTS):
-        raise ValueError(f"{text!r}: no type {kind!r}; there are: {', '.join((*_FORMATS, *_TEXTS))}")
+        raise ValueError(f"{text!r}: {kind!r} is not a type; give one of {', '.join((*_FORMATS, *_TEXTS))}")
     return Address(int(index, 16), int(subindex, 16), kind)
 
 
@@ -72,7 +72,7 @@ def decode(data: bytes, kind: str) -> Value:
     if kind in _FORMATS:
         layout = struct.Struct(_FORMATS[kind])
         if len(data) != layout.size:
-            raise ValueError(f"it has {len(data)} bytes, {kind} has {layout.size}")
+            raise ValueError(f"the object has {len(data)} bytes, but {kind} has {layout.size}")
         value: Value = layout.unpack(data)[0]
         return value
     return int.from_bytes(data, "little") if not kind and len(data) in (1, 2, 4, 8) else data
@@ -97,14 +97,16 @@ def encode(value: Value, kind: str, length: int) -> bytes:
 def of_datatype(datatype: int) -> int:
     """Return the size in bytes of a data type index of COReadID; ValueError if the type is not supported."""
     if datatype not in _SIZES:
-        raise ValueError(f"no data type {datatype}; there are: INT8 2, INT16 3, INT32 4, UINT8 5, UINT16 6, UINT32 7")
+        raise ValueError(
+            f"data type {datatype} is not supported; give INT8 2, INT16 3, INT32 4, UINT8 5, UINT16 6 or UINT32 7"
+        )
     return _SIZES[datatype]
 
 
 def as_uint32(data: bytes) -> int:
     """Return an object's data as the 32-bit `data` field of ros2_canopen; ValueError if longer than 4 bytes."""
     if len(data) > 4:
-        raise ValueError(f"it has {len(data)} bytes, `data` of the service has 4; use get_objects")
+        raise ValueError(f"the object has {len(data)} bytes, but `data` has 4; use get_objects")
     return int.from_bytes(data, "little")
 
 
@@ -112,7 +114,7 @@ def of_uint32(data: int, length: int) -> bytes:
     """Return the 32-bit `data` field of ros2_canopen as `length` bytes; ValueError if the number does not fit."""
     signed = data - (1 << 32) if data >= 1 << 31 else data
     if not 1 <= length <= 4:
-        raise ValueError(f"the object has {length} bytes, `data` of the service has 4; use set_objects")
+        raise ValueError(f"the object has {length} bytes, but `data` has 4; use set_objects")
     if data >= 1 << 8 * length and not -(1 << 8 * length - 1) <= signed < 0:
         raise ValueError(f"{data} does not fit into {length} bytes")
     return (data & ((1 << 8 * length) - 1)).to_bytes(length, "little")
@@ -324,6 +326,8 @@ def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None
 
 def _value_of(value: RosMessage) -> Value:
     if value.type not in _FIELDS:
-        raise ValueError(f"type {value.type}: a bool 1, an integer 2, a double 3, a string 4 or bytes 5 can be written")
+        raise ValueError(
+            f"type {value.type} is not supported; give a bool 1, integer 2, double 3, string 4 or byte array 5"
+        )
     content = getattr(value, _FIELDS[value.type])
     return b"".join(content) if value.type == _TYPE_OF[bytes] else content

@@ -104,8 +104,8 @@ class AccessRules:
     def response_headers(self, nonce: str = "") -> dict[str, str]:
         """Return the security headers of all responses, by which the page may connect only to this server.
 
-        Allowed scripts are our own files and those with `nonce`, so that text from a bus can run no script, however it
-        got into the page. NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
+        Allowed scripts are our own files and those with `nonce`, so that text from a bus can never run as a script.
+        NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
         styles.
         """
         headers = dict(_HEADERS)

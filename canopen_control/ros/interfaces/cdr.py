@@ -120,7 +120,7 @@ def _number(code: str) -> Codec:
 
 def _encode_byte(value: bytes, body: bytearray) -> None:
     if len(value) != 1:
-        raise ValueError(f"a byte is one byte, not {value!r}")
+        raise ValueError(f"a field of type byte needs one byte, not {value!r}")
     body.extend(value)
 
 

@@ -258,7 +258,7 @@ class Registry:
         paths = [share / package / kind / f"{short}.json" for share in self._shares]
         path_found = next((path for path in paths if path.exists()), None)
         if path_found is None:
-            raise LookupError(f"no description of {name}; is the package {package} installed?")
+            raise LookupError(f"no type description of {name}; install the package {package}")
         described = json.loads(path_found.read_text(encoding="utf-8"))["type_description_msg"]
         for structure in (described["type_description"], *described["referenced_type_descriptions"]):
             self._structures.setdefault(structure["type_name"], _structure(structure))

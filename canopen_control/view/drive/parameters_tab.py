@@ -86,7 +86,7 @@ def release_words(reading: NodeReading | None, robot: Banner) -> tuple[str, str]
     powered = [axis.joint for axis in reading.axes if axis.state in _TORQUE]
     if powered:
         names = ", ".join(powered)
-        return f"{names} is enabled: parameter sets cannot be written to an enabled drive. Disable it first.", WARN
+        return f"Parameter sets cannot be written to an enabled drive; disable {names} first.", WARN
     if not reading.taken_out:
         return "The robot controls this node. To write a parameter set, take the node out of the robot first.", IDLE
     state = (reading.nmt_state or "unknown").replace("_", "-").lower()
@@ -213,7 +213,7 @@ _BACKUP: Final = (
 )
 _RESTORE: Final = (
     "Only differences are written, then everything is read back. If the drive refuses a value, all previous "
-    "values are restored. Node id and bit rate stay."
+    "values are restored. Node ID and bit rate are kept."
 )
 
 

@@ -149,7 +149,7 @@ class TuneTab:
     def _why_no_gains(self, content: PageContent) -> str:
         reading = self._context.reading(content)
         on = [axis.joint for axis in reading.axes if axis.enabled] if reading is not None else []
-        return f"{', '.join(on)} {'is' if len(on) == 1 else 'are'} enabled: disable it to set gains." if on else ""
+        return f"Gains cannot be set in an enabled drive; disable {', '.join(on)} first." if on else ""
 
     def leave(self) -> None:
         """Hide the tab, which ends a run that this page has started."""

@@ -55,7 +55,7 @@ def test_an_installed_message_is_the_same_from_its_text():
 
 
 def test_a_structure_that_nobody_has_is_told():
-    with pytest.raises(LookupError, match="no description of x/msg/Y; is the package x installed"):
+    with pytest.raises(LookupError, match="no type description of x/msg/Y; install the package x"):
         Registry([]).describe("x/msg/Y")
 
 

@@ -30,7 +30,7 @@ async def look(user, _page):
 
 def test_an_enabled_drive_is_not_taken_out():
     words, buttons = played(look)
-    assert "left is enabled: parameter sets cannot be written to an enabled drive" in words
+    assert "Parameter sets cannot be written to an enabled drive; disable left first." in words
     assert buttons == [("Take out of the robot", False)]
 
 

@@ -25,12 +25,12 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                "use_real_hardware", default_value="false", description="The drives are real: start no virtual ones."
+                "use_real_hardware", default_value="false", description="Use real drives, not virtual ones."
             ),
             DeclareLaunchArgument(
                 "can_interface_name",
                 default_value="",
-                description="Where the drives are: can0, vcan0, or local:NAME; virtual ones need none.",
+                description="Bus of the drives: can0, vcan0 or local:NAME; optional for virtual drives.",
             ),
             DeclareLaunchArgument("gui", default_value=_has("rviz2"), description="Start rviz2."),
             ExecuteProcess(cmd=command, name="robby", output="both"),
