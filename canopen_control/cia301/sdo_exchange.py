@@ -243,7 +243,7 @@ class LateAnswerGuard:
         self.pending.setdefault(mux)
 
     def answered(self, mux: bytes) -> None:
-        """Remove the requests that an answer to the last request proves to be complete."""
+        """Remove the requests that can have no late answer after an answer to `mux`."""
         if not self.pending:
             return
         if mux not in self.pending:

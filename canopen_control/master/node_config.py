@@ -104,7 +104,7 @@ def _at(place: Node, kind: str) -> Node:
 
 
 def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[str, tuple[Node, Node]]:
-    """Return the PDOs that are written as `tpdo1:`, by number."""
+    """Return the entries of the keys `tpdo1:`, `tpdo2:` … (or `rpdo1:` …), by PDO number."""
     numbered = {}
     for key, (place, value) in pairs.items():
         if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() == kind:

@@ -542,7 +542,7 @@ def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan the COB-IDs of SYNC (0x1005) and EMCY (0x1014) that this package uses.
+    """Plan the writes of the COB-IDs of SYNC (0x1005) and EMCY (0x1014).
 
     A different value in the `sdo:` list is kept, with a warning. With `sync_producer: other`, 0x1005 of a node that
     produces SYNC (bit 30) is not changed.

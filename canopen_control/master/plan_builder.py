@@ -357,7 +357,7 @@ class PlanBuilder:
         return entry is not None and entry.writable
 
     def is_fixed_cob_id(self, index: int, subindex: int, value: int) -> bool:
-        """Whether an object is the COB-ID of a PDO that is read-only in the EDS and has this value there."""
+        """Whether this is a PDO's COB-ID, read-only in the EDS, with this value as its default."""
         pdo = pdo_of(index)
         is_cob_id = pdo is not None and index == COMMUNICATION[pdo[0]] + pdo[1] - 1 and subindex == 1
         return is_cob_id and not self.can_write(index, subindex) and self.default(index, subindex) == value

@@ -344,14 +344,16 @@ class RemoteNode:
         self.nmt_state = None
         lost = HeartbeatLost(self.node_id, age_ns / 1e9, self.name)
         if self.is_taken_out:
-            self._owner.report(Event(now, "heartbeat_lost", self.name, f"{lost}; it was taken out", Level.WARNING))
+            text = f"{lost}; it was taken out of use"
+            self._owner.report(Event(now, "heartbeat_lost", self.name, text, Level.WARNING))
             return
         self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
 
     def _on_return(self, now: int) -> None:
         """Boot a node whose heartbeat is back, unless a user has taken it out of use."""
         if self.is_taken_out:
-            self.log.report(now, "heartbeat_back", "its heartbeat is back; it was taken out, and nmt start boots it")
+            text = "its heartbeat is back; it was taken out of use, and nmt start boots it"
+            self.log.report(now, "heartbeat_back", text)
             return
         self.log.report(now, "heartbeat_back", "its heartbeat is back; booting it again")
         self.begin_boot(now)
@@ -389,9 +391,9 @@ class RemoteNode:
         """Report a guarding event of a node taken out of use, without further action."""
         if kind is GuardingEventKind.MISSED:
             self.nmt_state = None
-            self.log.report(now, "guarding_lost", "no answer to node guarding; it was taken out", Level.WARNING)
+            self.log.report(now, "guarding_lost", "no answer to node guarding; it was taken out of use", Level.WARNING)
         elif kind is GuardingEventKind.RESOLVED:
-            text = "it answers node guarding again; it was taken out, and nmt start boots it"
+            text = "it answers node guarding again; it was taken out of use, and nmt start boots it"
             self.log.report(now, "guarding_back", text)
 
     def on_emcy(self, frame: CanFrame, now: int) -> None:

@@ -124,7 +124,7 @@ class EmcyGate:
 
     @property
     def deadline(self) -> int | None:
-        """Time at which `summary` has a result, None without suppressed messages."""
+        """Time from which `summary` returns their number, None without suppressed messages."""
         return self._window + _SECOND if self.held else None
 
 
