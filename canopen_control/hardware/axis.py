@@ -251,7 +251,7 @@ class AxisObjectLimits:
         self.blocked = 0
 
     def take_velocity(self, velocity: float, scale: Scale) -> None:
-        """Set the drive's maximum velocity, and the smaller limit of drive and description."""
+        """Set the drive's maximum velocity in device units, and compute the effective limits `most` and `pace`."""
         self.velocity = velocity
         self.most = min(velocity, self.described * abs(scale.vel_to_dev))
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)

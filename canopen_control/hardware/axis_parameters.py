@@ -528,11 +528,12 @@ class AxisParameters:
         limits.torque_negative = min(negative or TORQUE_MAX, TORQUE_MAX)
 
     def _largest_velocity(self) -> float:
-        """Return the smaller of 0x607F and 0x6080 (in rpm); 0 and 0x7FFFFFFF or more mean no limit."""
+        """Return the smaller of 0x607F and 0x6080 in velocity units, infinite without a limit."""
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
         axis = self._axis
         # CiA 402-2: 0x607F is in velocity units, 0x6080 in revolutions of the motor per minute
+        # drives use 0 and 0x7FFFFFFF or more for no limit
         if profile and profile < _UNLIMITED >> 1:
             bounds.append(profile)
         if motor and motor < _UNLIMITED >> 1 and self._counts_of_motor() is not None:

@@ -326,7 +326,7 @@ class InputSignal:
         return self._jumped
 
     def _unwrapped(self, raw: float) -> float:
-        """Return a raw position with full turns of the device's total range counted."""
+        """Return a raw position that continues beyond the device's total range."""
         if not self._range:
             return raw
         if self._last is None:

@@ -327,7 +327,7 @@ class SimulatedSystem(ComponentLifecycle):
                 joint.mode = name.rpartition("/")[2]
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Advance the simulation to `now` in ns, over missed cycles too; ERROR for an infinite command."""
+        """Advance the simulation to `now` in ns, over missed cycles too; return ERROR for an infinite command."""
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
             return OK
         step = round(period * 1e9) if self._last is None else now - self._last

@@ -181,7 +181,7 @@ class HardwareComponent(Protocol):
         ...
 
     def shutdown(self) -> None:
-        """Stop all motion and enter FINALIZED for good."""
+        """Stop all motion and enter FINALIZED, the last state."""
         ...
 
     def reset(self, keyframe: str) -> None:

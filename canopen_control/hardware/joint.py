@@ -275,7 +275,7 @@ class JointDrive(JointParts):
         self._now = now
         self.resume = False
         if self._motion.unmoved:
-            self.targets.hold()  # the axis has not moved, and must not leap to a target that it has not followed
+            self.targets.hold()  # an axis that has not moved must not jump to its targets
         if self._fire(PhaseTrigger.STOP) and self.power.falling:
             self._blind_stop_ns = self.feedback.ramp_ns(BLIND_STOP_NS)
         self._abort_homing("stopped")

@@ -231,7 +231,7 @@ class FaultWatch:
 # is still closed, does not move; a drive whose feedback is inverted moves away from its target. An axis at an active
 # limit (statusword bit 11), or a halted axis, is at standstill for a reason that is reported elsewhere. If the
 # set-points of a cyclic position mode continue while the axis has not moved since it was enabled, the axis is late: it
-# would leap to the set-points when its brake has opened.
+# would jump to the set-points when its brake has released.
 
 
 STANDING_LOOKS: Final = 15  # checks, one every 0.1 s

@@ -305,7 +305,7 @@ class ModeTarget(metaclass=ABCMeta):
 
 
 def stop_slope(axis: AxisProcessData, speed: float) -> float:
-    """Return the deceleration of a stop in units/s^2: 0x6084, or else a stop in half a second."""
+    """Return the deceleration of a stop in units/s^2: 0x6084, or else the value that stops in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 

@@ -157,7 +157,7 @@ class GenericSystem(ComponentLifecycle):
                 self._owner(name).mode = interface
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Copy commands to states, or integrate them; ERROR for an infinite command."""
+        """Copy commands to states, or integrate them; return ERROR for an infinite command."""
         del now
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE) or self._disabled:
             return OK

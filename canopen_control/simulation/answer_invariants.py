@@ -43,7 +43,7 @@ _REASONS: Final = (
     "limit",
     "target_refused",
     "velocity_unit",
-)  # kinds of warnings about an axis that stands
+)  # kinds of warnings that give a reason for the standstill of an axis
 _ENDS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave", "cancel", "trajectory")
 
 

@@ -257,7 +257,7 @@ class MotionInvariants:
         self._report(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
 
     def _ramp_ns(self, node_id: int) -> int:
-        """Return the longest stop ramp of a node in ns as computed by `check`, 1 s if unlimited.
+        """Return a node's longest stop ramp in ns, as `check` computes the ramp; 1 s if unlimited.
 
         It starts from the maximum speed in the files, or else from the largest speed observed.
         """

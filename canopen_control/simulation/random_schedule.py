@@ -212,6 +212,6 @@ class RandomSchedule:
 
 
 def known_faults(*, physics: bool = False) -> list[str]:
-    """Return the faults of drives; with `physics` only faults that do not turn the drive's own shaft."""
+    """Return the faults of drives; with `physics` without the faults that turn the drive's own shaft."""
     encoders = _OF_ENCODERS if physics else ()
     return [fault.name for fault in FAULTS.values() if fault.acts not in _OF_DEVICES and fault.name not in encoders]

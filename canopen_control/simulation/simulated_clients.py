@@ -71,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send what the client accepts, and return the number of bytes; raise BlockingIOError if that is none."""
+        """Send what the client accepts and return its length; raise BlockingIOError if the client accepts nothing."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)

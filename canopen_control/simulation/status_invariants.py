@@ -278,7 +278,7 @@ class StatusInvariants:
     # -- mandatory events
 
     def _judge_supply(self, name: str, reading: NodeReading, events: list[RobotEvent], now: int) -> None:
-        """Check that a node without supply is reported as lost in time, with an event."""
+        """Check that a node without supply is reported as lost in time, and that an event reports the loss."""
         view = self._nodes[name]
         if self._robot.drives[view.node_id].device is not None:
             self._lost.pop(name, None)
