@@ -223,10 +223,12 @@ class _LssConsole:
             identity = self._scan(step_ms, known or (None,) * 4)
             if identity is None:
                 return [*lines, f"# Found {len(lines)} nodes, search finished.", "OK"]
-            self._one("lss_set_node", (node_id,))
-            if store:
-                self._one("lss_store", ())
-            self._leave()
+            try:
+                self._one("lss_set_node", (node_id,))
+                if store:
+                    self._one("lss_store", ())
+            finally:
+                self._leave()  # Fastscan has switched the slave to configuration state (CiA 305)
             lines.append(f"# Node-ID {node_id} assigned to: {_words(identity)}")
         return [*lines, "# Not all nodes scanned!", "OK"]
 

@@ -114,7 +114,7 @@ class Bridge:
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._arguments = arguments
         self._lifeline, self._gate = lifeline_fd(), gate_fd()
-        self._name, self._claim, self._code = "", -1, 0
+        self._name, self._claim, self._code, self._last_reason = "", -1, 0, ""
         if self._gate is None:
             self._take_robot()
         self._session: RosSession | None = None
@@ -200,6 +200,7 @@ class Bridge:
             session = _session_type()(self._node, self._context, self._reactor, client, self._options, self._on_end)
             self._session = session
             session.open()
+            self._last_reason = ""
         except CanopenError as error:
             if client is not None:
                 client.close()
@@ -211,7 +212,9 @@ class Bridge:
         return str(prefix) if prefix is not None else f"{namespace}/" if namespace else ""
 
     def _on_end(self, why: str) -> None:
-        _print(why)
+        if why != self._last_reason:  # a bridge that waits for its robot retries twice a second
+            self._last_reason = why
+            _print(why)
         if self._lifeline is not None:
             self._reactor.stop()
             return

@@ -229,6 +229,13 @@ def test_all_slaves_without_a_node_id_get_one_each_and_the_answer_is_one_piece()
     assert [(slave.node_id, slave.mode) for slave in slaves] == [(5, LssMode.WAITING), (6, LssMode.WAITING)]
 
 
+def test_a_slave_that_refuses_to_store_does_not_stay_in_configuration_state():
+    slave = LssSlave(NEW, store=lambda *_: False)
+    (text,) = said(Network(slave), "[71] lss_allnodes 20 5 1")
+    assert text.startswith(b"[71] ERROR:50")
+    assert slave.mode is LssMode.WAITING
+
+
 def test_the_search_ends_at_node_127_and_scans_what_it_is_told():
     slaves = [LssSlave(identity, store=lambda *_: True) for identity in (NEW, SECOND)]
     (text,) = said(Network(*slaves), "[7] lss_allnodes 0 127 0 2 0x286 0 0 1 0 2 78")

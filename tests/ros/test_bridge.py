@@ -9,6 +9,8 @@ import signal
 import statistics
 import subprocess
 import sys
+import time
+from contextlib import ExitStack
 from itertools import pairwise
 
 import pytest
@@ -129,6 +131,19 @@ def test_started_by_hand_it_waits_for_the_robot_to_come_back(number):
             robot.time = 1_800_000_000.0
             peer.message("/joint_states", lambda message: message["header"]["stamp"]["sec"] == 1_800_000_000)
         process.__exit__(None, None, None)
+
+
+def test_while_it_waits_for_its_robot_a_reason_is_printed_once(number):
+    with ExitStack() as stack:
+        with ros.FakeRobot() as robot:
+            process = stack.enter_context(ros.bridge(number))
+            assert ros.eventually(lambda: robot.told)
+        time.sleep(1.8)  # several attempts to connect
+        process.terminate()
+        output, _ = process.communicate(timeout=ros.TIMEOUT)
+    lines = output.splitlines()
+    assert len(lines) >= 2
+    assert len(lines) == len(set(lines))
 
 
 def test_a_second_bridge_of_a_robot_is_refused_and_the_first_goes_on(number):

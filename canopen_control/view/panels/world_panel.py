@@ -99,11 +99,11 @@ class WorldPanel:
     async def _act(self, world_act: WorldAct, text: str) -> None:
         """Apply a disturbance; unless the robot itself reports the disturbance, publish an event."""
         try:
-            refusal = await in_thread(partial(self._context.robot.world_client.act, world_act))
+            is_reported = await in_thread(partial(self._context.robot.world_client.act, world_act))
         except CanopenError as error:
             show_notice("Not done", str(error))
             return
-        if not refusal:
+        if not is_reported:
             await self._context.ask(PublishEvent(kind="world", text=f"from a page: {text}"))
 
 
