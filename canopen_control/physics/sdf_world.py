@@ -44,7 +44,7 @@ _GRAIN_M: Final = 1e-5  # closer vertices are merged
 _THIN_M: Final = 1e-4
 _HALF_M: Final = 5e-4  # thickness added on each side of a flat piece
 _MOST_PARTS: Final = 500
-_MOST_FACES: Final = 200_000
+_MOST_FACES: Final = 200_000  # limit of MuJoCo
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +54,28 @@ class MeshPart:
     corners: Any
 
 
-def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
-    """Return the convex parts of a scaled binary STL mesh; raise ValueError if it has invalid or too many parts."""
+def read_stl(file: Path) -> bytes:
+    """Return a mesh file as binary STL; raise ConfigError if the mesh cannot be simulated."""
+    mesh = read_mesh(file)
+    if mesh.format != "stl":
+        raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
+    return mesh.content
+
+
+def stl_corners(stl: bytes, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Any:  # noqa: ANN401 - numpy's
+    """Return the scaled vertices of all faces of a binary STL mesh; raise ValueError for too many or invalid ones."""
     count = int.from_bytes(stl[80:84], "little")
     if count > _MOST_FACES:
         raise ValueError(f"{count} faces are more than the possible {_MOST_FACES}; use a simpler mesh")
     corners = np.frombuffer(stl, _FACE, count, _HEAD)["corners"].reshape(-1, 3).astype(float) * np.array(scale)
     if not np.isfinite(corners).all():
         raise ValueError("a coordinate is not a finite number")
+    return corners
+
+
+def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
+    """Return the convex parts of a scaled binary STL mesh; raise ValueError if it has invalid or too many parts."""
+    corners = stl_corners(stl, scale)
     keys, faces = np.unique(np.round(corners / _GRAIN_M).astype(np.int64), axis=0, return_inverse=True)
     parts = tuple(_solid(keys[list(piece)] * _GRAIN_M) for piece in _pieces(faces.reshape(-1, 3), len(keys)))
     if len(parts) > _MOST_PARTS:
@@ -364,10 +378,7 @@ class _Reader:
         try:
             file = _mesh_file(path, uri)
             if (file, scale) not in self._meshes:
-                read = read_mesh(file)
-                if read.format != "stl":
-                    raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
-                self._meshes[file, scale] = convex_parts(read.content, scale)
+                self._meshes[file, scale] = convex_parts(read_stl(file), scale)
         except (ConfigError, ValueError) as error:
             self.mistake(path, shape, str(error) if isinstance(error, ConfigError) else f"mesh {uri}: {error}")
             return None

@@ -20,7 +20,8 @@ import numpy as np
 
 from canopen_control.errors import ConfigError
 from canopen_control.physics.physics_file import PhysicsError
-from canopen_control.urdf.meshes import find_mesh, read_mesh
+from canopen_control.physics.sdf_world import read_stl, stl_corners
+from canopen_control.urdf.meshes import find_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,13 +31,10 @@ if TYPE_CHECKING:
 
 
 _FOREIGN: Final = ("ros2_control", "gazebo", "transmission", "mujoco_inputs", "mujoco")
-_MOST_FACES: Final = 200_000  # limit of MuJoCo
 _FLAT_M: Final = 1e-9
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _LEAST_MOMENT: Final = 1e-15  # kg m2: MuJoCo's mjMINVAL
 _ROUNDED: Final = 1.001  # smaller excesses over the sum are rounding errors
-_HEAD: Final = 84  # bytes before the faces of binary STL
-_FACE: Final = np.dtype([("normal", "<3f4"), ("corners", "<9f4"), ("rest", "<u2")])
 
 
 @dataclass(frozen=True)
@@ -119,26 +117,16 @@ class _Meshes:
     def add(self, file: Path) -> str:
         """Convert a file, once, and return its name in the URDF; raise ConfigError if the file is unusable."""
         if file not in self._names:
-            mesh = read_mesh(file)
-            if mesh.format != "stl":
-                raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
-            if why := _unusable(mesh.content):
-                raise ConfigError(f"mesh {file}: {why}")
+            stl = read_stl(file)
+            try:
+                corners = stl_corners(stl)
+            except ValueError as error:
+                raise ConfigError(f"mesh {file}: {error}") from error
+            if np.ptp(corners, axis=0).min() <= _FLAT_M:
+                raise ConfigError(f"mesh {file}: it is flat")
             name = f"{file.stem}_{len(self._names)}.stl"
-            self._names[file], self.contents[name] = name, mesh.content
+            self._names[file], self.contents[name] = name, stl
         return self._names[file]
-
-
-def _unusable(stl: bytes) -> str:
-    """Return why a binary STL mesh cannot be simulated, "" if the mesh is usable."""
-    count = int.from_bytes(stl[80:84], "little")
-    if count > _MOST_FACES:
-        return f"{count} faces are more than the possible {_MOST_FACES}; use a simpler mesh for <collision>"
-    corners = np.frombuffer(stl, _FACE, count, _HEAD)["corners"].reshape(-1, 3)
-    extents = corners.max(axis=0) - corners.min(axis=0)
-    if not (np.isfinite(extents).all() and extents.min() > _FLAT_M):
-        return "it is flat, or a coordinate is not a finite number"
-    return ""
 
 
 def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:

@@ -13,7 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from functools import partial
 from random import Random
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from canopen_control.cia402.state import State
 from canopen_control.runtime.core import RobotState
@@ -25,7 +25,7 @@ from canopen_control.simulation.scenario_events import KINDS, ScenarioEvent
 from canopen_control.simulation.simulation_run import SimulationRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 
     from canopen_control.runtime.setup import RobotSetup
     from canopen_control.simulation.fault_coverage import Cell, Edge
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
     Acts = tuple[ScenarioEvent, ...]
 
+
+T = TypeVar("T")
 
 # Targeted schedules: each leads the robot into a state and injects a fault there, which random schedules rarely do,
 # such as a cable cut in the cycle in which an axis is disabled. `_WAYS` is the table of paths into states; states
@@ -270,26 +272,24 @@ class Totals:
     @property
     def troubles(self) -> Counter[tuple[str, str]]:
         """Number of faults by kind and state of the robot, in all seeds."""
-        total: Counter[tuple[str, str]] = Counter()
-        for _, result in sorted(self.results.items()):
-            total.update(result.troubles)
-        return total
+        return _sum(result.troubles for _, result in sorted(self.results.items()))
 
     @property
     def edges(self) -> Counter[Edge]:
         """Number of occurrences of each transition of the state machines, in all seeds."""
-        total: Counter[Edge] = Counter()
-        for _, result in sorted(self.results.items()):
-            total.update(result.edges)
-        return total
+        return _sum(result.edges for _, result in sorted(self.results.items()))
 
     @property
     def cells(self) -> Counter[Cell]:
         """Number of faults by state machine, state and kind, in all seeds."""
-        total: Counter[Cell] = Counter()
-        for _, result in sorted(self.results.items()):
-            total.update(result.cells)
-        return total
+        return _sum(result.cells for _, result in sorted(self.results.items()))
+
+
+def _sum(counts: Iterable[Mapping[T, int]]) -> Counter[T]:
+    total: Counter[T] = Counter()
+    for count in counts:
+        total.update(count)
+    return total
 
 
 class Campaign:
