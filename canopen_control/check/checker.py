@@ -10,8 +10,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from canopen_control.check import rules as rules
+from canopen_control.check.drive_rules import check_timing, cycle_ns
+from canopen_control.check.finding import Finding, sorted_findings
 from canopen_control.check.stop_times import axis_facts, command_timeouts, stop_time
-from canopen_control.check.timing_rules import Finding, check_timing, cycle_ns, sorted_findings
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.axis_parameters import add_plugin_interfaces

@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.check.timing_rules import Finding
+from canopen_control.check.finding import Finding
 from canopen_control.errors import RobotConfigError, nearest
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.launch_file import SPAWNER_VALUES, launch_elements, read_launch, words_of
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from canopen_control.check.timing_rules import CheckedRobot
+    from canopen_control.check.finding import CheckedRobot
     from canopen_control.runtime.launch_file import LaunchFile
     from canopen_control.runtime.launch_python import LaunchNode
     from canopen_control.urdf.document import Element

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.check.drive_rules import DRIVE_RULES
-from canopen_control.check.timing_rules import CheckedRobot, Finding
+from canopen_control.check.finding import CheckedRobot, Finding
 from canopen_control.cia402 import objects
 from canopen_control.controllers.base import sample_type_of
 from canopen_control.controllers.command_timeout import DEFAULT_LIFE_S, ENDLESS

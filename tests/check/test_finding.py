@@ -2,7 +2,7 @@
 
 import pytest
 
-from canopen_control.check.timing_rules import CheckedRobot, Finding, sorted_findings
+from canopen_control.check.finding import CheckedRobot, Finding, sorted_findings
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.od.issues import Severity
 from canopen_control.runtime.robot_files import find_robot
