@@ -172,7 +172,7 @@ class Robot:
         self._ask(messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode))
 
     def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Activate and deactivate controllers; if one switch is refused, no controller changes.
+        """Activate and deactivate controllers in one step; a refusal leaves all active controllers active.
 
         Controllers that are already in the requested state are skipped; unloaded controllers are loaded and configured
         first.

@@ -71,7 +71,7 @@ class CheckedRobot:
     configured: dict[str, Controller] = field(default_factory=dict)
 
     def severity(self, name: str) -> Severity:
-        """Return the severity of a controller's errors: WARNING if a run does not activate the controller."""
+        """Return the severity of a controller's errors: WARNING if the user selected other controllers, else ERROR."""
         waits = (self.chosen or self.mock) and self.started is not None and name not in self.started
         return Severity.WARNING if waits else Severity.ERROR
 

@@ -121,7 +121,7 @@ _BESIDE: Final = "drives_of_bus_yml"
 def _free(
     buses: Mapping[str, BusConfig], description: UrdfDescription, control: ControllersFile
 ) -> Iterator[tuple[str, NodeConfig, int, str]]:
-    """Yield joint name, node, axis and problem (or "") of each drive axis without a joint in the description."""
+    """Yield joint name, node, axis and problem (or "") of each axis with a `driver` but without a joint."""
     if any(tag.plugin in PLUGINS for tag in description.hardware):
         parts = [part.name for tag in description.hardware for part in (*tag.joints, *tag.sensors, *tag.gpios)]
         names = {*parts, *description.joints, *control.controllers}

@@ -332,7 +332,7 @@ class RobotBus:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def rest_or_watch(self) -> None:
-        """Read frames only at cycle edges if all nodes are ready and no answer is awaited, else on reception."""
+        """Read frames at cycle edges if no answer is awaited, else on reception."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return

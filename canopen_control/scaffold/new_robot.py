@@ -132,8 +132,8 @@ class NewNode:
 class NewRobot:
     """Plan of a robot before the files are written; `sync_us` is the SYNC period in us, `baudrate` in kbit/s.
 
-    `heartbeat_ms` is the period of all heartbeats, or of guarding. `eds_names` are file names of EDS copies that differ
-    from the original name. `problems` are sentences about errors that prevent the robot from running.
+    `heartbeat_ms` is the period of all heartbeats, or of guarding. `eds_names` are the file names of the EDS copies,
+    if set. `problems` are sentences about errors that prevent the robot from running.
     """
 
     name: str

@@ -64,7 +64,7 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
 
 
 def complete_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[PdoUse, ...]:
-    """Return PDOs that contain all required objects; () if the default PDOs already do.
+    """Return PDOs that contain the required objects; () if no PDO must, or can, be added to the default PDOs.
 
     PDOs that are enabled by default stay unchanged. Disabled PDOs that have the objects in the default mapping are
     enabled, as CiA 401 requires for PDOs 2 to 4; objects that are still missing are mapped into unused PDOs.
