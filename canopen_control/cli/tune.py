@@ -49,7 +49,7 @@ from canopen_control.commissioning.tune_gains import (
 )
 from canopen_control.commissioning.tune_job import TunePlan, excite, request_of
 from canopen_control.commissioning.tune_report import CSV, PICTURE, findings, identified, proposed, report
-from canopen_control.commissioning.tune_run import TuneTest
+from canopen_control.commissioning.tune_run import MAX_TORQUE, TuneTest
 from canopen_control.errors import ConfigError
 from canopen_control.host.signals import on_signals
 
@@ -68,7 +68,6 @@ EXAMPLE = """canopen-control tune 5 --can can0 --eds my_drive.eds --step 30rpm
          canopen-control tune 5 --can can0 --eds my_drive.eds --bode -o bode.png
          canopen-control tune 5 --can can0 --eds my_drive.eds --identify 150 --yes --json"""
 
-_TORQUE = 300.0  # per mille, maximum torque of an excitation
 _EFFORT_UNIT: Final = 1000.0  # per mille: default unit of an effort, a fraction of the rated torque
 
 
@@ -110,7 +109,7 @@ def _add_tests(parser: argparse.ArgumentParser) -> None:
         choices=("chirp", "prbs"),
         help="measure gain and phase of the velocity loop (default: chirp)",
     )
-    torque = number("torque in per mille of the rated torque, above 0 to 300", lambda value: 0 < value <= _TORQUE)
+    torque = number("torque in per mille of the rated torque, above 0 to 300", lambda value: 0 < value <= MAX_TORQUE)
     group.add_argument(
         "--identify", metavar="PERMILLE", type=torque, help="apply a torque; identify inertia, friction and gains"
     )

@@ -441,6 +441,7 @@ def _maximum_length(bits: int) -> tuple[int, ...]:
     return tuple(bits_out)
 
 
+MAX_TORQUE: Final = 300.0  # of an identification, in per mille of the rated torque
 _BIAS, _AMPLITUDE = 1.5, 0.75  # rad/s; the direction of rotation does not change
 _LOW_HZ: Final = 0.5
 _BEYOND: Final = 1.15
@@ -509,6 +510,8 @@ class TuneRequest:
                 f"{self.seconds:g} s are too short for a {self.test.value}; at least {_SHORTEST:g} s are needed"
             )
         if self.kind is JogKind.TORQUE:
+            if not 0.0 < self.torque <= MAX_TORQUE:
+                raise ConfigError(f"a torque of {self.torque:g} per mille is not above 0 and at most {MAX_TORQUE:g}")
             if self.torque > limits.current:
                 raise ConfigError(f"a torque of {self.torque:g} per mille exceeds --max-current {limits.current:g}")
             return

@@ -50,6 +50,8 @@ def test_what_is_commanded_is_what_is_confirmed():
     [
         (request(TuneTest.STEP, speed=parse_quantity("70rpm", "velocity")), "exceeds the limit of 6.28 rad/s"),
         (request(TuneTest.IDENTIFY, torque=250.0), "exceeds --max-current 200"),
+        (request(TuneTest.IDENTIFY, torque=301.0), "above 0 and at most 300"),
+        (request(TuneTest.IDENTIFY, torque=0.0), "above 0 and at most 300"),
         (request(TuneTest.BODE, 0.3), "too short for a frequency response"),
     ],
 )
