@@ -96,7 +96,7 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
             cancel_callback=cancel,
         )
 
-    def known(self, uuid: bytes) -> RosMessage | None:
+    def handle_of(self, uuid: bytes) -> RosMessage | None:
         """Return rclpy's handle of an accepted goal; None if rclpy has discarded the goal."""
         return self._goal_handles.get(uuid)
 
@@ -112,7 +112,7 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
                 self._refused.popitem(last=False)
         with contextlib.suppress(StopIteration):
             super()._execute_goal_request(waiting).send(None)  # completes at once: no callback is a coroutine
-        handle = self.known(uuid)
+        handle = self.handle_of(uuid)
         if handle is not None and handle.status == _ACCEPTED:  # no client could be informed
             _set_executing(handle)
             self._on_lost(uuid)
@@ -122,7 +122,7 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
 
         A client that did not request the cancellation receives "aborted".
         """
-        handle = self.known(uuid)
+        handle = self.handle_of(uuid)
         if handle is None or not handle.is_active:
             return
         if state == "succeeded":
@@ -231,9 +231,9 @@ class TrajectorySender:
                 return
             try:
                 self._send(following, rest, request, answer)
-            except (CanopenError, ValueError) as wrong:
+            except (CanopenError, ValueError) as problem:
                 self.close()  # the robot drops the pieces that it has received
-                answer(None, str(wrong))
+                answer(None, str(problem))
 
         self.client.ask(TrajectoryData(points=piece), on_answer)
 
@@ -296,9 +296,9 @@ class FollowedGoal(Generic[V]):
         """Whether the goal's client has left the graph; if the client is unknown, whether all clients have left."""
         if self._ran_here and self.client is not None and not self._clients.runs_here(self.client):
             return True
-        here = bool(present) if self.client is None else self.client in present
-        self._was_present |= here
-        return self._was_present and not here
+        is_present = bool(present) if self.client is None else self.client in present
+        self._was_present |= is_present
+        return self._was_present and not is_present
 
     def feedback_due(self, time: float) -> bool:
         """Whether feedback is due at `time` in s; if so, `time` starts the next interval."""
@@ -447,7 +447,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     def _handle(self, followed: FollowedGoal[V], time: float) -> Any:  # noqa: ANN401 - rclpy's
         """Return rclpy's handle of a goal if feedback is due at `time` in s, else None."""
-        handle = self._server.known(followed.uuid)
+        handle = self._server.handle_of(followed.uuid)
         return handle if handle is not None and followed.feedback_due(time) else None
 
     def _watch(self, followed: list[FollowedGoal[V]]) -> None:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 AUTO: Final = "auto"
-_LOOK_S: Final = 0.25
+_CHECK_S: Final = 0.25
 _PACKAGE: Final = "geometry_msgs/msg/"
 _TYPES: Final[dict[str, type]] = {f"{_PACKAGE}Twist": Twist, f"{_PACKAGE}TwistStamped": TwistStamped}
 
@@ -73,9 +73,9 @@ class TwistSubscription:
         """With "auto", change the subscription to the type of the publishers; call with every state sample."""
         time = state.time
         # checks continue after the clock was set back
-        if not self._auto or time < self._next <= time + _LOOK_S:
+        if not self._auto or time < self._next <= time + _CHECK_S:
             return
-        self._next = time + _LOOK_S
+        self._next = time + _CHECK_S
         published = {publisher.topic_type for publisher in self._ros.node.get_publishers_info_by_topic(self._topic)}
         kinds = [name for name in _TYPES if name in published]
         if len(kinds) > 1:
@@ -111,18 +111,18 @@ class TwistCommands(Endpoint):
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._controller = ros, controller
         topic, quality = f"{controller.name}/{controller.topic}", _QUALITIES.get(controller.topic, SYSTEM_DEFAULT)
-        self._either = TwistSubscription(ros, topic, self._on_message, first="TwistStamped", quality=quality)
-        self._plain = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
+        self._main = TwistSubscription(ros, topic, self._on_message, first="TwistStamped", quality=quality)
+        self._unstamped = ros.subscribe(Twist, f"{topic}_unstamped", self._on_message, quality)
 
     def on_controller(self, controller: ControllerReading) -> None:
         self._controller = controller
 
     def on_state(self, state: StateSample) -> None:
-        self._either.check_types(state)
+        self._main.check_types(state)
 
     def close(self) -> None:
-        self._either.close()
-        self._ros.unsubscribe(self._plain)
+        self._main.close()
+        self._ros.unsubscribe(self._unstamped)
 
     def _on_message(self, message: Twist | TwistStamped) -> None:
         send_twist(self._ros, self._controller, message)

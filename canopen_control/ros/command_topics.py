@@ -119,14 +119,14 @@ def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, 
     groups, inner = list(message.interface_groups), list(message.interface_values)
     if len(groups) != len(inner):
         raise ValueError(f"{len(groups)} interface_groups with {len(inner)} interface_values; give equal numbers")
-    known, outputs = controller.required_command_interfaces, dict[str, float]()
+    output_names, outputs = controller.required_command_interfaces, dict[str, float]()
     for group, group_values in zip(groups, inner, strict=True):
         names, values = list(group_values.interface_names), list(group_values.values)
         if len(names) != len(values):
             raise ValueError(f"{group}: {len(names)} interface_names with {len(values)} values; give equal numbers")
         for name, value in zip((f"{group}/{name}" for name in names), values, strict=True):
-            if name not in known:
-                raise ValueError(f"{name!r} is not an output; the outputs are: {', '.join(known) or 'none'}")
+            if name not in output_names:
+                raise ValueError(f"{name!r} is not an output; the outputs are: {', '.join(output_names) or 'none'}")
             if name in outputs:
                 raise ValueError(f"{name} is named twice")
             if not math.isfinite(value):

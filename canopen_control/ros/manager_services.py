@@ -119,13 +119,13 @@ class ControllerManagerServices(Endpoint):
                 for reading in answer
             ]
 
-        def known(hardware: list[HardwareReading] | None, _error: str | None) -> None:
+        def on_hardware(hardware: list[HardwareReading] | None, _error: str | None) -> None:
             states.extend(
                 state_interface.name for component in hardware or () for state_interface in component.state_interfaces
             )
             self._ask(ListControllers(), fill, response, reply)
 
-        self._ros.ask(ListHardware(), known)
+        self._ros.ask(ListHardware(), on_hardware)
 
     def _list_types(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
         def fill(answer: list[str]) -> None:

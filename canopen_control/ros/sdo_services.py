@@ -217,8 +217,8 @@ def read_uint32(ros: NodeContext, node: str, address: Address, response: RosMess
         try:
             if result is not None:
                 response.data, response.success = as_uint32(result.data), True
-        except ValueError as wrong:
-            error = f"{node} {address}: {wrong}"
+        except ValueError as problem:
+            error = f"{node} {address}: {problem}"
         if error is not None:
             ros.warn(f"{node}/sdo", error)
         reply(response)
@@ -270,11 +270,11 @@ def _write_as(
 
     try:
         data = make(length)
-    except ValueError as wrong:
+    except ValueError as problem:
         if further:
             _write_as(ros, node, address, make, further, on_done)
         else:
-            on_done(f"{node} {address}: {wrong}")
+            on_done(f"{node} {address}: {problem}")
         return
     ros.ask(SdoWrite(node=node, index=address.index, subindex=address.subindex, data=data), answer)
 
@@ -320,8 +320,8 @@ def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None
         content: object = [bytes([octet]) for octet in value] if isinstance(value, bytes) else value
         into.type = _TYPE_OF[type(value)]
         setattr(into, _FIELDS[into.type], content)
-    except ValueError as wrong:
-        into.string_value = str(wrong)
+    except ValueError as problem:
+        into.string_value = str(problem)
 
 
 def _value_of(value: RosMessage) -> Value:

@@ -112,12 +112,12 @@ class LaserScans(Endpoint):
     def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
         self._publishers: dict[str, Any] = {}  # rclpy has no types
-        self._is_waiting = self._none = False
+        self._is_waiting = self._has_no_lidar = False
         self._next_scan = 0.0  # simulated seconds of the next scan
 
     def on_state(self, state: StateSample) -> None:
         seconds = state.sim_time
-        if seconds is None or state.sim_epoch is None or self._is_waiting or self._none:
+        if seconds is None or state.sim_epoch is None or self._is_waiting or self._has_no_lidar:
             return
         if seconds < self._next_scan - _CLOSE_S:
             return
@@ -125,7 +125,7 @@ class LaserScans(Endpoint):
         offset = state.time - seconds  # of ROS time from simulated time
 
         def answer(scans: tuple[LaserScanReading, ...] | None, error: str | None) -> None:
-            self._is_waiting, self._none = False, error is None and not scans
+            self._is_waiting, self._has_no_lidar = False, error is None and not scans
             for scan in scans or ():
                 self._publish(scan, offset)
             if scans:
@@ -190,10 +190,10 @@ def pose_message(truth: TruePose, frame: str) -> PoseStamped:
     """Return a true pose as a PoseStamped message in the odometry frame `frame`."""
     message = PoseStamped()
     message.header.stamp, message.header.frame_id = time_message(truth.time), frame
-    place, turn = message.pose.position, message.pose.orientation
-    place.x, place.y, _ = truth.in_odometry or (0.0, 0.0, 0.0)
-    place.z = truth.z
-    turn.w, turn.x, turn.y, turn.z = from_rpy(truth.rpy or (0.0, 0.0, 0.0))
+    position, orientation = message.pose.position, message.pose.orientation
+    position.x, position.y, _ = truth.in_odometry or (0.0, 0.0, 0.0)
+    position.z = truth.z
+    orientation.w, orientation.x, orientation.y, orientation.z = from_rpy(truth.rpy or (0.0, 0.0, 0.0))
     return message
 
 
@@ -251,5 +251,5 @@ class SimulationServices(Endpoint):
 def _text(simulation: Simulation | None) -> str:
     if simulation is None:
         return ""
-    how = "paused" if simulation.paused else "running"
-    return f"{how} at {simulation.seconds:.6g} s; a step is a cycle of {1000.0 * simulation.period:g} ms"
+    mode = "paused" if simulation.paused else "running"
+    return f"{mode} at {simulation.seconds:.6g} s; a step is a cycle of {1000.0 * simulation.period:g} ms"

@@ -70,7 +70,7 @@ def load(data: bytes, name: str) -> LoadedTrajectory:
     return LoadedTrajectory(name, joints, points)
 
 
-def trajectory_takers(controllers: Iterable[ControllerReading]) -> list[str]:
+def active_trajectory_controllers(controllers: Iterable[ControllerReading]) -> list[str]:
     """Return the names of the active trajectory controllers."""
     return [
         controller.name

@@ -65,7 +65,7 @@ result = handle.get_result_async()
 used = time.process_time()
 time.sleep(0.2)
 assert time.process_time() - used < 0.12, "something spins while the goal is followed"
-assert server.known(requests[0].uuid).is_active
+assert server.handle_of(requests[0].uuid).is_active
 done = Follow.Result(error_code=0, error_string="well")
 spinner.call(lambda: server.finish(requests[0].uuid, "succeeded", done))
 until(result.done)

@@ -7,10 +7,10 @@ from canopen_control.rpc.messages.samples import TrajectoryPoint, TrajectorySamp
 from canopen_control.rpc.messages.state import ControllerReading
 from canopen_control.view.trajectory_player import (
     LoadedTrajectory,
+    active_trajectory_controllers,
     load,
     preview_table,
     progress_of,
-    trajectory_takers,
 )
 
 POINTS = [TrajectoryPoint(positions=[0.5, 0.25], time_from_start=1.0), TrajectoryPoint(time_from_start=2.5)]
@@ -85,4 +85,4 @@ def test_only_active_controllers_of_trajectories_take_them():
         return ControllerReading(name=name, type="", state=state, tells=tells)
 
     found = [reading("a", "active", "trajectory"), reading("b", "inactive", "trajectory"), reading("c", "active", None)]
-    assert trajectory_takers(found) == ["a"]
+    assert active_trajectory_controllers(found) == ["a"]

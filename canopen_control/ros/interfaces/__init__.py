@@ -171,9 +171,9 @@ def _check(factory: _Factory) -> None:
         "sending": serialization.deserialize_message(serialization.serialize_message(ours), theirs_of) == theirs,
         "receiving": serialization.deserialize_message(serialization.serialize_message(theirs), ours_of) == ours,
     }
-    wrong = [name for name, good in checks.items() if not good]
-    if wrong:
-        raise RuntimeError(f"the self-test differs in {', '.join(wrong)}")
+    failed = [name for name, good in checks.items() if not good]
+    if failed:
+        raise RuntimeError(f"the self-test differs in {', '.join(failed)}")
 
 
 def _shares() -> list[Path]:

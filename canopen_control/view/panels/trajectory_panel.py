@@ -19,11 +19,11 @@ from canopen_control.view.robot_connection import in_thread
 from canopen_control.view.scene_tree import angles_of
 from canopen_control.view.trajectory_player import (
     MOST_BYTES,
+    active_trajectory_controllers,
     load,
     place_text,
     preview_table,
     progress_of,
-    trajectory_takers,
 )
 from canopen_control.view.words import sentence
 
@@ -85,7 +85,7 @@ class TrajectoryPanel:
     def show(self, content: PageContent) -> None:
         if content.lost:
             return
-        self._follow_controllers(trajectory_takers(content.controllers))
+        self._follow_controllers(active_trajectory_controllers(content.controllers))
         self._now = {name: joint.position for name, joint in content.state.joints.items()}
         if self._playing is not None and self._loaded is not None:
             sample = content.state.samples_of(TrajectorySample).get(self._playing)
