@@ -155,10 +155,10 @@ class _LssConsole:
             return self._leave()
         enters = verb in ("lss_switch_glob", "lss_switch_sel", "_lss_fastscan", "lss_allnodes")
         if enters is self._configuring:
-            other = "A slave is already in configuration state; send lss_switch_glob 0 first"
+            busy = "A slave is already in configuration state; send lss_switch_glob 0 first"
             raise GatewayRefusal(
                 cia309.INTERNAL_STATE,
-                other
+                busy
                 if enters
                 else "No slave is in configuration state; send lss_switch_sel or lss_switch_glob 1 first",
             )
@@ -326,16 +326,16 @@ class GatewayService:
         sock.settimeout(_SEND_S)
         client = GatewayDialect()
         poll = self._poll_with(sock.fileno())
-        begun = False
+        has_received = False
         while True:
             if not self._ready(poll, sock.fileno()):
                 continue
             try:
                 data = sock.recv(_CHUNK)
                 # HTTP: any page in the user's browser can send requests to a port of this host
-                if not data or (not begun and _HTTP.match(data)):
+                if not data or (not has_received and _HTTP.match(data)):
                     return
-                begun = True
+                has_received = True
                 for answer in self.answers(client, data):
                     sock.sendall(answer)
             except OSError:

@@ -211,10 +211,10 @@ class Bridge:
         namespace = str(self._node.get_namespace()).strip("/")
         return str(prefix) if prefix is not None else f"{namespace}/" if namespace else ""
 
-    def _on_end(self, why: str) -> None:
-        if why != self._last_reason:  # a bridge that waits for its robot retries twice a second
-            self._last_reason = why
-            _print(why)
+    def _on_end(self, reason: str) -> None:
+        if reason != self._last_reason:  # a bridge that waits for its robot retries twice a second
+            self._last_reason = reason
+            _print(reason)
         if self._lifeline is not None:
             self._reactor.stop()
             return
@@ -228,9 +228,9 @@ class Bridge:
 
     def _close(self) -> None:
         """Leave the ROS graph; end the process if a thread does not return from rclpy."""
-        giving_up = threading.Timer(_RCLPY_END_S, os._exit, (0,))
-        giving_up.daemon = True
-        giving_up.start()
+        kill_timer = threading.Timer(_RCLPY_END_S, os._exit, (0,))
+        kill_timer.daemon = True
+        kill_timer.start()
         if not self._end_session():
             os._exit(0)  # rclpy aborts when its executor is torn down under a callback
         with contextlib.suppress(Exception):
@@ -239,7 +239,7 @@ class Bridge:
         self._reactor.close()
         if self._claim >= 0:
             os.close(self._claim)
-        giving_up.cancel()
+        kill_timer.cancel()
 
 
 if __name__ == "__main__":

@@ -104,12 +104,12 @@ class _Answer:
         await self._send({"type": "http.response.body", "body": html})
 
 
-async def _refuse(kind: str, why: str, receive: Receive, send: Send, rules: AccessRules) -> None:
+async def _refuse(kind: str, reason: str, receive: Receive, send: Send, rules: AccessRules) -> None:
     if kind == "websocket":
         await receive()
-        await send({"type": "websocket.close", "code": 1008, "reason": why[:120]})  # not open yet: 403
+        await send({"type": "websocket.close", "code": 1008, "reason": reason[:120]})  # not open yet: 403
         return
-    await _answer(403, rules.response_headers(), f"403: {why}\n", send)
+    await _answer(403, rules.response_headers(), f"403: {reason}\n", send)
 
 
 async def _answer(status: int, headers: dict[str, str], text: str, send: Send) -> None:

@@ -68,7 +68,7 @@ class PanelSlot:
     """Panel and its column, "side", "middle" or "right"; without a title the panel has no heading."""
 
     key: str
-    where: str
+    column: str
     title: str
     make: Callable[[PanelContext], Panel]
 
@@ -120,12 +120,12 @@ class Page:
         with ui.element("main").classes("cc-page") as main:
             for column in ("side", "middle", "right"):
                 with ui.element("div").classes(f"cc-{column}") as columns[column]:
-                    self._panels += [self._make(slot) for slot in PANELS if slot.where == column]
+                    self._panels += [self._make(slot) for slot in PANELS if slot.column == column]
             self._drive = DriveView(context, main, columns["side"], _query())
         self._feed = Feed()
 
     def _make(self, slot: PanelSlot) -> Panel:
-        if slot.where == "middle":
+        if slot.column == "middle":
             return slot.make(self._context)
         with ui.element("section").classes(f"cc-panel cc-p-{slot.key}"):
             if slot.title:
@@ -534,8 +534,8 @@ def _open_connection(name: str) -> tuple[RobotConnection, RobotInfo]:
 def main(name: str | None, host: str, port: int | None, *, teleop: bool) -> None:
     """Serve the page until a signal ends it; ConfigError if the page cannot start."""
 
-    def say(text: str) -> None:
+    def print_line(text: str) -> None:
         sys.stdout.write(f"{text}\n")
         sys.stdout.flush()
 
-    asyncio.run(ViewApp(name, host, port, teleop=teleop, report=say).run())
+    asyncio.run(ViewApp(name, host, port, teleop=teleop, report=print_line).run())

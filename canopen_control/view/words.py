@@ -241,9 +241,11 @@ def fault_text(fault: FaultListing | None) -> str:
     """Return the explanation of a virtual drive's fault as HTML; a note if `fault` is None."""
     if fault is None:
         return "<p class='cc-note'>No virtual drive is running.</p>"
-    how = "once" if fault.once else "until it is switched off"
-    what = f"I{fault.does[1:]}" if fault.does.startswith("its ") else f"The drive {fault.does}"
-    return f"<p class='cc-note'>{escape(what)} ({how}).<br><b>A correct master:</b> {escape(fault.reaction)}.</p>"
+    duration = "once" if fault.once else "until it is switched off"
+    effect = f"I{fault.does[1:]}" if fault.does.startswith("its ") else f"The drive {fault.does}"
+    return (
+        f"<p class='cc-note'>{escape(effect)} ({duration}).<br><b>A correct master:</b> {escape(fault.reaction)}.</p>"
+    )
 
 
 def quirk_text(quirk: QuirkListing | None) -> str:

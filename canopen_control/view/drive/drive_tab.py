@@ -46,14 +46,14 @@ class WorkBar:
     def show(self) -> None:
         """Update the progress of the job, or show the result."""
         work = self._node_jobs.work
-        mine = work is not None and work.job.tab == self._tab
+        is_own = work is not None and work.job.tab == self._tab
         running = work is not None and not work.over
-        self._bar.visible = running and mine
-        self._end.visible = work is not None and running and mine and work.job.can_end
-        self._save.visible = mine and work is not None and work.over and work.file is not None
-        if work is None or (not mine and not running):
+        self._bar.visible = running and is_own
+        self._end.visible = work is not None and running and is_own and work.job.can_end
+        self._save.visible = is_own and work is not None and work.over and work.file is not None
+        if work is None or (not is_own and not running):
             return
-        if not mine:
+        if not is_own:
             self._words.show(sentence(f"{work.title} is still running; wait until this has ended.", IDLE))
             return
         if not work.over:

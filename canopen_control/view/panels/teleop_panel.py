@@ -71,32 +71,32 @@ class TeleopPanel:
         if content.lost:
             return
         self._positions = {name: joint.position for name, joint in content.state.joints.items()}
-        takers = tuple(
+        candidates = tuple(
             controller
             for controller in content.controllers
             if controller.is_base or controller.topic == "commands" or follows_trajectories(controller)
         )
         drives = drive_targets(content.state, content.controllers)  # shown in `TargetPanel`
-        self._frame.visible = bool(takers) or not drives
-        key = tuple((taker.name, taker.state) for taker in takers)
+        self._frame.visible = bool(candidates) or not drives
+        key = tuple((candidate.name, candidate.state) for candidate in candidates)
         if key != self._shown:
             self._shown = key
-            self._build(takers)
+            self._build(candidates)
         self._whole.classes(**{"remove" if content.banner.tone == "good" else "add": "cc-off"})
         if self._targets is not None:
             for joint, at in self._targets.follow(self._positions).items():
                 self._sliders[joint].value = at
 
-    def _build(self, takers: tuple[ControllerReading, ...]) -> None:
+    def _build(self, candidates: tuple[ControllerReading, ...]) -> None:
         self._context.release(self._client.id)
         self._whole.clear()
         self._targets, self._arm, self._sliders = None, None, {}
-        active = [taker for taker in takers if taker.state == "active"]
+        active = [candidate for candidate in candidates if candidate.state == "active"]
         with self._whole:
             if not self._context.teleop:
                 ui.html(READ_ONLY, sanitize=False)
             elif not active:
-                names = escape(", ".join(taker.name for taker in takers))
+                names = escape(", ".join(candidate.name for candidate in candidates))
                 ui.html(_INACTIVE.format(names) if names else _NOTHING, sanitize=False)
             elif active[0].is_base:
                 self._pad(active[0])
@@ -104,11 +104,11 @@ class TeleopPanel:
                 self._reach(active[0])
             else:
                 self._values(active[0])
-            self._choice(takers, active)
+            self._choice(candidates, active)
 
-    def _choice(self, takers: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
+    def _choice(self, candidates: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
         """Create the choice of the controller, if there are several."""
-        names = [taker.name for taker in takers]
+        names = [candidate.name for candidate in candidates]
         if len(names) < 2:
             return
         chosen = active[0].name if active else None

@@ -50,7 +50,7 @@ class TrajectoryPanel:
         self._loaded: LoadedTrajectory | None = None
         self._now: dict[str, float | None] = {}
         self._playing: str | None = None
-        self._takers: list[str] = []
+        self._controllers: list[str] = []
         self._build()
         self._frame.visible = False
 
@@ -94,17 +94,17 @@ class TrajectoryPanel:
         elif self._loaded is not None:
             self._show_point()
 
-    def _follow_controllers(self, takers: list[str]) -> None:
-        visible = bool(takers) or self._playing is not None
+    def _follow_controllers(self, controllers: list[str]) -> None:
+        visible = bool(controllers) or self._playing is not None
         if self._frame.visible is not visible:
             self._frame.visible = visible
             if not visible:
                 self._forget()
-        if takers != self._takers:
-            self._takers = takers
-            controller = self._choice.value if self._choice.value in takers else next(iter(takers), None)
-            self._choice.set_options(takers, value=controller)
-            self._choice.visible = len(takers) > 1
+        if controllers != self._controllers:
+            self._controllers = controllers
+            controller = self._choice.value if self._choice.value in controllers else next(iter(controllers), None)
+            self._choice.set_options(controllers, value=controller)
+            self._choice.visible = len(controllers) > 1
 
     async def _take(self, event: UploadEventArguments) -> None:
         """Read the uploaded file, and preview it unless a trajectory is being played."""
