@@ -62,8 +62,8 @@ LSS_MANUFACTURER, LSS_NODE_ID, LSS_BITRATE, LSS_STORE, LSS_MEDIA = 501, 502, 503
 
 HELP: Final = {
     b"": """
-Enter one command per line:  "["SEQUENCE"]" [[NET] NODE] COMMAND  # comment
-For example:                 [1] 5 read 0x6041 0 u16
+Enter one command per line, such as:    [1] 5 read 0x6041 0 u16   # comment
+A line has a sequence number in brackets, the node ID (or net and node ID), and a command:
   r[ead] INDEX SUBINDEX [TYPE]          read an object by SDO; without TYPE as hex bytes
   w[rite] INDEX SUBINDEX TYPE VALUE     write an object by SDO
   start | stop | preop[erational]       send the NMT command to NODE (0: all nodes)
@@ -75,7 +75,7 @@ For example:                 [1] 5 read 0x6041 0 u16
   help [datatype | lss]                 print this text, the data types, or the LSS commands
   log                                   print the events since the last `log` command
   led                                   print the status LEDs, which are always off
-The answer is [SEQUENCE] and OK, the value read, ERROR:0xABORTCODE, or ERROR:NUMBER.
+The answer has the same sequence number, and OK, a value, ERROR:0xABORTCODE or ERROR:NUMBER.
 Commands that may move a drive are refused unless the gateway was started with --allow-motion.""",
     b"datatype": """
 b                    boolean
