@@ -212,7 +212,7 @@ def run(args: argparse.Namespace) -> int:
     return _ACTIONS[args.action](args)
 
 
-# list ----------------------------------------------------------------------------------------------------------------
+# -- list
 
 
 def _list(args: argparse.Namespace) -> int:
@@ -245,7 +245,7 @@ def _adapters() -> list[str]:
     return known_interfaces()
 
 
-# status --------------------------------------------------------------------------------------------------------------
+# -- status
 
 
 def _status(args: argparse.Namespace) -> int:
@@ -307,7 +307,7 @@ def _rule(rule: hub.DropState, nodes: Sequence[KnownNode]) -> str:
     return f"{frames}{identifier} from {_named(rule.label, nodes) or 'all members'}, {rule.lost}{limit} lost"
 
 
-# up, down, fault -----------------------------------------------------------------------------------------------------
+# -- up, down, fault
 
 
 def _interface(args: argparse.Namespace) -> str:

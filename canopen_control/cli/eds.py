@@ -272,7 +272,7 @@ def _read(name: str, args: argparse.Namespace) -> EdsFile:
     return read_eds(eds_path(name), args.node_id)
 
 
-# --- check ---
+# -- check
 
 
 def _check(args: argparse.Namespace) -> int:
@@ -309,7 +309,7 @@ def _counted(number: int, plural: str) -> str:
     return f"{number} {plural if number > 1 else plural.removesuffix('s')}"
 
 
-# --- show ---
+# -- show
 
 
 def _show(args: argparse.Namespace) -> int:
@@ -396,7 +396,7 @@ def _print_table(header: Sequence[str], rows: list[tuple[str, ...]]) -> None:
         print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
-# --- diff ---
+# -- diff
 
 
 def _diff(args: argparse.Namespace) -> int:
@@ -418,7 +418,7 @@ def _change_line(change: ChangeDocument) -> str:
     return f"~ {place}: {fields}"
 
 
-# --- pdos ---
+# -- pdos
 
 
 def _pdos(args: argparse.Namespace) -> int:
@@ -446,7 +446,7 @@ def _pdo_line(od: ObjectDictionary, pdo: Pdo, relative: bool) -> str:
     return f"{pdo.name}  {state}  {cob_id}{plus}  type {kind}  {pdo.bits} of {MAX_BITS} bits, {pdo.slots} slots"
 
 
-# --- convert ---
+# -- convert
 
 
 class ConvertedDocument(Document, frozen=True):

@@ -71,7 +71,7 @@ class PreflightStep:
     text: str
 
 
-# -- the link
+# -- link
 
 
 def link_steps(channel: str, baudrate: int) -> list[PreflightStep]:

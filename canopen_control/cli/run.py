@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.setup import RobotSetup
 
 
-# `run --world FILE` without a robot: all robots that the world file names, each with the given options.
+# `run --world FILE` without a robot runs all robots that the world file names, each with the given options.
 #
 # Robot, bus and drives come from the file; the ROS names of each robot begin with its name.
 

@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if not nodes or any(node.problems for node in nodes) else 0
 
 
-# --- expected nodes ---
+# -- expected nodes
 
 
 def _folder(text: str) -> Path:
@@ -166,7 +166,7 @@ def _expected_of(config: str) -> dict[int, NodePlace]:
     }
 
 
-# --- found nodes ---
+# -- found nodes
 
 
 def survey_channel(channel: str | None, timeout: float, *, name: str | None = None) -> ScanResult:
@@ -243,7 +243,7 @@ def _through_robot(node: NodeSession) -> DeviceIdentity | None:
     return identity_of(data)
 
 
-# --- comparison and output ---
+# -- comparison and output
 
 
 def match_files(survey: ScanResult, files: Iterable[Path]) -> None:

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 HEARTBEAT_MS: Final = 50
 COMMAND_LIFE_S: Final = 0.4  # command timeout of the controllers
-DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000  # five heartbeat periods
+DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000
 
 
 def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
