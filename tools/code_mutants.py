@@ -135,7 +135,7 @@ self.reactor.call_later(300_000_000, begin)
     Mutant(
         "command_while_off",
         "a command is accepted while drives are off",
-        Change("controllers.manager", "ControllerManager._hand", "self._require_enabled(controller)", "pass"),
+        Change("controllers.manager", "ControllerManager._pass", "self._require_enabled(controller)", "pass"),
         (_scenario("robby", "robby_disabled"),),
         "controllers/test_manager",
     ),
@@ -181,8 +181,8 @@ self.reactor.call_later(300_000_000, begin)
         Change(
             "master.remote_node",
             "RemoteNode._settle",
-            "self._watch(self.node_id, self.plan.heartbeat_timeout_ns)",
-            "self._watch(self.node_id, 2 * self.plan.heartbeat_timeout_ns)",
+            "self._owner.watch_heartbeat(self.node_id, self.plan.heartbeat_timeout_ns)",
+            "self._owner.watch_heartbeat(self.node_id, 2 * self.plan.heartbeat_timeout_ns)",
         ),
         (_scenario("robby", "robby_lost"), _ROBBY),
         "master/test_remote_node",
@@ -229,7 +229,7 @@ self.reactor.call_later(300_000_000, begin)
         Change(
             "controllers.mobile_base",
             "MobileBase._update_request",
-            "life.limit_ns and now - life.given > life.limit_ns",
+            "life.limit_ns and now - life.created > life.limit_ns",
             "life.limit_ns < 0",
         ),
         (_scenario("robby", "robby_commands"), _ROBBY),
@@ -240,7 +240,7 @@ self.reactor.call_later(300_000_000, begin)
         "software limits are not applied in CSP",
         Change(
             "hardware.joint_targets",
-            "PositionTarget._go",
+            "PositionTarget._send_position",
             "not limits.low <= raw <= limits.high",
             "False",
         ),
