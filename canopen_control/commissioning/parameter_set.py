@@ -280,7 +280,7 @@ def _refuse_unsound(file: EdsFile) -> None:
 
 
 def _is_set(entry: Entry) -> bool:
-    """Whether a file sets an object other than the identity to a value different from the default."""
+    """Whether a file gives an object a value other than the default; identity objects do not count."""
     value = entry.parameter_value
     return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 

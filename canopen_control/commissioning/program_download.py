@@ -122,7 +122,7 @@ class DownloadProgress:
 
     @property
     def untouched(self) -> bool:
-        """Whether the program is intact after an error: before the first write, or after the end."""
+        """Whether nothing was written yet, or the download is complete."""
         return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
 
 

@@ -584,7 +584,7 @@ def _method_enabled(node: CheckedNode) -> None:
 
 @contextmanager
 def _set_point_here(node: CheckedNode) -> Iterator[None]:
-    """Context in which bit 4 commands a PP set-point at the present position."""
+    """Context after a PP set-point at the present position was commanded by bit 4."""
     with drive_at(node, OE, OperationMode.PP), node.kept(o.TARGET_POSITION):
         node.write(o.TARGET_POSITION, 0, node.read(o.POSITION_ACTUAL))
         control(node, 0x1F)

@@ -151,7 +151,7 @@ class MasterFindings:
         self.log.append(f"{seconds:.6f} {direction} {frame.can_id & 0x1FFFFFFF:03X} {frame.data.hex(' ').upper()}")
 
     def expect(self, good: bool, check_id: str, observed: str) -> None:
-        """Count an occasion of a check, and a failure unless `good`; the first failure keeps a copy of the log."""
+        """Record the outcome of a check; the first failure keeps a copy of the log."""
         finding = self._by_id[check_id]
         finding.occasions += 1
         if good:

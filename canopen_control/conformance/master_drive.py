@@ -295,7 +295,7 @@ class ReactionObserver(MasterObserver):
         self._contacts.clear()
 
     def _commands_enable(self, stage: Stage, begin: int) -> tuple[int, int] | None:
-        """Return the first controlword after `begin` that newly enables the drive, and its time, or None."""
+        """Return the first controlword after `begin` that enables the drive again, with its time, or None."""
         before = stage.word or 0
         for word, time in stage.words:
             new = word & _ENABLE_BITS == _ENABLE_BITS != before & _ENABLE_BITS

@@ -50,7 +50,7 @@ class TimeAxis(NamedTuple):
 
 
 def _step(span: float, most: int) -> float:
-    """Return a round interval that gives at most about `most` ticks over `span`."""
+    """Return a round interval between about `most` ticks over `span`."""
     raw = max(span / most, 1e-12)
     power = 10.0 ** math.floor(math.log10(raw))
     return next(step * power for step in _STEPS if step * power >= raw * 0.999)
