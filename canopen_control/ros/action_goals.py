@@ -1,4 +1,4 @@
-"""Action servers whose goals the robot accepts, executes and times.
+"""Action servers for goals that the robot accepts, executes and times.
 
 The robot accepts or refuses a goal; a cancellation is always accepted. The robot executes and times the goal; this
 module only reports to the client. Every goal has a connection to the robot of its own: the goal ends with this bridge,

@@ -184,7 +184,7 @@ class PidReferences(Endpoint):
         )
 
     def _values_of(self, message: RosMessage) -> list[float]:
-        """Return values and derivatives in the controller's order; ValueError with the reason if they are invalid."""
+        """Return values and derivatives in the controller's order; ValueError with the reason if invalid."""
         controller = self._controller
         if not controller.active:
             raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")

@@ -43,7 +43,7 @@ _INTEGERS: Final = (-(1 << 63), (1 << 63) - 1)
 
 
 def value_of(reading: ParameterReading) -> RosMessage:
-    """Return the rcl_interfaces/msg/ParameterValue of a parameter; its type is 0 if the parameter is not set."""
+    """Convert a parameter to rcl_interfaces/msg/ParameterValue, with type 0 if the parameter is not set."""
     message = interface("rcl_interfaces/msg/ParameterValue")()
     value = reading.plain
     if value is not None and reading.kind != "not_set":

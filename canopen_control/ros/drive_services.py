@@ -87,7 +87,7 @@ class DriveTargets:
 
 
 class DriveServices(Endpoint):
-    """Services of one node; a `joint` restricts them to the axis of this joint."""
+    """Services of one node, or with `joint` only of the axis of this joint."""
 
     def __init__(self, ros: NodeContext, node: RosNode, targets: DriveTargets, joint: str | None = None) -> None:
         self._ros, self._node, self._targets, self._own = ros, node, targets, joint

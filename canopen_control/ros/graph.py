@@ -1,4 +1,4 @@
-"""Topics and services of the ROS graph for the command line, which has a ROS node of its own.
+"""ROS node by which the command line accesses topics and services.
 
 Every wait has a timeout, and ends at once when its thread is interrupted. A new node has not discovered the graph yet,
 so the first query waits a moment.

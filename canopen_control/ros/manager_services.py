@@ -252,7 +252,7 @@ def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[
 
 
 class LifecycleTransition(NamedTuple):
-    """Transition from one of the states `sources` to `target`; in a state of `reached` it succeeds without effect."""
+    """Transition from a state in `sources` to `target`; in a state in `reached`, requests succeed without effect."""
 
     number: int
     label: str

@@ -473,7 +473,7 @@ class RosSession:
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Add or remove a watcher of TPDO contents; the robot sends them while there are watchers.
+        """Add or remove a watcher of TPDO contents; the robot sends TPDO contents only while there are watchers.
 
         Call on the reactor's thread. A new watcher causes one publication of all values, which the other watchers get
         again.
@@ -558,7 +558,7 @@ class RosSession:
         self._report_outpaced()
 
     def _report_outpaced(self) -> None:
-        """Report the controllers that publish faster than the state stream, if they have changed."""
+        """Report which controllers publish faster than the state stream, after a change."""
         text = outpaced(self.controllers.values(), self._rate)
         if text is not None and text != self._outpaced:
             self.ask(PublishEvent(kind="ros_rate", text=f"ROS: {text}"), lambda _done, _error: None)

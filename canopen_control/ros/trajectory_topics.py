@@ -156,7 +156,7 @@ class TrajectoryTopic(Endpoint):
         )
 
     def close(self) -> None:
-        """Destroy the subscription and end the trajectory that it has started."""
+        """Destroy the subscription and end the trajectory that was received on the topic."""
         self._ros.unsubscribe(self._subscription)
         self._waiting = None
         self._followed.close()

@@ -129,7 +129,7 @@ _HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """Commands of a held button, `moving` while held and `resting` on release; both expire with the connection.
+    """Commands of a held button, `moving` while held and `resting` on release; both end with the connection.
 
     `again` is sent instead of `moving` while the same motion continues; None sends `moving` again.
     """

@@ -120,7 +120,7 @@ class TargetSliders:
         return [value if joint in self._set else self._rest.get(joint, value) for joint, value in self.values.items()]
 
     def rest(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return the command that ends the motion: each joint's present position, or its last known one."""
+        """Return the command that ends the motion, which is the present or last known position of each joint."""
         values = {**self.values, **self._rest}
         values |= {joint: at for joint, at in positions.items() if at is not None}
         return [values[joint] for joint in self.values]

@@ -1,4 +1,4 @@
-"""Player of trajectories for pages, with a connection of its own, without NiceGUI.
+"""Player of trajectories for pages, on a separate connection, without NiceGUI.
 
 A trajectory runs only while its page repeatedly confirms that it is open. Silence for `SILENT_S`, a closed page or a
 click on Cancel ends the trajectory: the robot decelerates, holds its position, and reports this as a sentence. The end
@@ -183,7 +183,7 @@ class TrajectoryPlayer:
             self._confirmed_at = self._clock()
 
     def tick(self) -> None:
-        """Send a heartbeat to the robot; end the trajectory if its page was silent for `SILENT_S`."""
+        """Send a heartbeat to the robot; end the trajectory if the page was silent for `SILENT_S`."""
         if self._run is None:
             return
         self._run.beat()

@@ -38,7 +38,7 @@ _PROBED: Final = "std_msgs/msg/Header"
 
 
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Create the missing interface packages, so that any program with rclpy can import them; return their names.
+    """Create the missing interface packages for import by any program with rclpy; return the names of these packages.
 
     Call this function before the packages are imported. CanopenError, before anything is created, if a package is
     neither installed nor in `PACKAGES`, or if the self-test fails with this ROS.
@@ -160,7 +160,7 @@ def _factory() -> _Factory:
 
 
 def _check(factory: _Factory) -> None:
-    """Serialise and deserialise a message with our code and with ROS's own code; RuntimeError if they differ."""
+    """Serialise and deserialise a message with our code and with ROS's own code; RuntimeError on a difference."""
     serialization = importlib.import_module("rclpy.serialization")
     theirs_of, ours_of = factory.class_of(_PROBED), factory.class_of(_PROBE)
     stamp = factory.class_of("builtin_interfaces/msg/Time")(sec=-12345, nanosec=67890)

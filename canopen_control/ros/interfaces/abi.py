@@ -117,7 +117,7 @@ class ServiceSupport(Structure):
 
 
 class ActionSupport(Structure):
-    """C structure rosidl_action_type_support_t; rcl_action reads it directly, so there is no identifier or handle."""
+    """C structure rosidl_action_type_support_t; rcl_action reads this one without identifier and handle."""
 
     _fields_ = (*_pointers("send_goal", "get_result", "cancel", "feedback", "status"), *_HASHED)
 
@@ -228,12 +228,12 @@ REMOVE_EVENT = CFUNCTYPE(c_bool, c_void_p, c_void_p)
 
 
 def string(text: str) -> Bytes:
-    """Return a rosidl string in UTF-8, whose memory is never freed."""
+    """Return a rosidl string in UTF-8; the memory is never freed."""
     buffer = ctypes.create_string_buffer(text.encode())
     return Bytes(address(buffer), len(buffer) - 1, len(buffer))
 
 
 def sequence(kind: type[Structure], items: list[Any]) -> Bytes:
-    """Return a rosidl sequence of structures of the type `kind`, whose memory is never freed."""
+    """Return a rosidl sequence of structures of the type `kind`; the memory is never freed."""
     array = (kind * max(1, len(items)))(*items)
     return Bytes(address(array), len(items), len(items))

@@ -83,7 +83,7 @@ class HoldButton:
 
 
 class HoldButtons(Element, component="hold_buttons.js"):
-    """Group of buttons that act while held, one at a time, by repeated calls of `held(key)` and one of `release()`."""
+    """Group of buttons that act while held; calls `held(key)` repeatedly, and `release()` at the end."""
 
     def __init__(
         self, buttons: Sequence[HoldButton], held: Callable[[str], None], release: Callable[[], None], kind: str = ""

@@ -39,7 +39,7 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 
 
 class PowerPanel:
-    """Buttons that enable, disable and reset each drive or all drives; `node` restricts them to one node.
+    """Buttons that enable, disable and reset each drive or all drives, or with `node` only the drives of one node.
 
     The Enable buttons are disabled with a hint while STOP is latched, because the robot would refuse.
     """
