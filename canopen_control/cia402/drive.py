@@ -422,7 +422,7 @@ class DriveMachine:
 
     @property
     def mode_bits(self) -> int:
-        """Bits 4, 5, 6 and 9 of the controlword; 0 unless the drive is enabled in a confirmed mode."""
+        """Bits 4, 5, 6 and 9 of the controlword; 0 unless the drive is in OPERATION ENABLED in a confirmed mode."""
         return self._mode_bits
 
     @mode_bits.setter
@@ -653,7 +653,7 @@ class DriveMachine:
         return command
 
     def _word(self, command: Command | None, now: int) -> int:
-        """Return the controlword for a command, with the mode-specific bits and halt if the drive is enabled."""
+        """Return the controlword for a command, with the mode-specific bits, and halt if the drive is enabled."""
         if self._reset.active and self.state is not None and self.statusword is not None:
             event = self._reset.update(self.state, self.statusword, now)
             if event is not None:
@@ -662,7 +662,9 @@ class DriveMachine:
                 self.next_update = _AT_ONCE
             return self._reset.bit
         enabled = self.enabled
-        if not (enabled and self.mode_request.confirmed):
+        # In mode VL they keep the ramp unlocked until the drive has left OPERATION ENABLED, so that a drive that
+        # ignores a quick stop (0x605A = -1; Beckhoff AX8xxx) ramps to its target 0.
+        if not (self.state is State.OPERATION_ENABLED and self.mode_request.confirmed):
             self._mode_bits = 0
         if command is None:
             return 0

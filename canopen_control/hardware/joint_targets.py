@@ -154,7 +154,7 @@ class JointTargets:
             if self.current is not None:
                 self.current.hold()
             self.feed_forward.zero()
-            self._machine.mode_bits = 0
+            self._machine.mode_bits = 0 if self.current is None else self.current.held_bits
         self._held = raw
         self._axis.hold(raw)
 
@@ -250,14 +250,15 @@ class JointTargets:
 class ModeTarget(metaclass=ABCMeta):
     """Base class of the targets of modes of operation.
 
-    `output` is the target object in an RPDO, `bits` are the mode-specific bits of the controlword; `handshakes` is True
-    if the target has events, `tracks` if the axis must reach the position or velocity in every cycle. `value` is the
-    last target, nan for none, and `blocked` the direction in which an active limit forbade motion then; `steady` is
-    True if repeating a target changes nothing.
+    `output` is the target object in an RPDO, `bits` are the mode-specific bits of the controlword, `held_bits` those at
+    standstill; `handshakes` is True if the target has events, `tracks` if the axis must reach the position or velocity
+    in every cycle. `value` is the last target, nan for none, and `blocked` the direction in which an active limit
+    forbade motion then; `steady` is True if repeating a target changes nothing.
     """
 
     interface = ""
     bits = 0
+    held_bits = 0
     handshakes = False
     tracks = False
     steady = False
@@ -389,6 +390,7 @@ class WordVelocityTarget(VelocityTarget):
     """Target of mode VL: 0x6042 in rpm of the motor, 16 bits, with the drive's ramp enabled."""
 
     bits = _VL_RUN
+    held_bits = _VL_RUN  # without bit 5 the ramp keeps its speed, also in a drive that ignores a quick stop
     low = INT16_MIN
     high = INT16_MAX
 

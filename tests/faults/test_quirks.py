@@ -112,6 +112,20 @@ def test_a_robot_works_or_stands_and_says_why(name, tmp_path):
         robot.close()
 
 
+def test_a_frequency_converter_that_ignores_a_quick_stop_ramps_to_its_target_0(tmp_path):
+    """Its ramp stays unlocked (0x6040, bit 5), else it would keep its speed."""
+    robot = Patient(setup_of(tmp_path, "vl"), quirks={"all": ["quick_stop_off"]})
+    try:
+        robot.command("vel", 0.5, 0.5, seconds=1.0)
+        robot.run(0.9)
+        assert robot.moving
+        robot.do("axis", name="quick-stop")
+        assert robot.stopped_within(0.5)
+        assert robot.breaches == []
+    finally:
+        robot.close()
+
+
 @pytest.mark.rest
 @pytest.mark.parametrize("name", KEYS)
 def test_a_robot_with_the_key_for_a_quirk_works(name, tmp_path):
