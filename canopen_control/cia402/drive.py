@@ -201,7 +201,7 @@ class DriveRequest:
         self._stop_exit.evaluate(statusword)
 
     def lost_enable(self, previous: State, drive: State) -> bool:
-        """Whether the drive fell from `previous` to `drive` without a command while it should be enabled."""
+        """Whether a drive that should be enabled fell from the state `previous` to `drive` without a command."""
         # CiA 402-2, table 22, transitions 8 to 12: a drive may leave the states of the ladder without a command
         if self.goal is not DriveGoal.ENABLED or LADDER[drive] >= LADDER[previous]:
             return False

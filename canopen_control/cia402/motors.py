@@ -99,7 +99,7 @@ def motors_of(od: ObjectDictionary) -> MotorMap | None:
 
 
 def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
-    """Return why `subindices` of a device are not its motors, without the device's name; "" if they are."""
+    """Return why the motors of a device are not in `subindices`, without the device's name; "" if they are."""
     if len(subindices) < 2 or not all(0 < subindex < 0xFF for subindex in subindices):
         return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
     if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
@@ -163,7 +163,7 @@ class MotorMap:
         return (index, subindex) if place is None else place.address
 
     def _divide(self, index: int) -> None:
-        """Assign each subindex of an object to an axis, and the parts of the common subindex after them."""
+        """Assign each subindex of an object, and each part of the common subindex, to an axis."""
         device, view = self.device, self.view
         for subindex in device.subindices(index):
             del view.entries[index, subindex]

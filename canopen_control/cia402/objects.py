@@ -165,7 +165,7 @@ def axis_index(index: int, axis: int) -> int:
 
 
 def axis_of(index: int) -> tuple[int, int]:
-    """Return the index of axis 0 and the axis for a profile object (0x6000 to 0x9FFF); (index, 0) for others."""
+    """Return the index of axis 0 and the axis of a profile object (0x6000 to 0x9FFF), else (index, 0)."""
     if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
         return index, 0
     axis = (index - _FIRST) // _AXIS_STRIDE

@@ -162,7 +162,7 @@ class SetPointHandshake:
     def move(
         self, target: int, *, relative: bool = False, immediately: bool = False, change_on_set_point: bool = False
     ) -> None:
-        """Send a set-point in device units, after the present motion or with `immediately` instead of it.
+        """Send a set-point in device units after the present motion, or at once with `immediately`.
 
         Raises LocalProtocolError if a set-point waits already, see `can_take`.
         """

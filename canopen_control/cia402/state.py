@@ -93,7 +93,7 @@ class Command(Enum):
 
 
 def controlword_of(command: Command) -> int:
-    """Return the controlword for a command: the bits of the command, all others 0."""
+    """Return the controlword for a command, with all bits outside of the command 0."""
     return command.value[1]
 
 
@@ -212,7 +212,7 @@ _NEXT: dict[State, dict[State, Command]] = {
 
 
 def next_command(state: State, goal: State) -> Command | None:
-    """Return the command that leads a drive one step from `state` towards `goal`, or keeps it in `state`.
+    """Return the command for one step from `state` towards `goal`, or the command that holds `state`.
 
     Goals are SWITCH_ON_DISABLED, READY_TO_SWITCH_ON and SWITCHED_ON (never upwards to them), OPERATION_ENABLED and
     QUICK_STOP_ACTIVE (also reached in SWITCH_ON_DISABLED). None means that no command helps, because the drive is

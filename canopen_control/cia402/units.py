@@ -23,7 +23,7 @@ _RPM: Final = 0xB447  # numerator and denominator, bits 8 to 23: revolutions per
 
 
 def to_object(raw: float, low: int, high: int) -> int | None:
-    """Round a scaled value to an integer; return None if it is nan or outside of `low` to `high`."""
+    """Round a scaled value to an integer; return None for nan and for values outside of `low` to `high`."""
     return round(raw) if low <= raw <= high else None
 
 

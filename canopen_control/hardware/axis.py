@@ -163,7 +163,7 @@ class StatuswordBySdo:
 
 
 class ModeBySdo:
-    """Access to 0x6060 and 0x6061 by SDO for an axis without a PDO for one of them."""
+    """Access by SDO to 0x6060 and 0x6061, at least one of which is in no PDO."""
 
     def __init__(self, axis: AxisProcessData) -> None:
         self._axis = axis

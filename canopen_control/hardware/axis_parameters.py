@@ -82,7 +82,7 @@ def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int
 
 
 def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[str]:
-    """Return warnings about modes in bus.yml that 0x6502 does not list, or that no modes are known."""
+    """Return warnings about modes in bus.yml that are missing in 0x6502, or about a missing 0x6502."""
     listed = _of_drive(axis, parameters)
     if not listed and not _of_file(axis):
         return [
@@ -198,7 +198,7 @@ def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
 
 
 def _starts_alone(axis: AxisProcessData, mode: int) -> bool:
-    """Whether a mode needs no start bits in the controlword, or the controlword moves only this axis."""
+    """Whether a mode starts no other motor: no start bits in the controlword, or a controlword of its own."""
     return axis.node.plan.motors is None or mode in MODES
 
 
@@ -274,7 +274,7 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 
 
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
-    """Return a joint without command interfaces with those its node can serve; else the joint unchanged."""
+    """Add to a joint without command interfaces the interfaces that its node can serve."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()

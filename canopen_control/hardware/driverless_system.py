@@ -60,7 +60,7 @@ class WorldSensors(ComponentLifecycle):
         self._known = False
 
     def take(self, values: Mapping[str, float]) -> None:
-        """Set the measured values by interface name, such as "imu/orientation.x"; others become nan."""
+        """Set the measured values by interface name, such as "imu/orientation.x"; missing values become nan."""
         for state in self._states:
             state.value = values.get(state.name, math.nan)
         self._updated = self._known = True

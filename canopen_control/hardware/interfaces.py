@@ -206,7 +206,7 @@ class HardwareComponent(Protocol):
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop released joints; select the mode of claimed joints and start to enable them.
+        """Stop released joints; select modes of claimed joints and start to enable these joints.
 
         This method never blocks.
         """
@@ -286,7 +286,7 @@ class InterfaceRegistry:
         return _lookup(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
-        """Return the component of an interface, None if a controller exports it; may raise UnknownInterface."""
+        """Return the component of an interface, None for a controller's; raise UnknownInterface if there is none."""
         if name not in self._states:
             _lookup(name, self._commands)
         exporter = self._exporters.get(name)

@@ -130,7 +130,7 @@ class JointParts:
 
     @property
     def can_enable(self) -> bool:
-        """Whether the joint could enter OPERATION_ENABLED as soon as its group permits, or is in this state."""
+        """Whether the joint is enabled, or could be enabled as soon as its group permits."""
         machine = self.machine
         return machine.enabled or (machine.waiting and self.parameters.loaded)
 
@@ -523,7 +523,7 @@ class JointDrive(JointParts):
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
 
     def _step_homing(self, run: JointHoming, now: int) -> None:
-        """Run one cycle of a homing: enable in mode HM when the method is known; leave at the end."""
+        """Run one cycle of a homing: enable in mode HM, home, and restore mode and power at the end."""
         if run.phase is HomingPhase.KNOWN:
             run.phase = HomingPhase.ENABLE
             try:

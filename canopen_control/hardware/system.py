@@ -168,7 +168,7 @@ class CanopenSystem(ComponentLifecycle):
                 joint.targets.mode_for(primary)
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop released joints; set the mode of claimed joints and enable them.
+        """Stop released joints; set the modes of claimed joints and enable these joints.
 
         This method does not wait. A joint that is claimed by its TARGET keeps the mode that a user requested, and is
         enabled only by a user.

@@ -50,7 +50,7 @@ class FeedForward:
         self._standing_s = 0.0
 
     def claim(self, interfaces: Collection[str]) -> None:
-        """Send the offsets of these command interfaces from now on, and zero for the others."""
+        """Send the offsets of these command interfaces from now on; all other offsets become zero."""
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
         self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
         self.fed = bool(interfaces)

@@ -59,7 +59,7 @@ def estimated_motors(
     described: Mapping[str, Described],
     ground: Ground,
 ) -> dict[str, EstimatedMotor]:
-    """Return the motors by joint; values of the plant file replace those of the description and estimates."""
+    """Return the motors by joint; the plant file has precedence over the description and over estimates."""
     wheels = {touch.joint: touch.radius for touch in ground.touches if touch.part is ContactPart.WHEEL}
     driven = [joint for joint in axes if joint in wheels] or [""]
     share = float(model.body_subtreemass[0]) / len(driven)

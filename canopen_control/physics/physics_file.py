@@ -84,7 +84,7 @@ class FloorContact:
 
 @dataclass(frozen=True)
 class SensorSettings:
-    """Sensor on a link in a plant file; the kinds are those of `world_sensors`.
+    """Sensor on a link in a plant file; `world_sensors` describes the kinds.
 
     `reach` is the range of a range finder in m, `seed` that of the noise. `scene` is the prefix of the names of the
     parts if a MuJoCo scene already has the sensor.

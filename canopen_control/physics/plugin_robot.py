@@ -155,7 +155,7 @@ def camera_notes(parts: Iterable[ControlJoint], cameras: Iterable[str] = ()) -> 
 
 
 def frame_error(lidar: LidarSettings, frames: Iterable[str]) -> PhysicsError:
-    """Return the error for a lidar whose frame does not exist."""
+    """Return the error for a lidar with an unknown frame."""
     names = [frame for frame in frames if frame]
     return PhysicsError(
         f"{lidar.place}: sensor {lidar.name}: no link {lidar.frame!r} for its frame_name{nearest(lidar.frame, names)}"

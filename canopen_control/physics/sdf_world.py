@@ -74,7 +74,7 @@ def stl_corners(stl: bytes, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> Any:  #
 
 
 def convex_parts(stl: bytes, scale: Sequence[float]) -> tuple[MeshPart, ...]:
-    """Return the convex parts of a scaled binary STL mesh; raise ValueError if it has invalid or too many parts."""
+    """Return the convex parts of a scaled binary STL mesh; raise ValueError for invalid or too many parts."""
     corners = stl_corners(stl, scale)
     keys, faces = np.unique(np.round(corners / _GRAIN_M).astype(np.int64), axis=0, return_inverse=True)
     parts = tuple(_solid(keys[list(piece)] * _GRAIN_M) for piece in _pieces(faces.reshape(-1, 3), len(keys)))

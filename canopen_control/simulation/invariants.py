@@ -120,7 +120,7 @@ class ReportInvariants:
             self._hold("STOP is latched, though {} has requested it", "no client", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
-        """Check that the state is not RUNNING with this node silent or in fault; return whether the node is."""
+        """Report the state RUNNING while this node is silent or in fault; return whether the node is either."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS

@@ -163,7 +163,7 @@ class SimulatedClient:
         self.end.arrived()
 
     def block(self) -> None:
-        """Stall the robot's process, as a server that waits for this client would be, and count the stall."""
+        """Stall the robot's process like a server that waits for this client, and count the stall."""
         self._clients.blocked += 1
         self._clients.robot.host.stall(_BLOCKED_NS)
 

@@ -184,7 +184,7 @@ _TRANSMISSION: Final = 2
 
 
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
-    """Whether a drive has the value of a planned write; True for values that the drive need not keep."""
+    """Whether a drive has the value of a planned write; True for values that the drive is free to change."""
     od = device.od if device.motors is None else device.motors.device
     if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in od:
         return True
