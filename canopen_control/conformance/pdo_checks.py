@@ -339,13 +339,7 @@ def _sync_start(node: CheckedNode) -> None:
     expect(numbers[:1] == [3], f"first frame at counter {numbers[0] if numbers else 'none'}", "3")
 
 
-@_add(
-    "P09",
-    "7.2.2.2",
-    "a remote frame of a TPDO is answered only in OPERATIONAL",
-    _SHOULD,
-    _CONFIGURE,
-)  # T 3.9
+@_add("P09", "7.2.2.2", "a remote frame of a TPDO is answered only in OPERATIONAL", _SHOULD, _CONFIGURE)  # T 3.9
 def _remote(node: CheckedNode) -> None:
     record = first_pdo(node, TPDO)
     if record.cob_id & _NO_RTR:
