@@ -470,7 +470,7 @@ class MobileBase(Controller):
         elif life.limit_ns and now - life.created > life.limit_ns:
             if life.runs_out(now):
                 age = (now - life.created) / NS
-                self.report("command_timeout", f"no twist for {age:.2f} s, the base brakes until the next twist")
+                self.report("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
             self._brake()
 
     def _follow_chain(self) -> bool:

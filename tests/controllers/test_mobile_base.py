@@ -173,7 +173,7 @@ def test_a_twist_that_nobody_renews_ends_and_positions_stay(kind):
     assert set(velocities(hardware)) == {0.0}
     assert angles(hardware) == steered
     assert [each.text for each in control.events() if each.kind == "command_timeout"] == [
-        "base: no twist for 0.51 s, the base brakes until the next twist"
+        "base: no twist for 0.51 s, it brakes until the next one"
     ]
 
 
