@@ -34,7 +34,10 @@ class Robot:
         return status_of({"joints": {"left": {}}, "cycle": cycle}) if isinstance(request, GetStatus) else None
 
     def messages(self, _timeout):
-        return iter(self.stories.pop(0) if self.stories else [])
+        """Yield the messages of a batch; messages after a `break` remain, as in a RobotClient."""
+        while self.stories and self.stories[0]:
+            yield self.stories[0].pop(0)
+        del self.stories[:1]
 
 
 class Desk(NodeJobs):
