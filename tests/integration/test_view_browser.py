@@ -180,7 +180,7 @@ def test_without_webgl_everything_but_the_picture_is_there(show, keep):
     show = show("vflat", "--controller", DIFF_DRIVE, teleop=True)
     with without_webgl(show.chromium) as flat:
         page = RobotPage(flat, show.url).open(scene=False)
-        page.page.get_by_text("This browser draws no 3D").wait_for()
+        page.page.get_by_text("This browser cannot draw 3D").wait_for()
         show.ready(page)
         page.press("Forward")
         show.turning(3.0)
