@@ -49,6 +49,7 @@ from canopen_control.cia402.events import (
     StatuswordUndefined,
     TransitionTimedOut,
 )
+from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import (
     HALT_BIT,
     MODE_SPECIFIC_BITS,
@@ -422,7 +423,7 @@ class DriveMachine:
 
     @property
     def mode_bits(self) -> int:
-        """Bits 4, 5, 6 and 9 of the controlword; 0 unless the drive is in OPERATION ENABLED in a confirmed mode."""
+        """Bits 4, 5, 6 and 9 of the controlword; 0 unless the drive is enabled in a confirmed mode, or in mode VL."""
         return self._mode_bits
 
     @mode_bits.setter
@@ -652,6 +653,16 @@ class DriveMachine:
             self.next_update = _AT_ONCE  # `standstill` is not an input of update
         return command
 
+    @property
+    def _ramps_down(self) -> bool:
+        """Whether the drive is in mode VL and still in OPERATION ENABLED.
+
+        Bits 4 to 6 keep its ramp unlocked, so that a drive that ignores a quick stop (0x605A = -1; Beckhoff AX8xxx)
+        ramps to its target 0.
+        """
+        request = self.mode_request
+        return self.state is State.OPERATION_ENABLED and request.confirmed and request.mode == OperationMode.VL
+
     def _word(self, command: Command | None, now: int) -> int:
         """Return the controlword for a command, with the mode-specific bits, and halt if the drive is enabled."""
         if self._reset.active and self.state is not None and self.statusword is not None:
@@ -662,9 +673,7 @@ class DriveMachine:
                 self.next_update = _AT_ONCE
             return self._reset.bit
         enabled = self.enabled
-        # In mode VL they keep the ramp unlocked until the drive has left OPERATION ENABLED, so that a drive that
-        # ignores a quick stop (0x605A = -1; Beckhoff AX8xxx) ramps to its target 0.
-        if not (self.state is State.OPERATION_ENABLED and self.mode_request.confirmed):
+        if not (enabled and self.mode_request.confirmed) and not self._ramps_down:
             self._mode_bits = 0
         if command is None:
             return 0

@@ -25,6 +25,7 @@ from canopen_control.cia402.events import (
     StatuswordUndefined,
     TransitionTimedOut,
 )
+from canopen_control.cia402.modes import OperationMode
 from canopen_control.cia402.state import State, decode_statusword
 from canopen_control.errors import DriveError, LocalProtocolError
 
@@ -852,8 +853,10 @@ def test_no_sequence_of_words_and_verbs_makes_it_raise_or_send_0x0f_without_the_
             state = machine.state
             assert state in (State.SWITCHED_ON, State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
             assert state is State.OPERATION_ENABLED or machine.mode_request.confirmed
-        if sent & 0x370:
+        if sent & 0x300:
             assert machine.enabled
+        if sent & 0x70:  # in mode VL the ramp stays unlocked until the drive has left OPERATION ENABLED
+            assert machine.enabled or (machine.state is State.OPERATION_ENABLED and machine.mode == OperationMode.VL)
         if sent & 0x80:
             assert sent == 0x80
             assert machine.fault
