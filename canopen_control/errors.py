@@ -216,7 +216,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """SDO request to a node in NMT state STOPPED, which answers no SDO (CiA 301, table 38)."""
+    """SDO request to a node in NMT state STOPPED, which answers no SDO (CiA 301, 7.3.2.2.5)."""
 
     hint = "its heartbeat reports NMT STOPPED, in which a node answers no SDO; use `nmt preop` or `nmt start`"
 

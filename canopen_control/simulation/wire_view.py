@@ -71,7 +71,7 @@ class ObservedNode:
         self.nmt = state
 
     def _without_toggle(self, answer: int, now: int) -> int:
-        """Check the toggle bit of a guarding answer (CiA 301, 7.2.8.3.1); return the NMT state."""
+        """Check the toggle bit of a guarding answer (CiA 301, 7.2.8.3.2.1); return the NMT state."""
         toggle = answer >> 7
         if answer and toggle == self._toggle:
             self.toggled_at = now

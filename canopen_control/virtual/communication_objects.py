@@ -244,7 +244,7 @@ def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
 # Error control of a node: the heartbeats it monitors (0x1016), life guarding, and its CAN controller.
 #
 # Every kind of lost communication (0x1016, guarding, bus-off, a channel that is down) has the same reaction: axes react
-# according to 0x6007, the node according to 0x1029:01 (CiA 301, 7.5.2.29).
+# according to 0x6007, the node according to 0x1029:01 (CiA 301, 7.5.2.32).
 
 
 OVERRUN, ERROR_PASSIVE, RECOVERED = 0x8110, 0x8120, 0x8140
