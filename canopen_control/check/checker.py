@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from canopen_control.check import rules as rules
 from canopen_control.check.drive_rules import check_timing, cycle_ns
 from canopen_control.check.finding import Finding, sorted_findings
-from canopen_control.check.stop_times import axis_facts, command_timeouts, stop_time
+from canopen_control.check.stop_times import STOP_TIME_S, axis_facts, command_timeouts, stop_time
 from canopen_control.controllers.controllers_file import read_controllers
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.hardware.axis_parameters import add_plugin_interfaces
@@ -217,6 +217,23 @@ class _Checker:
             self.findings += rules.findings_of(str(error), str(self._files.description), 0, Severity.ERROR)
             return
         self.sync = {name: _sync_words(bus, setup.sync[name]) for name, bus in robot.buses.items()}
+        self.findings += _slow_stops(self._valid_buses, self.stops)
+
+
+def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Iterator[Finding]:
+    """Find drives that a controlled stop from the highest speed does not stop before the quick stop follows."""
+    for stop in stops:
+        case, facts = stop.slow_ramp, stop.facts
+        config = next((bus for bus in buses.values() if facts.node in bus.nodes), None)
+        if case is None or config is None:
+            continue
+        place = config.place(facts.node, "sdo")
+        text = (
+            f"{facts.node}: {facts.joint} needs {case.ramp_s:.0f} s to brake from {facts.speed:.0f} units/s "
+            f"({case.by}); a stop that takes longer than {STOP_TIME_S:.0f} s becomes a quick stop"
+        )
+        fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"
+        yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:

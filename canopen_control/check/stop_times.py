@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.urdf.ros2_control import ControlJoint
 
 
+STOP_TIME_S: Final = 10.0  # of a controlled stop, as in `hardware.axis_statechart`
 DEFAULT_RAMP_S: Final = 0.5  # master's ramp for a drive without 0x6084, as in `hardware.joint_targets`
 _RAMPS: Final = {Reaction.SLOW_DOWN_RAMP: o.PROFILE_DECELERATION, Reaction.QUICK_STOP_RAMP: o.QUICK_STOP_DECELERATION}
 
@@ -95,6 +96,12 @@ class StopTime:
     def longest_s(self) -> float:
         """Longest stopping time in s, inf without a bound."""
         return self.longest.total_s
+
+    @property
+    def slow_ramp(self) -> StopCase | None:
+        """Case whose ramp is the longest, if it exceeds the time after which the master commands a quick stop."""
+        slow = [case for case in self.cases if case.bound and STOP_TIME_S < case.ramp_s < math.inf]
+        return max(slow, key=lambda case: case.ramp_s, default=None)
 
     @property
     def words(self) -> str:

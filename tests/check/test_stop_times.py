@@ -86,3 +86,9 @@ def test_a_stop_that_nothing_bounds_says_what_does_not():
     assert stop_time(facts(speed=math.inf)).words.endswith(
         "the command of forward ends 0.620 s, then ramp of 0x6084 (2000) from an unlimited speed"
     )
+
+
+@pytest.mark.parametrize(("ramp", "slow"), [(101, None), (99, 1000 / 99), (0, None)])
+def test_a_ramp_is_slow_if_the_quick_stop_comes_before_its_end(ramp, slow):
+    found = stop_time(facts(objects=OBJECTS | {0x6084: ramp})).slow_ramp
+    assert (found and found.ramp_s) == (slow and pytest.approx(slow))
