@@ -1,4 +1,4 @@
-"""`python -m canopen_control` is the command line."""
+"""Entry point of `python -m canopen_control`."""
 
 from canopen_control.cli.main import main
 

@@ -370,7 +370,7 @@ def _prepare(
 
 
 def _share_imports(options: RunOptions) -> None:
-    """Import the modules of drives, hub and recorder once, before the processes are forked."""
+    """Import the modules of the hub, and of the drives if they are started, before the processes are forked."""
     from canopen_control.bus import hub  # noqa: F401 - for the forks
     from canopen_control.host.fork import allow_forks
 

@@ -78,7 +78,7 @@ _IDENTIFIER: Final = 0x1FFF_FFFF
 
 
 def parameters_of(od: ObjectDictionary) -> list[Entry]:
-    """Return the parameters that a backup of a node with this object dictionary contains, by address."""
+    """Return the parameters that a backup of a node with this object dictionary contains, sorted by address."""
     signals = profile_signals(od, profile_of(od)).values()
     outputs = frozenset(signal.index for signal in signals if signal.output)
     commands = outputs | _VENDOR_COMMANDS.get(_vendor(od), frozenset())

@@ -347,7 +347,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: Motion, distances: int = 1) -> float:
-    """Return the expected duration of a PP motion in s, with a margin for drives with other units of velocity."""
+    """Return the time in s for which to observe a PP motion: its expected duration, with an upper limit."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 

@@ -93,7 +93,7 @@ class OmniKinematics(HolonomicKinematics):
             self._positions[index] = positions[index]
 
     def update_position(self, positions: Sequence[float], dt: float) -> bool:
-        """Integrate the wheel positions in rad; `dt` is in s. Return False if the time step is too short."""
+        """Update the odometry from wheel positions in rad; `dt` is in s. Return False if the time step is too short."""
         if abs(dt) < _LEAST_DT:
             return False
         for index in range(len(self.wheels)):

@@ -196,7 +196,7 @@ NEAR: Final = 0.002  # rad or m outside the range within which a velocity may st
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class JointLimiter:
-    """Limiter of one joint's commands; `before` are the previous commands, nan after `reset`."""
+    """Limiter for the commands of one joint; `before` has the previous commands, nan after `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
         self.limits = limits

@@ -231,7 +231,7 @@ class NodeInputs:
         return device_input
 
     def read(self, now: int) -> None:
-        """Update all inputs; after a boot start with the values that the boot has read."""
+        """Update all inputs; after a boot the values read by the boot come first."""
         node = self.node
         self.lost |= self.ready and not node.ready
         self.ready = node.ready
@@ -641,7 +641,7 @@ class DeviceParts:
             part.write()
 
     def poll(self, now: int) -> None:
-        """Request inputs without a TPDO by SDO, at most one per node and call."""
+        """Request by SDO those inputs that are in no TPDO, at most one per node and call."""
         for inputs in self._nodes.values():
             inputs.poll(now)
 

@@ -259,7 +259,7 @@ class CanopenSystem(ComponentLifecycle):
 
     @property
     def stopped(self) -> bool:
-        """Whether no joint moves under power and no changed output waits to be sent."""
+        """Whether all observable joints have stopped and all changed outputs are sent."""
         return all(not joint.node.ready or joint.stopped for joint in self.joints) and not self.devices.sending
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:

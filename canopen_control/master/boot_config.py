@@ -201,7 +201,7 @@ def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def watch_running(
     plan: NodePlan, missing: Sequence[PlannedWrite], transfers: BootTransfers
 ) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Write missing supervision parameters to a running node, and return the other missing writes.
+    """Write the missing supervision parameters to a running node; return the other missing writes.
 
     Master and node must each detect the loss of the other. BootError J if a PDO in use does not match the plan, since
     PDOs cannot be changed while the node is OPERATIONAL.

@@ -186,7 +186,7 @@ class Output:
             pdo.changed = True
 
     def record(self, value: Value) -> None:
-        """Store a value that the node already has, for later frames; no RPDO is triggered."""
+        """Store a value that the node already has; only RPDOs that move an axis are sent for it."""
         self.value = value
         for pdo, position in self.places:
             pdo.values[position] = value

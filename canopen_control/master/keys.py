@@ -129,7 +129,7 @@ class PdoObjectKeys:
 
 @dataclass(frozen=True)
 class PdoConfig:
-    """PDO section of bus.yml; None keeps the value of the EDS. `inhibit_time` is in 100 us, other times are in ms."""
+    """PDO section of bus.yml; None selects the default of the EDS. `inhibit_time` is in 100 us, other times in ms."""
 
     enabled: bool = True
     cob_id: int | Literal["auto"] | None = setting(None, low=1, high=0xFFFFFFFF)

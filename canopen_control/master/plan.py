@@ -204,7 +204,7 @@ def _plan_communication(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
-    """Plan the `sdo` list, interpolation period, error control and storing; return the heartbeat period in ms."""
+    """Plan the `sdo` list, interpolation period, error control and 0x1010; return the heartbeat period in ms."""
     sdo = list(enumerate(builder.node.boot.sdo))
     storing = list(itertools.takewhile(lambda pair: pair[1].index == STORE, reversed(sdo)))[::-1]
     _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
@@ -316,7 +316,7 @@ def _turns(node: NodeConfig, od: ObjectDictionary) -> dict[int, float]:
 
 
 def _expected(builder: PlanBuilder) -> Iterator[PlannedWrite]:
-    """Yield the objects that determine the scales of bus.yml and that no write of the plan changes.
+    """Yield the unwritten objects for polarity and scaling, whose values must equal the defaults of the EDS.
 
     They are polarity (0x607E) and, with a scale in bus.yml, encoder, gear and feed (0x608F, 0x6091, 0x6092). The plan
     does not write them, because they describe motor and mechanics: a commissioned drive has the right values.

@@ -319,7 +319,7 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
 
 
 def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> str:
-    """Return why a PDO that only the EDS enables cannot stay enabled, with the remedy; "" if it can."""
+    """Return why a PDO enabled by the EDS cannot stay enabled, with the remedy; "" if it can."""
     same = (
         f"{other.upper()} {layout.number}"
         for other, layouts in builder.layouts.items()

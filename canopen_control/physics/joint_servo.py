@@ -224,7 +224,7 @@ class JointPlant:
 
     @property
     def stalled(self) -> bool:
-        """Whether the joint is blocked."""
+        """Whether an external block, and not the brake, holds the joint."""
         return self._stalled
 
     @stalled.setter

@@ -165,7 +165,7 @@ class ProxyNode(Endpoint):
         self._requested = self._closed = False
 
     def on_controller(self, controller: ControllerReading) -> None:
-        """Request the node of the controller's joint; an unconfigured controller has no joint."""
+        """Find the node that drives the controller's joint; no effect before the controller is configured."""
         self._controller = controller
         if controller.joints and not self._requested:
             self._requested = True

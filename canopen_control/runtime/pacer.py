@@ -114,7 +114,7 @@ LATE_EDGES_NS = tuple(1000 * us for us in (10, 20, 50, 100, 200, 500, 1000, 2000
 
 
 class Pacer:
-    """Pacer that calls `on_edge(now)` on every edge of the cycle; all times are in ns.
+    """Pacer that calls `on_edge(now)` at the start of each cycle; all times are in ns.
 
     During the call, `edge` is the nominal time of the newest edge and `skipped` the number of edges missed just before.
     `phase` locks the edges to the SYNCs passed to `lead`, half a period behind these by default. `reported` is how many

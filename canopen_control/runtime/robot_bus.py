@@ -52,7 +52,7 @@ class SyncTask(Protocol):
 
     @property
     def correction(self) -> str:
-        """Text about the consequence of a missing SYNC and the remedy."""
+        """Message text: the effect of a missing SYNC, and the remedy."""
 
     def start(self, period_us: int) -> None:
         """Start sending SYNC every `period_us`, or restart; BusError on failure."""

@@ -120,7 +120,7 @@ def _commands(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEve
 
 
 def _state_events(way: str, node: str) -> list[ScenarioEvent]:
-    """Return the events that bring the node into a state and back to operation."""
+    """Return the events that bring the robot into a state of an axis, and back to operation."""
     again = [
         ScenarioEvent(_BACK_NS - 100 * _MS, "axis", name="fault-reset"),
         ScenarioEvent(_BACK_NS, "axis", name="enable"),

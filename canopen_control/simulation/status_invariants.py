@@ -379,7 +379,7 @@ _LEADS: Final = ("command", "trajectory", "activate", "deactivate")
 
 
 class _Open:
-    """Accepted goal: final positions and tolerances by joint, and the latest time of its end."""
+    """Accepted goal with final positions and tolerances by joint, and the time by which it must have ended."""
 
     def __init__(
         self, act: ScenarioEvent, goal: TrajectoryGoal, places: dict[str, tuple[float, float]], over_ns: int

@@ -69,7 +69,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Check of the configuration of all nodes; breaches go to `report(rule, text)`."""
+    """Checks of the configuration of all nodes; violations are passed to `report(rule, text)`."""
 
     def __init__(
         self,

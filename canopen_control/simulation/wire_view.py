@@ -34,7 +34,7 @@ _SHOWN_ENABLED: Final = 0x27  # state bits of OPERATION ENABLED (CiA 402-2)
 
 
 class ObservedNode:
-    """Traffic of one node: `controlword` and `targets` (by object) to the node, `statusword` from the node.
+    """Process data of one node on the bus: `controlword` and `targets` by object, and `statusword`.
 
     `timeout_ns` is the longest silence allowed, 0: unlimited. Times, 0 for never: `controlword_at` of a controlword,
     `alive_at` of the last heartbeat or guarding answer, `booted_at` of the last boot-up, `status_at` of the statusword,

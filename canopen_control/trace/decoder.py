@@ -319,7 +319,7 @@ class _Node:
         self.usual_gap = 0  # usual interval of the slower heartbeats in ns; 0: unknown
 
     def silence(self, time: int) -> int:
-        """Record a heartbeat; return the length of a preceding silence in ns, or 0 after a usual interval."""
+        """Record a heartbeat; return the length of the silence before it in ns, or 0 if the interval was normal."""
         gap, self.beat = (0 if self.beat is None else time - self.beat), time
         if self.usual_gap and gap > max(_SILENT_GAPS * self.usual_gap, _SHORTEST_SILENCE_NS):
             return gap

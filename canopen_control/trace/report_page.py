@@ -263,7 +263,7 @@ def _section(title: str, content: str, *, kind: str = "") -> str:
 
 
 def _table(headings: Sequence[str], rows: Iterable[tuple[str, Sequence[tuple[str, str]]]]) -> str:
-    """Return a table; a row has a CSS class and cells as (CSS class, text), and headings are aligned like the cells."""
+    """Return an HTML table of rows (CSS class, cells) and cells (CSS class, text); `headings` are its first row."""
     rows = list(rows)
     shapes = [shape for shape, _ in rows[0][1]] if rows else [""] * len(headings)
     head = "".join(f'<th class="{shape}">{escape(text)}</th>' for shape, text in zip(shapes, headings, strict=True))

@@ -199,7 +199,7 @@ class DeadMan:
         return None if self._driver is None else self._renewed_at + HOLD_TIMEOUT_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
-        """Start or renew the motion of a page's held button; return False if another page drives."""
+        """Start or renew the motion of a page's held button; return False if another page has control."""
         self.tick(now)
         if self._driver not in (None, page):
             return False

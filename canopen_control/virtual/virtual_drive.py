@@ -472,7 +472,7 @@ class VirtualDrive:
         self.mover.torque_limit = min(limits, default=math.inf)
 
     def _tune(self) -> None:
-        """Set the gains of the loops from the objects; without a velocity P gain the plant uses its own loops."""
+        """Set the loop gains of the plant from the gain objects; without a velocity P gain its defaults apply."""
         values = {gain: self._gain(gain_object) for gain, gain_object in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed

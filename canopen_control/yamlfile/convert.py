@@ -91,7 +91,7 @@ def position() -> Any:
 
 
 def part() -> Any:
-    """Return a field for a nested dataclass whose keys are in the same mapping."""
+    """Return a field for a nested dataclass whose keys are in the mapping of its parent."""
     return dataclasses.field(metadata={"part": True})
 
 
@@ -126,7 +126,7 @@ def key_of(entry: dataclasses.Field[Any]) -> str:
 
 
 def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
-    """Return the help text of a field, which may be inherited from a base class; "" without a text."""
+    """Return the help text of a field, which may be inherited from a base class; "" if there is none."""
     fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
     return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 

@@ -231,7 +231,7 @@ class JointConstraints:
 
 @dataclass(frozen=True)
 class LimitParams:
-    """Limits of a joint for the point limiter, in rad, rad/s and rad/s2 (m if prismatic).
+    """Limits of a joint for commanded trajectory points, in rad, rad/s and rad/s2 (m if prismatic).
 
     A nan position or velocity limit is that of the URDF, if any; a nan acceleration is unlimited, and a nan
     deceleration is as the acceleration.

@@ -54,7 +54,7 @@ class Document(msgspec.Struct, frozen=True):
 
 
 class Done(msgspec.Struct, frozen=True):
-    """Empty answer to an executed request."""
+    """Empty reply to a request that was executed."""
 
 
 class Refusal(msgspec.Struct, frozen=True):

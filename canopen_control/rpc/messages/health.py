@@ -90,7 +90,7 @@ def stale(age: float | None, after: float, *, is_known: bool) -> Verdict | None:
 
 
 def judge(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> Verdict:
-    """Return the health of a drive by the axis states, the boot and NMT state, and the error text."""
+    """Return the health of a drive, derived from axis states, boot, NMT state and error text."""
     if any(state in _FAULTS for state in states):
         return Verdict(Health.ERROR, error or "the drive is in fault")
     if not ready:

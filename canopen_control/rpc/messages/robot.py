@@ -421,7 +421,7 @@ class UnloadController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("switch", Effect.CHANGES)
 class SwitchControllers(Request[Done], frozen=True, kw_only=True):
-    """Activate and deactivate controllers in one step; all if `strict`, else as many as possible."""
+    """Activate and deactivate controllers in one step; with `strict` a partial switch is refused."""
 
     activate: tuple[str, ...] = ()
     deactivate: tuple[str, ...] = ()

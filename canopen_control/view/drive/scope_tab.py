@@ -111,7 +111,7 @@ class ScopeTab:
         self._upload.props("accept='.csv'")
 
     async def _list_signals(self) -> None:
-        """Fill the choice of signals with the numeric objects of the node and the joints of the robot."""
+        """List the numeric objects of the node and the joints of the robot as signals to select."""
         try:
             od = await in_thread(self._node_jobs.dictionary)
         except CanopenError as error:
