@@ -45,6 +45,7 @@ from canopen_control.master.plan_builder import (
     PlannedWrite,
     add_feed_forward,
     plan_interpolation,
+    plan_offsets,
 )
 from canopen_control.master.plan_pdos import (
     is_pdo_record,
@@ -209,6 +210,7 @@ def _plan_values(builder: PlanBuilder, master: MasterConfig) -> int:
     storing = list(itertools.takewhile(lambda pair: pair[1].index == STORE, reversed(sdo)))[::-1]
     _plan_sdo_list(builder, sdo[: len(sdo) - len(storing)])
     plan_interpolation(builder, tuple(_axes(builder.od)), master.sync_period)
+    plan_offsets(builder, tuple(_axes(builder.od)))
     heartbeat_ms = _plan_error_control(builder, master)
     _plan_sdo_list(builder, storing)  # last, so that the whole configuration is stored
     return heartbeat_ms

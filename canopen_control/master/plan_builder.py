@@ -13,7 +13,13 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Final
 
 from canopen_control.cia301.pdo import MAX_BITS
-from canopen_control.cia402.objects import INTERPOLATION_TIME_PERIOD, TARGET_POSITION, TORQUE_OFFSET, VELOCITY_OFFSET
+from canopen_control.cia402.objects import (
+    INTERPOLATION_TIME_PERIOD,
+    POSITION_OFFSET,
+    TARGET_POSITION,
+    TORQUE_OFFSET,
+    VELOCITY_OFFSET,
+)
 from canopen_control.master.keys import PdoConfig, PdoObjectKeys
 from canopen_control.od.codec import encode, outside_limits
 from canopen_control.od.model import DataType
@@ -136,6 +142,17 @@ def plan_interpolation(builder: PlanBuilder, axes: Sequence[int], sync_period_us
             _compare(builder, index, sync_period_us)
         else:
             _add_interpolation(builder, index, sync_period_us)
+
+
+def plan_offsets(builder: PlanBuilder, axes: Sequence[int]) -> None:
+    """Plan 0 for offsets (0x60B0, 0x60B1, 0x60B2) with another default; `axes` are the index offsets of the axes.
+
+    An offset is added to the target (CiA 402-2), so that the axis would move without a command.
+    """
+    for offset in axes:
+        for index in (POSITION_OFFSET + offset, VELOCITY_OFFSET + offset, TORQUE_OFFSET + offset):
+            if builder.listed_value(index) is None and builder.can_write(index, 0) and builder.final(index, 0):
+                builder.write(index, 0, 0, "dcf", "an offset would move the axis without a command", optional=True)
 
 
 def _compare_cycle_period(builder: PlanBuilder, sync_period_us: int) -> None:

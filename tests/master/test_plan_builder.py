@@ -268,3 +268,18 @@ def test_the_sdo_list_has_the_last_word_over_a_file_and_a_file_over_the_eds():
     assert made.is_requested(0x60C2)
     assert not made.is_requested(0x6083)
     assert made.default(0x1800, 1) == 0x40000183
+
+
+@pytest.mark.parametrize(("listed", "written"), [("", 0), ("      - {index: 0x60B1, sub_index: 0, value: 7}\n", 7)])
+@pytest.mark.parametrize("key", ["DefaultValue", "ParameterValue"])
+def test_an_offset_that_would_move_the_axis_is_written_as_0_unless_sdo_lists_it(tmp_path, key, listed, written):
+    eds = data_path("eds", "generic_cia402.eds").read_text()
+    eds = re.sub(r"(?m)^(\[60B1\](?:\n[^\[\n]+?)*?)(\nDefaultValue=0)", r"\1", eds)
+    (tmp_path / "drive.dcf").write_text(re.sub(r"(?m)^(\[60B1\])", rf"\1\n{key}=500", eds))
+    path = tmp_path / "bus.yml"
+    path.write_text(
+        "master: {node_id: 1, sync_period: 20000}\nnodes:\n  lift:\n    node_id: 2\n    dcf: drive.dcf\n    sdo:\n"
+        "      - {index: 0x6081, sub_index: 0, value: 5}\n" + listed
+    )
+    writes = [write for write in inspect_bus(path)[0].plans["lift"].writes if write.index == 0x60B1]
+    assert int.from_bytes(writes[-1].data, "little") == written
