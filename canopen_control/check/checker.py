@@ -7,7 +7,7 @@ the bus load are checked and, if there are no errors, the robot is built as for 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from canopen_control.check import rules as rules
 from canopen_control.check.drive_rules import check_timing, cycle_ns
@@ -41,6 +41,9 @@ if TYPE_CHECKING:
     from canopen_control.runtime.sync_choice import SyncChoice
     from canopen_control.urdf.description import UrdfDescription
     from canopen_control.yamlfile.problems import Problem
+
+
+_SLOW_RAMP_S: Final = 60.0  # a ramp that is a warning rather than a note
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,7 +236,8 @@ def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Ite
             f"({case.by}); a stop that takes longer than {STOP_TIME_S:.0f} s becomes a quick stop"
         )
         fix = "write a faster ramp to the drive under `sdo`, or lower the joint's velocity limit"
-        yield Finding(place.path, place.line, Severity.WARNING, text, fix, column=place.column)
+        severity = Severity.WARNING if case.ramp_s > _SLOW_RAMP_S else Severity.NOTE
+        yield Finding(place.path, place.line, severity, text, fix, column=place.column)
 
 
 def _sync_words(bus: RobotBus, choice: SyncChoice) -> str:

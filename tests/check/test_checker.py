@@ -188,11 +188,11 @@ def test_a_drive_that_brakes_for_longer_than_a_stop_may_last_is_a_warning(tmp_pa
     config = tmp_path / "arm"
     shutil.copytree(data_path("config", "arm6"), config)
     text = (config / "bus.yml").read_text()
-    slow = "  sdo:\n    - {index: 0x6084, sub_index: 0, value: 100000}\n"
+    slow = "  sdo:\n    - {index: 0x6084, sub_index: 0, value: 10000}\n"
     (config / "bus.yml").write_text(text.replace("  sdo:\n", slow, 1))
     found = told(config, Severity.WARNING)
     assert len(found) == 6
-    assert "joint_1 needs 21 s to brake from 2086076 units/s (ramp of 0x6084 (100000)); a stop that takes" in found[0]
+    assert "joint_1 needs 209 s to brake from 2086076 units/s (ramp of 0x6084 (10000)); a stop that takes" in found[0]
 
 
 def test_several_buses_are_checked_each_for_itself_and_together(tmp_path):
