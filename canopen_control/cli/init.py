@@ -95,6 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
     from canopen_control.personality import read_personality
+    from canopen_control.scaffold.drive_choice import is_drive
     from canopen_control.scaffold.new_robot import check_robot_name, plan_robot
     from canopen_control.scaffold.robot_folder import refuse_existing, write_robot
 
@@ -104,7 +105,9 @@ def run(args: argparse.Namespace) -> int:
     like = None if args.like is None else read_personality(args.like)
     devices = _from_files(args) if args.can is None else _from_bus(args)
     if like is not None:
-        devices = [device.of_manufacturer(like) for device in devices]
+        if not any(is_drive(device.od) for device in devices):
+            raise ConfigError(f"--like {args.like} is for drives, and none of the devices is one; omit it")
+        devices = [device.of_manufacturer(like) if is_drive(device.od) else device for device in devices]
     robot = plan_robot(
         folder.name, devices, joints=args.joint, base=args.base, allow_unsupervised=args.allow_unsupervised
     )

@@ -268,3 +268,11 @@ def test_drives_of_a_manufacturer_that_is_named_have_the_keys_that_they_need(tmp
     assert main(["init", str(tmp_path / "none"), *words, "--like", "emo"]) == 2
     assert "no personality 'emo', did you mean 'elmo'?" in capsys.readouterr().err
     assert not (tmp_path / "none").exists()
+
+
+def test_a_manufacturer_of_drives_is_for_drives_alone(tmp_path, capsys):
+    words = ["--like", "elmo", "--eds", "generic_cia401.eds", "--node-id", "5"]
+    assert main(["init", str(tmp_path / "lamps"), *words]) == 2
+    assert "--like elmo is for drives, and none of the devices is one; omit it" in capsys.readouterr().err
+    assert not (tmp_path / "lamps").exists()
+    assert main(["init", str(tmp_path / "mixed"), *words, "--eds", "generic_cia402.eds", "--node-id", "2"]) == 0
