@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.cia301.nmt import COMMAND_NAMES
 from canopen_control.cia301.pdo import PdoCodec
-from canopen_control.cia402.objects import MOTION
+from canopen_control.cia402.objects import ABORT_CONNECTION_OPTION, MOTION, axis_of
 from canopen_control.errors import CanopenError, ControlError, LocalProtocolError, UnknownName
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS
 from canopen_control.master.event_log import Event
@@ -52,6 +52,30 @@ WINDOW_NS: Final = 2_000_000_000
 _WIDEST: Final = 40  # characters of a value
 _COMMUNICATION: Final = range(0x1000, 0x2000)  # identifiers and mappings are hexadecimal
 _MOST: Final = 64  # remembered pairs of a client and a node
+
+
+#: objects by which a drive detects the loss of the master (CiA 301, 7.5.2.11, 7.5.2.12, 7.5.2.19)
+_GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER = 0x100C, 0x100D, 0x1016
+
+
+def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
+    """Raise ControlError for a write after which a drive in use would not stop if the master died.
+
+    Such a write contradicts the plan of the boot: the supervision of the master, or the reaction to the loss (0x6007).
+    """
+    reaction = axis_of(index)[0] == ABORT_CONNECTION_OPTION
+    if node.is_taken_out or not (reaction or index in (_GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER)):
+        return
+    planned = next((write.data for write in reversed(node.plan.writes) if write.address == (index, subindex)), b"")
+    if index == _CONSUMER:  # bits 0 to 15 are the time, bits 16 to 22 the node id
+        lost = any(planned[:2]) and (planned[2:3] != data[2:3] or not any(data[:2]))
+    else:
+        lost = any(planned) and not any(data)
+    if lost:
+        raise ControlError(
+            f"node {node.node_id} ({node.name}): 0x{index:04X}:{subindex:02X} was not written, because the drive would "
+            f"no longer stop if the master died; first take the node out: canopen-control nmt preop {node.name}"
+        )
 
 
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
@@ -229,6 +253,7 @@ class ObjectMethods:
         data = bytes(self._pieces.pop(call.connection, b"")) + download.data
         node = self._robot.node(str(download.node))
         self._robot.latch.check_write(download.index)
+        refuse_unsupervised(node, download.index, download.subindex, data)
         request = node.sdo.write(download.index, download.subindex, data, timeout_ns=_nanoseconds(download.timeout))
         request.context = lambda ended: self._answer_write(call, node, data, ended)
         self._robot.bus_of(node).send_waiting()

@@ -11,11 +11,20 @@ from support.robots import Bench
 from canopen_control.data_files import data_path
 from canopen_control.errors import ControlError
 from canopen_control.host.sockets import socket_path
+from canopen_control.master.config import read_bus
 from canopen_control.master.event_log import Event, EventLog
 from canopen_control.od.eds import read_eds
 from canopen_control.runtime import api_objects
 from canopen_control.runtime.api import ApiServer
-from canopen_control.runtime.api_objects import FEW, WINDOW_NS, ProcessDataFeed, WriteLog, write_mapped, written_words
+from canopen_control.runtime.api_objects import (
+    FEW,
+    WINDOW_NS,
+    ProcessDataFeed,
+    WriteLog,
+    refuse_unsupervised,
+    write_mapped,
+    written_words,
+)
 
 OD = read_eds(data_path("eds", "TMCM-1270.eds"), 3).od
 MS = 1_000_000
@@ -272,3 +281,26 @@ def test_the_events_say_who_has_taken_a_node_out(client, robby):
     assert [event.node for event in told] == ["left_drive", "left_drive"]
     assert told[0].text == "view requested NMT preop"
     assert told[1].text.startswith("client ")
+
+
+@pytest.mark.parametrize(
+    ("index", "subindex", "data", "refused"),
+    [
+        (0x1016, 1, (0).to_bytes(4, "little"), True),
+        (0x1016, 1, (0x00050000 | 500).to_bytes(4, "little"), True),  # monitors node 5
+        (0x1016, 1, (0x00010000 | 700).to_bytes(4, "little"), False),  # the master, for longer
+        (0x6007, 0, (0).to_bytes(2, "little"), True),
+        (0x6007, 0, (1).to_bytes(2, "little"), False),
+        (0x1017, 0, (0).to_bytes(2, "little"), False),  # only the master loses the drive, which is reported
+        (0x6081, 0, (0).to_bytes(4, "little"), False),
+    ],
+)
+def test_a_write_after_which_a_drive_would_outlive_the_master_is_refused(index, subindex, data, refused):
+    plan = read_bus(data_path("config", "arm6") / "bus.yml").plans["joint_1_drive"]
+    node = SimpleNamespace(node_id=2, name="joint_1_drive", plan=plan, is_taken_out=False)
+    if refused:
+        with pytest.raises(ControlError, match="no longer stop if the master died; first take the node out: canopen"):
+            refuse_unsupervised(node, index, subindex, data)
+    else:
+        refuse_unsupervised(node, index, subindex, data)
+    refuse_unsupervised(SimpleNamespace(**{**vars(node), "is_taken_out": True}), index, subindex, data)
