@@ -260,7 +260,7 @@ def _of_eds(config: BusConfig) -> Iterator[Finding]:
         if odd:
             count = "1 issue" if len(odd) == 1 else f"{len(odd)} issues"
             text = f"{count} in this file, the first at line {odd[0].line}: {odd[0].text}"
-            yield Finding(str(path), 0, Severity.NOTE, text, f"canopen-control eds check {path.name} lists all")
+            yield Finding(str(path), 0, Severity.NOTE, text, f"canopen-control eds check {path} lists all")
 
 
 def _placed(text: str, path: Path) -> Finding:

@@ -91,6 +91,8 @@ def _report(error: Exception) -> int:
         return _report_lost_output(error)
     if isinstance(error, OSError) and error.errno == errno.EMFILE:
         return _print_error(CanopenError("this shell allows too few open files; allow more: ulimit -n 1024"), 2)
+    if isinstance(error, PermissionError) and error.filename is not None:
+        return _print_error(CanopenError(f"{error.filename}: permission denied; give this user access to it"), 2)
     return _report_internal_error(error)
 
 

@@ -110,6 +110,15 @@ def test_too_few_open_files_are_the_shells_matter(monkeypatch, capsys):
     assert capsys.readouterr().err.endswith("too few open files; allow more: ulimit -n 1024\n")
 
 
+def test_a_folder_without_permission_is_one_sentence(monkeypatch, capsys):
+    def denied(_args):
+        raise PermissionError(errno.EACCES, "Permission denied", "/secret/robot")
+
+    monkeypatch.setattr("canopen_control.cli.check.run", denied)
+    assert main(["check", "robby"]) == 2
+    assert capsys.readouterr().err.endswith("/secret/robot: permission denied; give this user access to it\n")
+
+
 def program(*arguments, **how):
     command = [sys.executable, "-m", "canopen_control", *arguments]
     buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}

@@ -155,7 +155,7 @@ def with_token(text: str) -> str:
 
 def painted(lines: Iterable[str]) -> list[str]:
     """Return lines in which words are coloured by level; unchanged without a terminal or with NO_COLOR."""
-    if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+    if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return list(lines)
     return [
         _coloured().sub(lambda match: f"\x1b[{_COLOURS[match.lastgroup or '']}m{match[0]}\x1b[m", line)
