@@ -1,16 +1,19 @@
 """Ramp every joint to zero and disable the drives; the robot keeps running. Not an emergency stop (ISO 13850).
 
-With `--latch` no client, not even this one, can move the robot until `--release`.
+With `--latch` no client, not even this one, can move the robot until `--release`. Without `--name` all running robots
+are stopped.
 
 Exit codes: 0 stopped, or released; 1 the robot does not answer, or has no bus left; 2 wrong usage, or no robot runs.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import sys
+from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
+from canopen_control.host.running_robots import find_robots
 from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 
 if TYPE_CHECKING:
@@ -32,22 +35,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--latch", action="store_true", help="latch the stop: no client can move the robot before --release"
     )
     group.add_argument("--release", action="store_true", help="release a latched stop; the drives stay disabled")
-    parser.add_argument("--name", help="the robot (default: the only one that runs)")
+    parser.add_argument("--name", help="the robot (default: all that run; with --release the only one)")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    with RobotClient.connect(args.name) as robot:
+    names = find_robots() if args.name is None and not args.release else []
+    if len(names) > 1:
+        return _stop_all(args, names)
+    done = _request(args, args.name)
+    print_result(args, done, _done(args.latch, args.release, done["disabled"]))
+    return 0
+
+
+def _request(args: argparse.Namespace, name: str | None) -> dict[str, Any]:
+    """Stop one robot, or release its stop; return the result."""
+    with RobotClient.connect(name) as robot:
         robot.ask(Release(source=SOURCE) if args.release else Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
         has_drives = bool(robot.ask(GetStatus()).nodes)
-        done = {
-            "robot": robot.robot,
-            "stopped": not args.release,
-            "latched": args.latch,
-            "disabled": has_drives,
-        }
-    print_result(args, done, _done(args.latch, args.release, has_drives))
-    return 0
+        return {"robot": robot.robot, "stopped": not args.release, "latched": args.latch, "disabled": has_drives}
+
+
+def _stop_all(args: argparse.Namespace, names: list[str]) -> int:
+    """Stop all running robots at the same time, so that none waits for one that hangs; return the exit code."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(len(names)) as threads:
+        requests = {name: threads.submit(_request, args, name) for name in names}
+    errors = {name: error for name, request in requests.items() if (error := request.exception()) is not None}
+    stopped = [request.result() for name, request in requests.items() if name not in errors]
+    lines = [
+        f"{done['robot']}: {_done(args.latch, False, done['disabled'])} --name {done['robot']}" for done in stopped
+    ]
+    print_result(args, {"robots": stopped}, "\n".join(lines))
+    for name, error in errors.items():
+        print(f"canopen-control: {name}: {error}", file=sys.stderr)
+    return 1 if errors else 0
 
 
 def _done(latch: bool, release: bool, has_drives: bool) -> str:

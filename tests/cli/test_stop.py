@@ -2,6 +2,7 @@ import pytest
 
 from canopen_control.cli import stop
 from canopen_control.cli.main import main
+from canopen_control.errors import RemoteError
 
 
 def test_without_drives_it_says_that_the_next_command_moves(mock_robot, capsys):
@@ -34,3 +35,24 @@ def test_a_latched_stop_lasts_until_the_release(mock_robot, capsys):
     assert main(["stop", "--release"]) == 0
     assert capsys.readouterr().out.startswith("released; ")
     assert main(["command", "robby_forward_controller", "1", "1", "--once"]) == 0
+
+
+def test_without_a_name_all_robots_are_stopped(monkeypatch, capsys):
+    asked = []
+
+    def request(_args, name):
+        asked.append(name)
+        if name == "hung":
+            raise RemoteError("does not answer")
+        return {"robot": name, "stopped": True, "latched": False, "disabled": True}
+
+    monkeypatch.setattr(stop, "find_robots", lambda: ["hung", "one", "two"])
+    monkeypatch.setattr(stop, "_request", request)
+    assert main(["stop"]) == 1
+    said = capsys.readouterr()
+    assert sorted(asked) == ["hung", "one", "two"]
+    assert said.out.splitlines() == [
+        f"{name}: stopped and disabled; to continue: canopen-control axis enable all --name {name}"
+        for name in ("one", "two")
+    ]
+    assert said.err == "canopen-control: hung: does not answer\n"
