@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
+from canopen_control.errors import CanopenError
 from canopen_control.host.running_robots import find_robots
 from canopen_control.rpc.messages.robot import GetStatus, Release, Stop
 
@@ -69,6 +70,8 @@ def _stop_all(args: argparse.Namespace, names: list[str]) -> int:
     ]
     print_result(args, {"robots": stopped}, "\n".join(lines))
     for name, error in errors.items():
+        if not isinstance(error, CanopenError):
+            raise error
         print(f"canopen-control: {name}: {error}", file=sys.stderr)
     return 1 if errors else 0
 

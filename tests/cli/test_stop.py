@@ -2,7 +2,7 @@ import pytest
 
 from canopen_control.cli import stop
 from canopen_control.cli.main import main
-from canopen_control.errors import RemoteError
+from canopen_control.errors import CanopenError
 
 
 def test_without_drives_it_says_that_the_next_command_moves(mock_robot, capsys):
@@ -43,7 +43,7 @@ def test_without_a_name_all_robots_are_stopped(monkeypatch, capsys):
     def request(_args, name):
         asked.append(name)
         if name == "hung":
-            raise RemoteError("does not answer")
+            raise CanopenError("does not answer")
         return {"robot": name, "stopped": True, "latched": False, "disabled": True}
 
     monkeypatch.setattr(stop, "find_robots", lambda: ["hung", "one", "two"])
