@@ -9,7 +9,7 @@ Exit codes: 0 stopped, or released; 1 the robot does not answer, or has no bus l
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict
 
 from canopen_control.cli.support.output import print_result
 from canopen_control.client import RobotClient
@@ -27,6 +27,15 @@ LATCHED = "to continue: canopen-control stop --release"
 WITHOUT_DRIVES = "no drive is disabled, so the next command moves it; to prevent this: canopen-control stop --latch"
 SOURCE = "canopen-control stop"
 TIMEOUT_S = 20.0
+
+
+class StopResult(TypedDict):
+    """Result for one robot; `disabled` is False for a robot without drives."""
+
+    robot: str
+    stopped: bool
+    latched: bool
+    disabled: bool
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _request(args: argparse.Namespace, name: str | None) -> dict[str, Any]:
+def _request(args: argparse.Namespace, name: str | None) -> StopResult:
     """Stop one robot, or release its stop; return the result."""
     with RobotClient.connect(name) as robot:
         robot.ask(Release(source=SOURCE) if args.release else Stop(latch=args.latch, source=SOURCE), TIMEOUT_S)
