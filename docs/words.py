@@ -65,7 +65,7 @@ BUS_YML: dict[str, dict[str, str]] = {
         "time_cob_id": "COB-ID of TIME, written to 0x1012",
         "rpdo": "RPDOs by number, 1 to 512",
         "tpdo": "TPDOs by number, 1 to 512",
-        "sdo": "objects that the boot writes, in this order",
+        "sdo": "objects that the boot writes, in this order; the controlword of an axis is left out, with a warning",
         "boot": "false: the node is neither booted nor driven",
         "mandatory": "ros2_canopen's name of `required`",
         "required": "whether the robot needs the node to start; absent: the value of `mandatory`, else true. If "

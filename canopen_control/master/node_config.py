@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
 
+NAMED_SCALES: Final = ("counts_per_revolution", "gear_ratio", "reversed")  # keys that define the scales
 _TRANSITIONS = range(17)  # of the CiA 402 state machine; 0 and 1 are automatic
 
 
@@ -38,9 +39,10 @@ def tolerated(
 ) -> set[str]:
     """Report the unknown keys of a section; return the keys that the conversion must ignore.
 
-    A key in `misnamed`, or similar to a known key that is absent, is an error. Any other unknown key is a warning:
-    ros2_canopen ignores unknown keys, so that files with such keys are in use. `driver` is the name of a user's own
-    driver, which may read additional keys.
+    A key in `misnamed`, or similar to a known key with an effect that could be added, is an error. Any other unknown
+    key is a warning: ros2_canopen ignores unknown keys, so that files with such keys are in use (`name` under
+    `master:`, `gearbox_ratio` beside scales that include the gear). `driver` is the name of a user's own driver, which
+    may read additional keys.
     """
     tolerated_keys = set(unused)
     for key, place in section.keys().items():
@@ -53,11 +55,19 @@ def tolerated(
             place.error(f"unknown key {key!r}: a node belongs at the margin or under `nodes:`; it is indented too far")
         elif driver:
             place.warning(f"key {key!r} has no effect here: it belongs to {driver}, which is not part of this package")
-        elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and section.get(close[0]) is None:
+        elif (close := difflib.get_close_matches(key, [*keys, *unused], 1, 0.6)) and _addable(
+            close[0], section, unused
+        ):
             place.error(f"unknown key {key!r}, did you mean {close[0]!r}?")
         else:
             place.warning(f"unknown key {key!r} has no effect, neither here nor in ros2_canopen; remove it")
     return tolerated_keys
+
+
+def _addable(key: str, section: Node, unused: Collection[str]) -> bool:
+    """Whether a key has an effect and its section has neither the key nor another one that defines the same."""
+    rivals = SCALES if key in NAMED_SCALES else ()
+    return key not in unused and all(section.get(name) is None for name in (key, *rivals))
 
 
 def node_id_below(section: Node, key: str) -> Node | None:
@@ -276,7 +286,7 @@ def _effort_mode(keys: MotionKeys, node: Node) -> int | None:
 
 def _units(keys: UnitKeys, node: Node) -> UnitKeys:
     """Return the units of a node; scales follow from counts_per_revolution, or are checked as written."""
-    named = [key for key in ("counts_per_revolution", "gear_ratio", "reversed") if node.get(key) is not None]
+    named = [key for key in NAMED_SCALES if node.get(key) is not None]
     scales = [key for key in SCALES if node.get(key) is not None]
     if not named:
         _check_scales(keys, node)

@@ -9,6 +9,9 @@ can switch off the supervision of a node unnoticed: `NodePlan.unsupervised` is c
 after all writes. Writes that this package adds have a `reason`: the drive monitors the master (0x1016), stops when the
 master is lost (0x1029 or 0x6007), interpolates over the SYNC period (0x60C2), and has no valid PDO that is not
 configured.
+
+The controlword of an axis is never written. Public bus.yml files enable a drive by their `sdo:` list (6, 7, 15), and a
+DCF that a maker's tool saved while the drive was enabled has 0x6040 = 0x000F.
 """
 
 from __future__ import annotations
@@ -80,6 +83,10 @@ FACTORS = tuple((index, sub) for index in (POSITION_ENCODER_RESOLUTION, GEAR_RAT
 _MILLISECOND = 1_000_000
 _STOPS = "a lost master stops the motor"
 _NO_HEARTBEAT = "node guarding replaces the heartbeat, which would disable it"
+_NOT_AT_BOOT = (
+    "is not written, because a drive must not move before it is enabled: `canopen-control axis enable` and "
+    "`canopen-control axis fault-reset` send the controlword"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -552,7 +559,7 @@ def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
     if master.sync_producer != "other" or not (builder.default(SYNC, 0) or 0) & PRODUCER_BIT:
         _plan_service(builder, SYNC, SYNC_COB_ID, "the COB-ID of the master's SYNC")
     _plan_service(
-        builder, EMCY, cob_id(Service.EMCY, builder.node.node_id), "the only COB-ID on which EMCY is received"
+        builder, EMCY, cob_id(Service.EMCY, builder.node.node_id), "the COB-ID on which the master receives EMCY"
     )
 
 
@@ -569,7 +576,9 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, purpose: st
     if not builder.can_write(index, 0):
         if default is not None and default & 0x7FF != identifier:
             builder.warn(
-                "dcf", f"0x{index:04X} = 0x{default:X} in {builder.file} cannot be written, and is not {purpose}"
+                "dcf",
+                f"0x{index:04X} = 0x{default:X} in {builder.file} cannot be written, and is not {purpose}, "
+                f"0x{identifier:03X}",
             )
         return
     if default is not None and not default & INVALID_BIT and is_restricted(default & 0x7FF):
@@ -585,16 +594,25 @@ def _plan_service(builder: PlanBuilder, index: int, identifier: int, purpose: st
 
 def _plan_downloads(builder: PlanBuilder) -> None:
     """Plan the downloads of a DCF or concise DCF, except SYNC, EMCY, error control and PDOs that bus.yml configures."""
-    supervision = _SUPERVISION | {SYNC, EMCY} | {ABORT_CONNECTION + offset for offset in _axes(builder.od)}
+    axes = tuple(_axes(builder.od))
+    supervision = _SUPERVISION | {SYNC, EMCY} | {ABORT_CONNECTION + offset for offset in axes}
     for index, subindex, data in builder.downloads:
-        if not is_pdo_record(index) and index not in supervision:
+        if index - CONTROLWORD in axes:
+            if word := int.from_bytes(data, "little"):
+                key = "configuration_file" if builder.node.boot.configuration_file else "dcf"
+                builder.remark(key, f"0x{index:04X} = 0x{word:X} {builder.download_reason} {_NOT_AT_BOOT}")
+        elif not is_pdo_record(index) and index not in supervision:
             builder.write_raw(index, subindex, data, builder.download_reason)
     plan_downloaded_pdos(builder)
 
 
 def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]) -> None:
+    axes = tuple(_axes(builder.od))
     written: dict[tuple[int, int], object] = {}
     for number, entry in entries:
+        if entry.index - CONTROLWORD in axes:
+            builder.warn(f"sdo[{number}]", f"0x{entry.index:04X} = {_number(entry.value)} {_NOT_AT_BOOT}; remove it")
+            continue
         if is_pdo_record(entry.index) and (entry.index, entry.sub_index) in builder.od:
             continue  # planned together with the PDO
         address = entry.index, entry.sub_index
@@ -605,6 +623,10 @@ def _plan_sdo_list(builder: PlanBuilder, entries: Sequence[tuple[int, SdoEntry]]
             )
         written[address] = entry.value
         builder.write(*address, _signature(entry.value), f"sdo[{number}]")
+
+
+def _number(value: object) -> str:
+    return f"0x{value:X}" if isinstance(value, int) else str(value)
 
 
 def _signature(value: object) -> object:

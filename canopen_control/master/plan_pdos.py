@@ -652,7 +652,10 @@ def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> s
     if entry is None:
         return f"{place} is not in {builder.file}"
     if not _mappable(entry, kind):
-        return f"{place} {entry.name} cannot be mapped into {_A[kind]}"
+        # a public file for a CiA 401 module has the inputs under `rpdo`, seen from the master
+        other, does = ("tpdo", "sends") if kind == "rpdo" else ("rpdo", "receives")
+        remark = f", but into {_A[other]}, which the device {does}" if _mappable(entry, other) else ""
+        return f"{place} {entry.name} cannot be mapped into {_A[kind]}{remark}"
     return "" if entry.data_type.bits is not None else f"{place} {entry.name} has no fixed length"
 
 

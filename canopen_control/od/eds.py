@@ -125,7 +125,7 @@ def check_dictionary(od: ObjectDictionary, report: Report) -> None:
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
         if entry.low is not None or entry.high is not None:
-            _check_limits(entry, report)
+            _check_limits(entry, 0 if od.node_id else 1, report)
         if is_cob_id(*entry.address) or entry.index in (_SYNC, _EMCY):
             _check_cob_id(entry, od.node_id or 1, report)
     for index, info in od.objects.items():
@@ -141,19 +141,26 @@ def _where(entry: Entry) -> str:
     return f"0x{entry.index:04X}:{entry.subindex:02X}"
 
 
-def _check_limits(entry: Entry, report: Report) -> None:
+def _check_limits(entry: Entry, node_id: int, report: Report) -> None:
+    """Report values outside the limits; `node_id` is added to relative values that were read without a node id."""
+    low, high = (
+        None if limit is None else limit + node_id * relative
+        for limit, relative in ((entry.low, entry.low_relative), (entry.high, entry.high_relative))
+    )
     if wrong := forbidden_limit(entry):
         report.note(entry.line, "limit-forbidden", f"{_where(entry)} ({clip(entry.name)}): {wrong}")
         return
-    for name, value in (("default", entry.default), ("parameter value", entry.parameter_value)):
-        if not isinstance(value, int | float):
+    for name, number, relative in (
+        ("default", entry.default, entry.relative),
+        ("parameter value", entry.parameter_value, entry.parameter_relative),
+    ):
+        if not isinstance(number, int | float):
             continue
-        if entry.low is not None and value < entry.low:
-            text = f"{_where(entry)}: {name} {value} is below the LowLimit {entry.low}"
-            report.warning(entry.line, "value-limit", text)
-        if entry.high is not None and value > entry.high:
-            text = f"{_where(entry)}: {name} {value} is above the HighLimit {entry.high}"
-            report.warning(entry.line, "value-limit", text)
+        value = number + node_id * relative  # Roboteq: $NODEID+0x200 with LowLimit=0x201
+        if low is not None and value < low:
+            report.warning(entry.line, "value-limit", f"{_where(entry)}: {name} {value} is below the LowLimit {low}")
+        if high is not None and value > high:
+            report.warning(entry.line, "value-limit", f"{_where(entry)}: {name} {value} is above the HighLimit {high}")
 
 
 def _check_cob_id(entry: Entry, node_id: int, report: Report) -> None:

@@ -511,8 +511,7 @@ class EntryReader:
             return (_NO_LIMIT, _NO_LIMIT) if ranged is None else (_Limit(ranged.low), _Limit(ranged.high))
         low, high = self._limit(section, "lowlimit", data_type), self._limit(section, "highlimit", data_type)
         if low.value is not None and high.value is not None and low.value > high.value:
-            text = f"LowLimit={section.get('lowlimit')} is above HighLimit={section.get('highlimit')}; both are ignored"
-            self.report.warning(section.line_of("lowlimit"), "limit-order", clip(text))
+            self.report.warning(section.line_of("lowlimit"), "limit-order", _order_text(section, data_type, low, high))
             return _NO_LIMIT, _NO_LIMIT
         return low, high
 
@@ -527,6 +526,14 @@ class EntryReader:
             self.report.warning(section.line_of(key), "limit-form", message)
             return _NO_LIMIT
         return _Limit(parsed.value, parsed.relative) if isinstance(parsed.value, int | float) else _NO_LIMIT
+
+
+def _order_text(section: Section, data_type: DataType, low: _Limit, high: _Limit) -> str:
+    """Return the message for exchanged limits, with the numbers if the texts do not show them (0xFF is -1)."""
+    texts = [clip(section.get(key)) for key in ("lowlimit", "highlimit")]
+    numbers = [str(limit.value) for limit in (low, high) if limit.value is not None]
+    shown = f" ({' > '.join(numbers)} as {data_type.name})" if texts != numbers else ""
+    return f"LowLimit={texts[0]} is above HighLimit={texts[1]}{shown}; both are ignored"
 
 
 # Device sections (CiA 306-1, 4.4 to 4.6.2): [DeviceInfo], [DummyUsage], [Comments], [DeviceComissioning] (with one m,

@@ -11,7 +11,8 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from canopen_control.cia402.objects import SUPPORTED_DRIVE_MODES
+from canopen_control.cia402.modes import TARGET_OBJECTS
+from canopen_control.cia402.objects import SUPPORTED_DRIVE_MODES, axis_index
 from canopen_control.errors import RobotConfigError
 from canopen_control.master.known_drives import known_drive
 from canopen_control.profiles.device_type import Profile, profile_of
@@ -243,12 +244,20 @@ def _drive_node(
     try:
         drive = choose_drive(device.od, interfaces)
     except RobotConfigError as error:
-        why = f"{error}; map the objects in bus.yml by hand, or leave node {device.node_id} out"
+        why = f"{error}; {_remedy(device.od)}, or leave node {device.node_id} out"
         return NewNode(name, device, supervision_of(device.od), profile=Profile.DRIVE, unusable=why)
     joints = tuple(
         NewJoint(joint, name, axis, mirror) for joint, axis, mirror in zip(names, drive.axes, mirrored, strict=True)
     )
     return NewNode(name, device, supervision_of(device.od), drive, joints, profile=Profile.DRIVE)
+
+
+def _remedy(od: ObjectDictionary) -> str:
+    """Return what to do with a drive without usable PDOs; EDS of some drives map no target (Faulhaber MCBL, MCDC)."""
+    addresses = [(axis_index(index, axis), sub) for index, sub in TARGET_OBJECTS.values() for axis in axes_of(od)]
+    if any((entry := od.get(*address)) is not None and entry.rpdo_mappable for address in addresses):
+        return "map the objects in bus.yml by hand"
+    return "the EDS allows no target in an RPDO: use the drive by SDO only"
 
 
 def check_robot_name(name: str) -> None:

@@ -264,6 +264,12 @@ def test_a_gazebo_plugin_with_a_typing_mistake(name, tmp_path):
     ]
 
 
+@pytest.mark.parametrize("sensor", ["ft_sensor", "contact", "camera"])
+def test_another_gazebo_plugin_is_no_typing_mistake(sensor, tmp_path):
+    tag = f'  <gazebo><plugin name="sensor" filename="libgazebo_ros_{sensor}.so"/></gazebo>\n</robot>'
+    assert found(changed(tmp_path, "robby", description={"</robot>": tag})) == []
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_key_that_is_unknown_or_repeated(name, tmp_path):
     controller = FIRST[name]

@@ -193,3 +193,27 @@ def test_what_cannot_be_is_told_at_its_key(tmp_path, keys, words):
 def test_a_key_that_no_other_one_is_like_is_told_and_without_effect(tmp_path, key):
     (note,) = [each for each in with_node(tmp_path, key).notes if "unknown key" in each]
     assert "has no effect, neither here nor in ros2_canopen" in note
+
+
+# a public bus.yml of a crane has `name` in `master:`, and `gearbox_ratio` beside scales that include the gear
+@pytest.mark.parametrize(
+    ("keys", "is_error"),
+    [
+        ("gearbox_ratio: 20.0, scale_pos_to_dev: 200000.0, scale_pos_from_dev: 0.000005", False),
+        ("gearbox_ratio: 20.0", True),
+        ("counts_per_revolution: 4096, gearbox_ratio: 20.0", True),
+        ("poling: true", False),
+    ],
+)
+def test_a_similar_key_is_an_error_only_if_it_could_be_added(tmp_path, keys, is_error):
+    if is_error:
+        assert "unknown key 'gearbox_ratio', did you mean 'gear_ratio'?" in mistakes_of_a_node(tmp_path, keys)
+    else:
+        (note,) = [each for each in with_node(tmp_path, keys).notes if "unknown key" in each]
+        assert "has no effect, neither here nor in ros2_canopen" in note
+
+
+def test_a_name_of_the_master_is_told_and_without_effect(tmp_path):
+    text = NESTED.replace("node_id: 1\n", "node_id: 1\n      name: master\n")
+    (note,) = [each for each in read_bus(write(tmp_path, text)).notes if "unknown key" in each]
+    assert "master.name: unknown key 'name' has no effect" in note

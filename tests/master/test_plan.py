@@ -95,7 +95,10 @@ def test_a_drive_with_0x6007_is_told_to_fault_when_the_master_is_lost(tmp_path):
         ("rpdo: {9: {enabled: true}}", "has no RPDO 9"),
         ("tpdo: {1: {mapping: [{index: 0x1008}]}}", "cannot be mapped"),
         ("tpdo: {1: {mapping: [{index: 0x6064}, {index: 0x606C}, {index: 0x6041}]}}", "80 bits"),
-        ("rpdo: {1: {mapping: [{index: 0x6041}]}}", "cannot be mapped into an RPDO"),
+        (
+            "rpdo: {1: {mapping: [{index: 0x6041}]}}",
+            "0x6041:00 Statusword cannot be mapped into an RPDO, but into a TPDO, which the device sends",
+        ),
         ("sdo: [{index: 0x6083, value: -1}]", "0x6083:00"),
     ],
 )
@@ -317,3 +320,40 @@ def test_a_node_that_sends_sync_by_its_sdo_list_is_left_alone(tmp_path, value, w
     assert not errors
     assert final(plan, 0x1005) == value
     assert sum("is not the COB-ID of the master's SYNC" in note for note in dict.fromkeys(notes)) == warned
+
+
+# public files: a bus.yml for igus dryve D1 (6, 7, 15), one for EPOS4, and a DCF saved from an enabled EPOS4 (0x000F)
+@pytest.mark.parametrize("values", [(6, 7, 15), (128,)])
+def test_the_sdo_list_does_not_enable_a_drive(tmp_path, values):
+    listed = ", ".join(f"{{index: 0x6040, value: {value}}}" for value in values)
+    plan, notes, errors = read_plan(tmp_path, f"sdo: [{listed}, {{index: 0x6083, value: 5}}]")
+    assert not errors
+    assert written(plan, 0x6040) == []
+    assert written(plan, 0x6083) == [(0, "05000000")]
+    for number, value in enumerate(values):
+        assert sum(f"sdo[{number}]: 0x6040 = 0x{value:X} is not written" in note for note in dict.fromkeys(notes)) == 1
+
+
+@pytest.mark.parametrize(("word", "told"), [(0x0F, 1), (0, 0)])
+def test_a_file_does_not_enable_a_drive(tmp_path, word, told):
+    (tmp_path / "on.bin").write_bytes(
+        encode_concise(((0x6040, 0, word.to_bytes(2, "little")), (0x6083, 0, b"\5\0\0\0")))
+    )
+    plan, notes, errors = read_plan(tmp_path, "configuration_file: on.bin")
+    assert not errors
+    assert (written(plan, 0x6040), written(plan, 0x6083)) == ([], [(0, "05000000")])
+    assert sum("0x6040 = 0xF from on.bin is not written" in note for note in dict.fromkeys(notes)) == told
+
+
+def test_the_sdo_list_does_not_enable_a_second_axis(tmp_path):
+    two = DATA / "reports" / "amr_two_channels" / "two_axis.eds"
+    plan, notes, errors = read_plan(tmp_path, "sdo: [{index: 0x6840, value: 15}]", two)
+    assert (errors, written(plan, 0x6840)) == ([], [])
+    assert any("0x6840 = 0xF is not written" in note for note in notes)
+
+
+def test_a_device_without_an_axis_gets_every_object_of_the_list(tmp_path):
+    text = data_path("eds", "generic_cia402.eds").read_text()
+    (tmp_path / "plain.eds").write_text(text.replace("[6041]", "[5041]"))
+    plan, _, _ = read_plan(tmp_path, "sdo: [{index: 0x6040, value: 15}]", "plain.eds")
+    assert written(plan, 0x6040) == [(0, "0f00")]

@@ -195,6 +195,21 @@ def test_defaults_are_within_the_limits(default, code):
     assert codes(parse(eds(DefaultValue=default, LowLimit=5, HighLimit=10))) == code
 
 
+@pytest.mark.parametrize(
+    ("default", "low", "node_id", "code"),
+    [
+        ("$NODEID+0x200", "0x201", None, []),  # as in Roboteq's EDS: the smallest node id is 1
+        ("$NODEID+0x200", "0x202", None, ["value-limit"]),
+        ("$NODEID+0x200", "0x202", 2, []),
+        ("$NODEID+0x200", "$NODEID+0x200", None, []),
+        ("0x200", "$NODEID+0x200", None, ["value-limit"]),
+    ],
+)
+def test_a_default_with_the_node_id_is_compared_with_the_limits_for_the_smallest_node_id(default, low, node_id, code):
+    text = eds(data_type=7, DefaultValue=default, LowLimit=low, HighLimit="0x5FF")
+    assert codes(parse(text, node_id=node_id)) == code
+
+
 def test_mandatory_objects_are_missed():
     file = parse(eds())
     missed = [issue.text[:6] for issue in file.issues if issue.code == "object-mandatory"]

@@ -64,6 +64,16 @@ def test_limits_that_say_nothing_are_none_and_keep_their_text(limits, code):
     assert {key: only(file).texts[key] for key in limits} == limits
 
 
+@pytest.mark.parametrize(
+    ("data_type", "low", "high", "numbers"),
+    [(2, "0x00", "0xFF", " (0 > -1 as INTEGER8)"), (4, "10", "5", "")],  # the first as in Faulhaber's EDS
+)
+def test_limits_in_the_wrong_order_are_told_as_numbers(data_type, low, high, numbers):
+    file = parse(eds(data_type=data_type, LowLimit=low, HighLimit=high))
+    (issue,) = [issue for issue in file.issues if issue.code == "limit-order"]
+    assert issue.text == f"LowLimit={low} is above HighLimit={high}{numbers}; both are ignored"
+
+
 @pytest.mark.parametrize("data_type", [None, "", "0x40", "text"])
 def test_an_unknown_type_is_bytes_and_the_value_stays_as_text(data_type):
     file = parse(eds(data_type=data_type, DefaultValue="5"))

@@ -1,5 +1,6 @@
 """What a new robot is made of, and all that can be wrong with how it is asked for."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -95,6 +96,16 @@ def test_a_drive_that_can_neither_says_what_it_has_and_moves_no_joint():
     assert robot.base.name == "none"
     assert not robot.is_bus_alone
     assert plan_robot("r", [device(2, s6502_00={"default": 0x08})]).is_bus_alone
+
+
+def test_a_drive_whose_targets_no_pdo_may_carry_is_for_sdo_only():  # as Faulhaber's EDS of MCBL and MCDC
+    od = shape(drop=(0x6042, 0x60C1))
+    for index in (0x607A, 0x60FF, 0x6071):
+        if (entry := od.get(index)) is not None:
+            od.entries[entry.address] = dataclasses.replace(entry, pdo_mappable=False)
+    (problem,) = plan_robot("r", [Device(2, Path("drive.eds"), od)]).problems
+    assert "no RPDO can carry the controlword (0x6040) and a target" in problem
+    assert problem.endswith("the EDS allows no target in an RPDO: use the drive by SDO only, or leave node 2 out")
 
 
 def test_a_drive_of_a_manufacturer_has_its_objects_and_its_modes():
