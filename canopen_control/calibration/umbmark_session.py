@@ -36,7 +36,7 @@ _NO_BETTER: Final = 0.0002  # m; a smaller improvement does not justify another 
 _OF_LIMIT: Final = 0.8  # fraction of the controller's ramps: the rest is for its own delay
 
 
-class Base(Protocol):
+class CalibratedBase(Protocol):
     """Base that is calibrated; `BaseLink` is the implementation for a running robot."""
 
     def wheel_values(self) -> WheelValues:
@@ -133,7 +133,7 @@ def space(side: float) -> str:
 
 
 def calibrate(
-    base: Base,
+    base: CalibratedBase,
     ends: Ends,
     plan: CalibrationPlan,
     report: Callable[[str], object],
@@ -170,7 +170,12 @@ def calibrate(
 
 
 def _round(
-    base: Base, ends: Ends, plan: CalibrationPlan, separation: float, title: str, report: Callable[[str], object]
+    base: CalibratedBase,
+    ends: Ends,
+    plan: CalibrationPlan,
+    separation: float,
+    title: str,
+    report: Callable[[str], object],
 ) -> Correction:
     """Drive all squares of one pass with the current values, and return the correction."""
     runs = []

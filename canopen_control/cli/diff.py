@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from canopen_control.cli.support.open_session import add_session_arguments, sides
+from canopen_control.cli.support.open_session import add_session_arguments, read_both
 from canopen_control.cli.support.output import Table, json_text
 from canopen_control.commissioning.parameter_jobs import compared
 
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the verb."""
-    a, b = sides(args.a, args.b, args)
+    a, b = read_both(args.a, args.b, args)
     result = compared(a.parameters, b.parameters)
     if args.json:
         print(json_text(result))

@@ -168,7 +168,7 @@ class Stage:
     enables: bool = False
     holds: bool = False
     begun: int = 0
-    healed: int = 0
+    fault_end: int = 0
     enabled: bool = False  # OPERATION ENABLED at the beginning
     operational: bool = False
     configured: bool = False
@@ -228,7 +228,7 @@ class ReactionObserver(MasterObserver):
         stage.begun, stage.enabled, stage.word = now, self.enabled, self._word
         stage.operational = self.node.nmt.state is NmtState.OPERATIONAL
         stage.configured = self.boots.configured
-        stage.healed = now + stage.lasts
+        stage.fault_end = now + stage.lasts
         self.stage, self._longest = stage, 0
 
     # -- frames and commands
@@ -261,7 +261,7 @@ class ReactionObserver(MasterObserver):
         if stage is not None:
             stage.contact = now if stage.contact is None else stage.contact
             stage.noticed = now if stage.noticed is None else stage.noticed
-            if stage.kind == "silent" and now >= stage.healed:
+            if stage.kind == "silent" and now >= stage.fault_end:
                 self._contacts.append(now)
 
     def controlword(self, word: int, now: int) -> None:
@@ -278,7 +278,7 @@ class ReactionObserver(MasterObserver):
     def set_point(self, index: int, value: int, now: int) -> None:
         """Record the range of a set-point in a fault stage, after the time allowed for the reaction."""
         stage = self.stage
-        if stage is not None and stage.kind == "fault" and now - stage.begun > _GRACE_NS and now < stage.healed:
+        if stage is not None and stage.kind == "fault" and now - stage.begun > _GRACE_NS and now < stage.fault_end:
             values = stage.set_points.setdefault(index, [value, value])
             values[0], values[1] = min(values[0], value), max(values[1], value)
 
@@ -317,7 +317,7 @@ class ReactionObserver(MasterObserver):
         self.findings.expect(commanded is None, check_id, text)
 
     def _fault(self, stage: Stage) -> None:
-        late = [(word, time) for word, time in stage.words if stage.begun + _GRACE_NS < time < stage.healed]
+        late = [(word, time) for word, time in stage.words if stage.begun + _GRACE_NS < time < stage.fault_end]
         if late:
             early = next(
                 ((w, t) for w, t in late if w & _ENABLE_BITS == _ENABLE_BITS and not w & FAULT_RESET_BIT), None
@@ -342,7 +342,7 @@ class ReactionObserver(MasterObserver):
 
     def _flood(self, stage: Stage) -> None:
         if self._cyclic is not None and stage.operational:
-            longest = max(self._longest, stage.healed - self._cyclic)
+            longest = max(self._longest, stage.fault_end - self._cyclic)
             self.findings.expect(longest <= _SILENCE_NS, "MF06", f"no cyclic frame for {longest / MS:.0f} ms")
 
     def _reset(self, stage: Stage) -> None:
@@ -357,7 +357,7 @@ class ReactionObserver(MasterObserver):
 
     def _silent(self, stage: Stage) -> None:
         if stage.configured:
-            good = bool(self._contacts) and self._contacts[0] - stage.healed <= _RETURN_NOTICE_NS
+            good = bool(self._contacts) and self._contacts[0] - stage.fault_end <= _RETURN_NOTICE_NS
             self.findings.expect(good, "MF12", "no NMT command and no SDO request in 6 s")
 
     def _in_time(self, stage: Stage, reaction: int | None, check_id: str, limit: int) -> None:

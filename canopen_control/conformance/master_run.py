@@ -158,7 +158,7 @@ class MasterJudge:
             if fault:
                 self._switches.set(fault, True, now)
 
-    def heal(self, stage: Stage, now: int) -> None:
+    def clear_faults(self, stage: Stage, now: int) -> None:
         """Clear the faults of a stage that are still active."""
         for fault in (stage.fault, stage.also):
             if fault in self._switches.active:
@@ -205,7 +205,7 @@ class MasterRun:
         self._begin, self._end = now, now + round(seconds * S)
         self._stages = schedule()
         self._stage: Stage | None = None
-        self._healed = self._closing = self._was_enabled = False
+        self._faults_cleared = self._closing = self._was_enabled = False
         self._first: int | None = None  # time of the first frame from the master
         self._ready: int | None = None  # earliest time of the next stage
         self._lost: BusClosed | None = None
@@ -314,10 +314,10 @@ class MasterRun:
         stage = self._stage
         if stage is None:
             self._begin_next(now)
-        elif not self._healed and now >= stage.begun + stage.lasts:
-            self._healed = True
-            self.judge.heal(stage, now)
-        elif self._healed and now >= stage.begun + stage.total:
+        elif not self._faults_cleared and now >= stage.begun + stage.lasts:
+            self._faults_cleared = True
+            self.judge.clear_faults(stage, now)
+        elif self._faults_cleared and now >= stage.begun + stage.total:
             self.judge.end(now)
             self._stage, self._ready = None, now
 
@@ -332,7 +332,7 @@ class MasterRun:
         if waits and now < self._ready + _ENABLE_NS:
             return
         self._stages.pop(0)
-        self._stage, self._healed = stage, False
+        self._stage, self._faults_cleared = stage, False
         self._report_stage(f"{(now - self._begin) / S:.0f} s: {stage.title}")
         self.judge.begin(stage, now)
 

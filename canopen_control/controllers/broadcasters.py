@@ -20,7 +20,7 @@ from canopen_control.controllers.params import CommonParams, refuse_all
 from canopen_control.errors import ControlError, nearest
 from canopen_control.hardware.interfaces import DIGITAL_OUTPUTS, OK, ReturnType
 from canopen_control.rpc.messages.fault import FaultEvent
-from canopen_control.rpc.messages.health import judge, stale
+from canopen_control.rpc.messages.health import diagnose, stale
 from canopen_control.rpc.messages.samples import (
     BatteriesSample,
     BatteryReading,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-    from canopen_control.rpc.messages.health import Verdict
+    from canopen_control.rpc.messages.health import Diagnosis
     from canopen_control.rpc.messages.samples import Sample, Values
 
 
@@ -678,15 +678,15 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
         ]
         return DiagnosticsSample(time=self.published(wall_offset_ns), joints=judged)
 
-    def _diagnose(self, values: Values) -> Verdict:
+    def _diagnose(self, values: Values) -> Diagnosis:
         age, code, nmt, word = (values.get(key) for key in ("age", "error_code", "nmt_state", "statusword"))
         has_values = any(value is not None for value in values.values())
-        if (verdict := stale(age, self.params.stale_after, is_known=has_values)) is not None:
-            return verdict
+        if (diagnosis := stale(age, self.params.stale_after, is_known=has_values)) is not None:
+            return diagnosis
         state = None if word is None else decode_statusword(int(word))
         name = State.FAULT.name if code else "" if state is None else state.name
         nmt_state = NmtState.OPERATIONAL if nmt is None else state_of_byte(int(nmt))
-        return judge(
+        return diagnose(
             [name] if name else [],
             ready=nmt_state is NmtState.OPERATIONAL,
             nmt=f"{nmt:g}" if nmt_state is None else nmt_state.text,

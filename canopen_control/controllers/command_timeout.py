@@ -54,7 +54,7 @@ class CommandTimeout:
         """Start the validity of a command that was created at `now`, in ns."""
         self.created, self.live = now, True
 
-    def runs_out(self, now: int) -> bool:
+    def expire(self, now: int) -> bool:
         """Return True once when the command has expired; `now` is in ns."""
         if not self.live or not self.limit_ns or now - self.created <= self.limit_ns:
             return False

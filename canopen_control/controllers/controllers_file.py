@@ -247,7 +247,7 @@ def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None
         elif value.kind in ("mapping", "null"):
             _add(blocks, name, _Block(key, value, space, ros1=True))
         else:
-            key.problems.suspect(key, f"{key.text!r} does not belong to a controller; indent it under a controller")
+            key.problems.deviation(key, f"{key.text!r} does not belong to a controller; indent it under a controller")
 
 
 def _nested(node: Node) -> Node:
@@ -360,7 +360,7 @@ def _controllers(
             controllers[name] = _config(name, convert(type_node, str, ""), block.key, params, block)
         else:
             hint = nearest(name, declared)
-            block.key.problems.suspect(block.key, f"{name!r} has parameters but no type, so it is not loaded{hint}")
+            block.key.problems.deviation(block.key, f"{name!r} has parameters but no type, so it is not loaded{hint}")
     _check_fallbacks(declared, controllers)
     return controllers
 

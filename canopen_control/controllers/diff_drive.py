@@ -197,7 +197,7 @@ class DiffDriveController(MobileBase):
         wheels = (settings.separation, settings.left_radius, settings.right_radius)
         if wheels != self._wheels and self.state is ControllerState.ACTIVE and any(self.limited):
             raise RobotConfigError(f"{self.name} is moving; set the wheel multipliers at standstill")
-        self.take(settings, settings.cmd_vel_timeout, (settings.linear, settings.angular))
+        self.apply_parameters(settings, settings.cmd_vel_timeout, (settings.linear, settings.angular))
         self.params, self._wheels = settings, wheels
         self.odometry.resize(*wheels)
 

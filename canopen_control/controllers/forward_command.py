@@ -90,7 +90,7 @@ class ForwardCommandController(Controller):
         life = self.life
         if not life.live:
             return OK
-        if life.limit_ns and now - life.created > life.limit_ns and self._runs_out(now):
+        if life.limit_ns and now - life.created > life.limit_ns and self._expire(now):
             self._stop(now)
             return OK
         index, values = 0, self._values
@@ -99,8 +99,8 @@ class ForwardCommandController(Controller):
             index += 1  # noqa: SIM113 - enumerate makes a tuple per joint in the cycle
         return OK
 
-    def _runs_out(self, now: int) -> bool:
-        return self.life.runs_out(now)
+    def _expire(self, now: int) -> bool:
+        return self.life.expire(now)
 
     def _stop(self, now: int) -> None:
         self._timed_out = True
@@ -257,5 +257,5 @@ class TargetController(ForwardCommandController):
         self.interface = self.commands[0].quantity
         return super().update(now, period)
 
-    def _runs_out(self, now: int) -> bool:
-        return self.commands[0].quantity in MOVING and super()._runs_out(now)
+    def _expire(self, now: int) -> bool:
+        return self.commands[0].quantity in MOVING and super()._expire(now)

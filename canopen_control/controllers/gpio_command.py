@@ -265,7 +265,7 @@ class GpioCommandController(Controller):
 
     def update(self, now: int, period: float) -> ReturnType:
         del period
-        if self.life.runs_out(now):
+        if self.life.expire(now):
             self.report(
                 "command_timeout", f"no command for {(now - self.life.created) / 1e9:.2f} s, {self.describe_stop}"
             )

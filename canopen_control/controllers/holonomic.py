@@ -143,7 +143,7 @@ class OmniWheelDriveController(HolonomicBase):
 
     def on_set(self, params: Params) -> None:
         settings = read_checked(params, OmniParams)
-        self.take(settings, settings.cmd_vel_timeout)
+        self.apply_parameters(settings, settings.cmd_vel_timeout)
         self.params = settings
 
     def state_interface_names(self) -> list[str]:
@@ -245,7 +245,7 @@ class MecanumDriveController(HolonomicBase):
 
     def on_set(self, params: Params) -> None:
         settings = read_checked(params, MecanumParams)
-        self.take(settings, settings.reference_timeout, settings.limits)
+        self.apply_parameters(settings, settings.reference_timeout, settings.limits)
         self.params = settings
 
     def state_interface_names(self) -> list[str]:

@@ -241,12 +241,12 @@ class MobileBase(Controller):
     ) -> None:
         """Apply the common parameters of all bases at configuration; `commands` is the number of commands."""
         self._open_loop = open_loop
-        self.take(params, timeout, limits)
+        self.apply_parameters(params, timeout, limits)
         self.update_rate, self.publish_rate = params.update_rate, publish_rate
         self._publication.set_rate(publish_rate)
         self.targets = [0.0] * commands
 
-    def take(self, params: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
+    def apply_parameters(self, params: BaseParams, timeout: float, limits: Sequence[TwistAxisLimits] = ()) -> None:
         """Apply the parameters that may change at run time: timeout in s, axis limits and odometry options."""
         if limits:
             self._twist.set_limits(self.name, limits)
@@ -468,7 +468,7 @@ class MobileBase(Controller):
             if not life.live and self._twist.is_requested:
                 self._brake()
         elif life.limit_ns and now - life.created > life.limit_ns:
-            if life.runs_out(now):
+            if life.expire(now):
                 age = (now - life.created) / NS
                 self.report("command_timeout", f"no twist for {age:.2f} s, it brakes until the next one")
             self._brake()

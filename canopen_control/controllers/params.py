@@ -169,7 +169,7 @@ def flattened(node: Node) -> Node:
                 add(f"{name}.", value)
                 continue
             if name in pairs:
-                key.problems.suspect(
+                key.problems.deviation(
                     key, f"{name!r} is given twice (first at line {pairs[name][0].line}); the last value is used"
                 )
             pairs[name] = (scalar_node(name, key), value)

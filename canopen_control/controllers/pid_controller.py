@@ -283,7 +283,7 @@ class PidController(Controller):
             )
             self.report("measured_state_lost", text)
         self._export()
-        if self.life.runs_out(now) and not self.chained:
+        if self.life.expire(now) and not self.chained:
             self._stop(now)
         dofs, follows = self._dofs, self._follows
         for index in range(len(dofs)):

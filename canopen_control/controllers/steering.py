@@ -80,7 +80,7 @@ class SteeringController(MobileBase):
 
     def on_set(self, params: Params) -> None:
         settings = self.read(params)
-        self.take(settings, settings.reference_timeout, settings.limits)
+        self.apply_parameters(settings, settings.reference_timeout, settings.limits)
         self.params = settings
 
     def command_interface_names(self) -> list[str]:

@@ -204,7 +204,7 @@ class TricycleController(MobileBase):
 
     def on_set(self, params: Params) -> None:
         settings = read_checked(params, DrivenWheelParams, _RENAMES)
-        self.take(settings, settings.cmd_vel_timeout / _PER_MS)
+        self.apply_parameters(settings, settings.cmd_vel_timeout / _PER_MS)
         self.params = settings
         self._set_limits()
 

@@ -183,8 +183,8 @@ class ModeBySdo:
             self._written = mode
             node.write(axis.index(objects.MODES_OF_OPERATION), 0, mode.to_bytes(1, "little", signed=True))
         # CiA 402-2, 0x6061: a requested mode is active when it is shown here
-        settled = mode is None or self.display == mode
-        if axis.display is not None or settled or self._asking or now < self._next:
+        mode_shown = mode is None or self.display == mode
+        if axis.display is not None or mode_shown or self._asking or now < self._next:
             return
         self._asking, self._next = True, now + POLL_NS
         node.read(axis.index(objects.MODES_OF_OPERATION_DISPLAY), 0, self._answered)

@@ -370,15 +370,15 @@ class AxisParameters:
             return
         self._bounded_round = number
 
-        def settled(_bounded: bool, text: str) -> None:
+        def report(_bounded: bool, text: str) -> None:
             if number == self._round:
                 axis.limits.ramp_unbounded = False
                 self._report_if(text)
 
         if axis.has(objects.PROFILE_VELOCITY):
-            self._lower(objects.PROFILE_VELOCITY, 0, settled)
+            self._lower(objects.PROFILE_VELOCITY, 0, report)
         else:
-            settled(False, "its EDS has no 0x6081, so the drive alone limits its speed in PP")
+            report(False, "its EDS has no 0x6081, so the drive alone limits its speed in PP")
 
     def bound_homing(self, done: Callable[[str], None]) -> None:
         """Reduce the homing speeds (0x6099) to the velocity limit, then call `done` with "" or an error.
@@ -394,22 +394,22 @@ class AxisParameters:
                 f"its EDS has no 0x{axis.index(objects.HOMING_SPEEDS):04X}, so the drive alone limits its homing speed"
             )
 
-        def settled(bounded: bool, text: str) -> None:
+        def report(bounded: bool, text: str) -> None:
             if not bounded:
                 done(text)
                 return
             self._report_if(text)
             if subindices:
-                self._lower(objects.HOMING_SPEEDS, subindices.pop(0), settled)
+                self._lower(objects.HOMING_SPEEDS, subindices.pop(0), report)
             else:
                 done("")
 
-        settled(True, "")
+        report(True, "")
 
-    def _lower(self, base: int, subindex: int, settled: Callable[[bool, str], None]) -> None:
+    def _lower(self, base: int, subindex: int, report: Callable[[bool, str], None]) -> None:
         """Reduce a speed object of the drive to the velocity limit.
 
-        `settled` receives whether the speed is within the limit, and a text to report or "". A profile velocity of 0
+        `report` receives whether the speed is within the limit, and a text to report or "". A profile velocity of 0
         means no limit; a homing speed of 0 moves nothing.
         """
         axis, index = self._axis, self._axis.index(base)
@@ -419,20 +419,20 @@ class AxisParameters:
 
         def read(request: SdoRequest) -> None:
             if request.error is not None:
-                settled(False, f"{place} could not be read, so the axis may move faster than {words}: {request.error}")
+                report(False, f"{place} could not be read, so the axis may move faster than {words}: {request.error}")
                 return
             limit = int.from_bytes(request.data, "little")
             if limit <= most and (limit or base != objects.PROFILE_VELOCITY):
-                settled(True, "")
+                report(True, "")
                 return
 
             def written(done: SdoRequest) -> None:
                 if done.error is not None:
-                    settled(False, f"{place} could not be reduced from {limit}, faster than {words}: {done.error}")
+                    report(False, f"{place} could not be reduced from {limit}, faster than {words}: {done.error}")
                     return
                 if (output := axis.output(base, subindex)) is not None:
                     output.record(most)
-                settled(True, f"{place} was reduced from {limit} to {most}, {words}")
+                report(True, f"{place} was reduced from {limit} to {most}, {words}")
 
             axis.node.write(index, subindex, encode(most, entry.data_type), written)
 

@@ -376,7 +376,7 @@ class StopGroup(Generic[J]):
             joint.power.fire(trigger, now)
 
 
-def regroup(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:
+def merge_base_groups(joints: Iterable[J], bases: Mapping[str, Collection[str]], now: int) -> None:
     """Assign joints to the base controllers that claim them, and merge the stop groups of each base.
 
     If only some joints of a base are enabled or being enabled, these are stopped.

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 # This base class only reports; `JointDrive` moves the axis.
 
 
-class JointParts:
+class JointStatus:
     """Base class of `JointDrive` with the parts of a joint and their reports.
 
     `tracking` measures how well the joint follows its set-points.
@@ -215,7 +215,7 @@ _STALE: Final = FeedbackStatus.STALE
 _LIVE: Final = FeedbackStatus.LIVE
 
 
-class JointDrive(JointParts):
+class JointDrive(JointStatus):
     """Joint bound to one axis of a drive; enables, moves and stops the axis for controllers and users.
 
     `power` is the statechart of the axis. `resume` is set by a stop whose cause may disappear without a user, if the
@@ -492,7 +492,7 @@ class JointDrive(JointParts):
         if before is _LOST:
             self._node_ready()
         if link is _STALE:
-            self._became_stale()
+            self._feedback_stale()
         elif before is _STALE:
             self._status.node_ready()
 
@@ -516,7 +516,7 @@ class JointDrive(JointParts):
             JointEvent("node_lost", f"lost: {why.lstrip(': ').removesuffix(_BOOTING)}", Level.ERROR, stops=True)
         )
 
-    def _became_stale(self) -> None:
+    def _feedback_stale(self) -> None:
         """Report overdue feedback, which stops the group, and read the statusword by SDO meanwhile."""
         self._status.node_ready()
         if self.axis.is_stale:

@@ -130,7 +130,7 @@ class CanopenSystem(ComponentLifecycle):
         _refuse_doubles(everything)
         _join_motors(everything)
         self.groups: list[StopGroup[JointDrive]] = []
-        self.regroup()
+        self.refresh_groups()
         self.devices = DeviceParts((*measured, *description.sensors, *description.gpios), nodes)
         self._by_interface = {interface.name: joint for joint in self.joints for interface in joint.commands.values()}
         self.state_interfaces: Sequence[StateInterface] = [
@@ -249,7 +249,7 @@ class CanopenSystem(ComponentLifecycle):
         for joint in joints:
             joint.enable()
 
-    def regroup(self) -> None:
+    def refresh_groups(self) -> None:
         """Update `groups` after a change of the joints' stop groups."""
         self.groups = list(dict.fromkeys(joint.group for joint in self.joints))
 

@@ -30,7 +30,7 @@ from canopen_control.master.keys import (
     NodeConfig,
 )
 from canopen_control.master.node_config import node_config, node_id_below, tolerated, with_defaults
-from canopen_control.master.plan import NodePlan, make_plan
+from canopen_control.master.plan import NodePlan, plan_node
 from canopen_control.master.plan_builder import PlanBuilder
 from canopen_control.od.dcf import concise_of, decode_concise
 from canopen_control.od.eds import SUFFIXES, read_eds
@@ -410,7 +410,7 @@ class _Reader:
 
         downloads = self._downloads(config, node, od)
         builder = PlanBuilder(config, od, complain, warn, self._note, self._spare_cob_ids, downloads, remark)
-        plan = make_plan(builder, master, eds_path.name)
+        plan = plan_node(builder, master, eds_path.name)
         if not plan.unsupervised:
             return plan
         accepts = "accept that with `allow_unsupervised: true` or --allow-unsupervised"

@@ -146,7 +146,7 @@ class NodePlan:
         return (index, subindex) if self.motors is None else self.motors.address(index, subindex)
 
 
-def make_plan(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePlan:
+def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePlan:
     """Plan the configuration of a node; after a call of `builder.complain` the plan must not be used.
 
     `source` is the name of the EDS for messages.

@@ -138,7 +138,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
     """Return a robot in a world of its own; under a fixed root the floor is at the robot's lowest point."""
-    lay_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
+    add_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
 
@@ -168,7 +168,7 @@ def prepared(
     ground = ground_at_rest(compiled(spec, description.path))
     is_free = ground.rolls if free is None else free
     set_options(spec, step)
-    give_locks(spec, axes, step)
+    add_locks(spec, axes, step)
     add_sensors(spec, sensors, path)
     _touch_floor(spec, ground, floor, step)
     root = description.model.root
@@ -194,7 +194,7 @@ def _described(joint: Joint) -> Described:
     return Described(limits.effort, dynamics.friction, dynamics.damping, **speed)
 
 
-def give_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
+def add_locks(spec: Any, axes: Mapping[str, AxisSettings], step: float) -> None:  # noqa: ANN401 - as above
     """Add an inactive lock constraint to every driven joint, for brakes and blocked shafts."""
     for joint in axes:
         lock = spec.add_equality(name=f"{_LOCK}{joint}", type=mujoco.mjtEq.mjEQ_JOINT, name1=joint, active=False)
@@ -267,7 +267,7 @@ def _add_rolling_part(geom: Any, step: float, friction: float) -> Any:  # noqa: 
     return rolling
 
 
-def lay_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
+def add_floor(spec: Any, step: float, height: float) -> None:  # noqa: ANN401 - as above
     """Add the floor plane at a height in m, with contacts to every robot."""
     plane = mujoco.mjtGeom.mjGEOM_PLANE
     floor = spec.worldbody.add_geom(name=_FLOOR, type=plane, size=[0, 0, 0.05], pos=[0, 0, height])
@@ -377,7 +377,7 @@ def build_mjcf(
     _check_mjcf_joints(spec, axes, file, path)
     spec.option.timestep = step
     add_scenery(spec, world, solref(step))
-    give_locks(spec, axes, step)
+    add_locks(spec, axes, step)
     add_sensors(spec, sensors, path)
     described = {name: _described_in_mjcf(spec.joint(name)) for name in axes}
     motors = estimated_motors(compiled(spec, str(file)), axes, described, Ground((), 0.0))
@@ -431,7 +431,7 @@ def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldD
     for number, (name, (robot, start)) in enumerate(robots.items()):
         _set_contact_bits(robot.spec, 1 << (number + _FIRST_ROBOT))
         spec.attach(robot.spec, prefix=f"{name}/", frame=_frame(spec, robot, start))
-    lay_floor(spec, step, 0.0)
+    add_floor(spec, step, 0.0)
     add_scenery(spec, world, solref(step))
     model = compiled(spec, path)
     problems = list(_crossing(model, {name: start for name, (_, start) in robots.items()}, path))

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 
 START_S = 30.0
-_SETTLED = ("running", "stop_latched")  # after a latched stop only a release continues
+_START_COMPLETE = ("running", "stop_latched")  # after a latched stop only a release continues
 
 
-class _SettledObserver(RobotObserver):
-    """Observer that sets the event `settled` when the robot runs or STOP is latched."""
+class _StartObserver(RobotObserver):
+    """Observer that sets the event `start_complete` when the robot runs or STOP is latched."""
 
-    def __init__(self, settled: threading.Event) -> None:
-        self._settled = settled
+    def __init__(self, start_complete: threading.Event) -> None:
+        self._start_complete = start_complete
 
     def event(self, event: Event) -> None:
-        if event.kind in _SETTLED:
-            self._settled.set()
+        if event.kind in _START_COMPLETE:
+            self._start_complete.set()
 
 
 class BackgroundRobot:
@@ -52,7 +52,7 @@ class BackgroundRobot:
         self._setup, self._options, self._prepare = setup, options or RunOptions(), prepare
         self._session: RunSession | None = None
         self._thread: threading.Thread | None = None
-        self._settled = threading.Event()  # the robot runs or has failed
+        self._start_complete = threading.Event()  # the robot runs or has failed
         self._failure: CanopenError | None = None
 
     @property
@@ -69,7 +69,7 @@ class BackgroundRobot:
             return
         self._thread = threading.Thread(target=self._run, name=f"robot {self.name}", daemon=True)
         self._thread.start()
-        in_time = self._settled.wait(START_S)
+        in_time = self._start_complete.wait(START_S)
         if self._failure is not None:
             self._thread.join()
             raise self._failure
@@ -91,7 +91,7 @@ class BackgroundRobot:
         try:
             self._session = session = RunSession(self._setup, self._options)
             try:
-                session.robot.observers.append(_SettledObserver(self._settled))
+                session.robot.observers.append(_StartObserver(self._start_complete))
                 if self._prepare is not None:
                     self._prepare(session.robot)
                 session.start()
@@ -103,4 +103,4 @@ class BackgroundRobot:
         except CanopenError as error:
             self._failure = error
         finally:
-            self._settled.set()
+            self._start_complete.set()

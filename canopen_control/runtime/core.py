@@ -15,7 +15,7 @@ from canopen_control.cia301.nmt import NmtState
 from canopen_control.controllers.command_limits import CommandLimits
 from canopen_control.controllers.manager import ControllerManager
 from canopen_control.errors import BusError, CanopenError, ControlError
-from canopen_control.hardware.axis_statechart import Action, regroup
+from canopen_control.hardware.axis_statechart import Action, merge_base_groups
 from canopen_control.hardware.interfaces import ERROR
 from canopen_control.master.event_log import Event, EventLog, Level
 from canopen_control.runtime.assembly import Assembly
@@ -595,9 +595,9 @@ class RobotCore:
 
     def controllers_switched(self) -> None:
         """Update the stop groups of the active base controllers; stop a base that is only partly enabled."""
-        regroup(self.joints.values(), self.manager.bases, self.reactor.now())
+        merge_base_groups(self.joints.values(), self.manager.bases, self.reactor.now())
         for system in self.systems:
-            system.regroup()
+            system.refresh_groups()
 
     def _release_all(self, now: int) -> None:
         try:

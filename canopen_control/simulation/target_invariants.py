@@ -188,17 +188,17 @@ class TargetInvariants:
     def _judge_command(self, axis: _Followed, drive: VirtualDrive, now: int) -> None:
         """Check the target of an enabled drive against its limits, of a disabled drive for standstill."""
         view = axis.view
-        pushes = ""
+        into_limit = ""
         if view.enabled:
-            pushes = self._pushes(view, drive, now)
-            wrong = pushes or self._beyond(axis, drive, now)
+            into_limit = self._commands_into_limit(view, drive, now)
+            wrong = into_limit or self._beyond(axis, drive, now)
         elif (
             view.shown_enabled_at < now - _OFF_NS and now - view.controlword_at < _LAG_NS < now - view.target_changed_at
         ):
             wrong = self._not_at_rest(view, drive, now)
         else:
             wrong = ""
-        if wrong and not axis.wrong and (pushes or self._disturbed.is_calm(view, now)):
+        if wrong and not axis.wrong and (into_limit or self._disturbed.is_calm(view, now)):
             rule = "limit_ignored" if view.enabled else "target_disabled"
             self._report(rule, f"node {view.node_id} is commanded {wrong}")
             axis.wrong = wrong
@@ -228,16 +228,16 @@ class TargetInvariants:
             return f"to move at {target}, above its maximum velocity {most}"
         return ""
 
-    def _pushes(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target that pushes an enabled drive against an active limit, else "".
+    def _commands_into_limit(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
+        """Return a text about a target that into_limit an enabled drive against an active limit, else "".
 
         The blocked direction is the direction in which the target points while the shaft stands still.
         """
         if not view.statusword & _LIMIT or view.limited_at > now - _OFF_NS or drive.modes.number not in (_PV, _CSV):
             return ""
         targets = view.targets_since(_VELOCITY, now - _LAG_NS)
-        pushes = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _LEAST
-        return f"to move at {targets[-1]}, against its active limit" if pushes else ""
+        into_limit = bool(targets) and all(targets) and abs(drive.mover.plant.velocity) < _LEAST
+        return f"to move at {targets[-1]}, against its active limit" if into_limit else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
         """Return a text about a target of a disabled drive that is not standstill, else ""."""

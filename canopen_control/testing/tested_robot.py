@@ -323,14 +323,16 @@ class TestedDrive:
         return abs(self.velocity) > _STANDING
 
     def fault(self, name: str, seconds: float | None = None) -> None:
-        """Inject a fault for `seconds` (None: until `heal`); ConfigError for an unknown fault."""
+        """Inject a fault for `seconds` (None: until `clear_fault`); ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("fault", str(self._drive.node_id), name=name, seconds=seconds)
 
-    def heal(self, name: str) -> None:
+    def clear_fault(self, name: str) -> None:
         """Clear a fault; ConfigError for an unknown fault."""
         find_fault(name)
         self._robot.do("heal", str(self._drive.node_id), name=name)
+
+    heal = clear_fault  # name up to version 0.2
 
     def start_with(self, quirks: Sequence[str]) -> None:
         """Add quirks that take effect at the next power-on of the drive."""

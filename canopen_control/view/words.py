@@ -121,10 +121,10 @@ def _row(node: NodeReading, axis: AxisReading | None) -> AxisRow:
         words, tone = (f"not ready, {nmt}", WARN) if nmt and node.age is not None else ("not there", BAD)
     elif not words:
         words, tone = "no statusword", BAD
-    verdict = diagnose_axis(node, axis)
-    if verdict.level is Health.ERROR:
+    diagnosis = diagnose_axis(node, axis)
+    if diagnosis.level is Health.ERROR:
         tone = BAD
-    elif verdict.level is Health.WARN and tone == GOOD:
+    elif diagnosis.level is Health.WARN and tone == GOOD:
         tone = WARN
     error = (axis.error if axis is not None else None) or node.error or ""
     return AxisRow(

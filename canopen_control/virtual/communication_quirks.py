@@ -165,13 +165,13 @@ def _sdo_first_lost(hooks: QuirkHooks, _strength: float) -> None:
 def _mapped_not_written(hooks: QuirkHooks, _strength: float) -> None:
     pdos = hooks.node.pdos
 
-    def concerns(command: int, index: int) -> bool:
+    def matches(command: int, index: int) -> bool:
         brought = (rpdo for rpdo in pdos.rpdos.values() if rpdo.consumer.running)
         return command >> 5 in (1, 6) and any(
             entry.index == index for rpdo in brought for entry in rpdo.entries if entry
         )
 
-    hooks.incoming.append(refusing(AbortCode.DEVICE_STATE, concerns))
+    hooks.incoming.append(refusing(AbortCode.DEVICE_STATE, matches))
 
 
 def _storing_silent(hooks: QuirkHooks, seconds: float) -> None:

@@ -402,14 +402,14 @@ def deaf_to_sync(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | No
     return None if frame.can_id == node.sync.cob_id else frame
 
 
-def refusing(code: AbortCode, concerns: Callable[[int, int], bool]) -> Incoming:
-    """Return a filter that aborts the SDO requests (command, index) selected by `concerns`."""
+def refusing(code: AbortCode, matches: Callable[[int, int], bool]) -> Incoming:
+    """Return a filter that aborts the SDO requests (command, index) selected by `matches`."""
 
     def incoming(node: VirtualNode, frame: CanFrame, _now: int) -> CanFrame | None:
         if not is_sdo_request(node, frame):
             return frame
         command, index, subindex = _MUX.unpack_from(frame.data)
-        if command >> 5 not in (1, 2, 5, 6) or not concerns(command, index):
+        if command >> 5 not in (1, 2, 5, 6) or not matches(command, index):
             return frame
         answer = _MUX.pack(_ABORT, index, subindex) + int(code).to_bytes(4, "little")
         node.outbox.send(CanFrame(node.sdo.answer_cob_id, answer))

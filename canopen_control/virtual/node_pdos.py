@@ -77,7 +77,7 @@ class AxisPorts(Protocol):
         """Count a SYNC at which no set-point arrived."""
 
 
-class Concern(NamedTuple):
+class AxisWrite(NamedTuple):
     """Axis to which an RPDO writes; `objects` are the written indices, converted to axis 0."""
 
     axis: AxisPorts
@@ -97,7 +97,7 @@ class MappedRpdo:
         self.wrong: set[RpdoEventKind] = set()  # errors of the last RPDO
         self.set_points: tuple[tuple[int, int], ...] = ()  # axis, and object of axis 0
         self.cyclic = False  # expected at every SYNC
-        self.concerns: tuple[Concern, ...] = ()  # the axes, if all objects belong to axes
+        self.axis_writes: tuple[AxisWrite, ...] = ()  # the axes, if all objects belong to axes
         self.by_values = False  # whether the values alone decide what is accepted
         self.applied = b""  # last data accepted completely, and the version of the values since then
         self.version = -1
@@ -131,7 +131,7 @@ class MappedTpdo:
         return [address for address, (old, new) in zip(self.mapped, pairs, strict=True) if old != new]
 
 
-def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) -> tuple[Concern, ...]:
+def axis_writes_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) -> tuple[AxisWrite, ...]:
     """Return the axes to which an RPDO writes, in order; empty if an object belongs to no axis."""
     bases: dict[int, set[int]] = {}
     for entry in entries:
@@ -141,7 +141,7 @@ def concerns_of(entries: Iterable[Entry | None], axes: Mapping[int, AxisPorts]) 
         if axis not in axes or base < 0x6000:
             return ()
         bases.setdefault(axis, set()).add(base)
-    return tuple(Concern(axes[axis], o.CONTROLWORD in base, frozenset(base)) for axis, base in bases.items())
+    return tuple(AxisWrite(axes[axis], o.CONTROLWORD in base, frozenset(base)) for axis, base in bases.items())
 
 
 # PDO records of a node, 0x1400 to 0x1BFF: rules for writing, and interpretation.
@@ -429,7 +429,7 @@ class PdoExchange:
         addresses = (o.axis_of(entry.index) for entry in rpdo.entries if entry is not None and entry.index >= 0x6000)
         rpdo.set_points = tuple((axis, base) for base, axis in addresses if base in _SET_POINTS and axis in self._axes)
         rpdo.cyclic = ACYCLIC_SYNCHRONOUS < parameters.transmission_type <= LAST_CYCLIC
-        rpdo.concerns, rpdo.version = concerns_of(rpdo.entries, self._axes), -1
+        rpdo.axis_writes, rpdo.version = axis_writes_of(rpdo.entries, self._axes), -1
         indices = [entry.index for entry in rpdo.entries if entry is not None]
         rpdo.by_values = all(self._store.guarded_by_values(index) for index in indices)
         self._check(rpdo, set())
@@ -578,7 +578,7 @@ class PdoExchange:
                 self.refused += 1
         is_unchanged = self.refused == refused
         self._report_refusal(rpdo, not is_unchanged)
-        if is_unchanged and rpdo.by_values and rpdo.concerns:
+        if is_unchanged and rpdo.by_values and rpdo.axis_writes:
             rpdo.applied, rpdo.version = data, store.version
             self._act_again(rpdo, now)
         else:
@@ -586,7 +586,7 @@ class PdoExchange:
 
     def _act_again(self, rpdo: MappedRpdo, now: int) -> None:
         """Update the axes of an RPDO that repeats the values of the objects."""
-        for axis, controlword, objects in rpdo.concerns:
+        for axis, controlword, objects in rpdo.axis_writes:
             axis.refresh(now, controlword=controlword, set_point=axis.set_point in objects)
 
     def _act_on(self, applied: list[tuple[Entry, Value]], now: int) -> None:

@@ -295,7 +295,7 @@ def _dict(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
         converted = INVALID if name is INVALID else _converted(value, of, meta)
         bad = bad or converted is INVALID
         if name in result and name is not INVALID:
-            key.problems.suspect(key, f"duplicate key {name!r}, which was written differently before")
+            key.problems.deviation(key, f"duplicate key {name!r}, which was written differently before")
         result[name] = converted
     return INVALID if bad else result
 
@@ -318,7 +318,7 @@ def _dataclass(node: Node, cls: type[Any], ignored: Collection[str] = ()) -> Any
     keys = keys_of(cls)
     for key, _ in node.pairs():
         if key.text not in keys and key.text not in ignored:
-            key.problems.suspect(key, f"unknown key {key.text!r}{nearest(key.text, keys)}")
+            key.problems.deviation(key, f"unknown key {key.text!r}{nearest(key.text, keys)}")
     return _fields(node, cls)
 
 

@@ -85,7 +85,7 @@ class Problems:
     def warning(self, place: Place, message: str) -> None:
         self._warnings[self.at(place.line, place.column, place.where, message)] = None
 
-    def suspect(self, place: Place, message: str) -> None:
+    def deviation(self, place: Place, message: str) -> None:
         """Add an error if `strict`, otherwise a warning."""
         (self.error if self.strict else self.warning)(place, message)
 

@@ -146,7 +146,7 @@ class _Walk:
                 _check_merge(here, value)
             elif key.value in first:
                 text = f"duplicate key {key.value!r} (first at line {first[key.value]}); rename or remove one"
-                self._problems.suspect(here, text)
+                self._problems.deviation(here, text)
             else:
                 first[key.value] = here.line
 

@@ -3,7 +3,13 @@
 import pytest
 
 from canopen_control.cia402.drive import DriveMachine
-from canopen_control.hardware.axis_statechart import AxisPhase, AxisStatechart, PhaseTrigger, StopGroup, regroup
+from canopen_control.hardware.axis_statechart import (
+    AxisPhase,
+    AxisStatechart,
+    PhaseTrigger,
+    StopGroup,
+    merge_base_groups,
+)
 
 pytestmark = pytest.mark.sources  # stand-ins for an axis or a joint
 
@@ -109,22 +115,22 @@ def named(**groups):
 
 def test_the_joints_of_a_base_are_one_group_with_whatever_theirs_were():
     joints = named(left="a", right="b", arm="b", lamp="c")
-    regroup(joints.values(), {"base": ("left", "right")}, 0)
+    merge_base_groups(joints.values(), {"base": ("left", "right")}, 0)
     left = joints["left"].group
     assert [joints[each].group is left for each in ("right", "arm", "lamp")] == [True, True, False]
     assert left.joints == [joints["left"], joints["right"], joints["arm"]]
     assert left.busy
     assert [joint.base and joint.base.name for joint in joints.values()] == ["base", "base", None, None]
-    regroup(joints.values(), {"base": ("left", "right")}, 0)
+    merge_base_groups(joints.values(), {"base": ("left", "right")}, 0)
     assert joints["arm"].group is left, "the same one as long as nothing changes"
-    regroup(joints.values(), {}, 0)
+    merge_base_groups(joints.values(), {}, 0)
     assert [joint.group.name for joint in joints.values()] == ["a", "b", "b", "c"]
     assert joints["left"].base is None
 
 
 def test_two_bases_that_share_a_group_are_one():
     joints = named(one="a", two="b", three="b", four="c")
-    regroup(joints.values(), {"front": ("one", "two"), "rear": ("three", "four")}, 0)
+    merge_base_groups(joints.values(), {"front": ("one", "two"), "rear": ("three", "four")}, 0)
     assert len({joint.group for joint in joints.values()}) == 1
     assert joints["three"].base.name == "rear"
 
@@ -132,7 +138,7 @@ def test_two_bases_that_share_a_group_are_one():
 def test_a_base_of_which_a_part_is_enabled_is_stopped():
     joints = named(left="a", right="a")
     joints["left"].power.fire(PhaseTrigger.ENABLE, 0)
-    regroup(joints.values(), {"base": ("left", "right")}, 0)
+    merge_base_groups(joints.values(), {"base": ("left", "right")}, 0)
     assert joints["left"].stopped
     assert not joints["right"].stopped
 

@@ -66,7 +66,7 @@ def reset_chains_into_enable(patch):
 
 
 def stale_commands(patch):
-    patch.setattr(CommandTimeout, "runs_out", lambda self, now: False)
+    patch.setattr(CommandTimeout, "expire", lambda self, now: False)
 
 
 def latch_does_not_refuse(patch):

@@ -211,12 +211,12 @@ class ScriptedMaster:
         stage = [stage for stage in schedule() if stage.kind == kind][number]
         self.judge.begin(stage, self.now)
         while self.now < stage.begun + stage.total:
-            if self.now >= stage.healed:
-                self.judge.heal(stage, self.now)
-            if self.now >= stage.healed or stage.kind == "reset":
+            if self.now >= stage.fault_end:
+                self.judge.clear_faults(stage, self.now)
+            if self.now >= stage.fault_end or stage.kind == "reset":
                 self.mend(stage)
             self.wait(0.1)
-        self.judge.heal(stage, self.now)
+        self.judge.clear_faults(stage, self.now)
         self.judge.end(self.now)
 
     def mend(self, stage):

@@ -57,7 +57,7 @@ def test_a_latched_stop_is_released_and_a_fault_healed(robot):
     robot.run(0.3)
     assert robot.state == "disabled"
     robot.drives[3].fault("warning")
-    robot.drives[3].heal("warning")
+    robot.drives[3].clear_fault("warning")
     robot.run(0.1)
     assert robot.simulated.drives[3].device.switches.active == []
 

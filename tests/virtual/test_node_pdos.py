@@ -14,7 +14,7 @@ from canopen_control.cia301.pdo import MappedObject, PdoCodec
 from canopen_control.frame import REMOTE_FLAG, CanFrame
 from canopen_control.virtual.device import make_device
 from canopen_control.virtual.fault_table import FaultSwitches
-from canopen_control.virtual.node_pdos import MappedTpdo, RpdoInput, concerns_of
+from canopen_control.virtual.node_pdos import MappedTpdo, RpdoInput, axis_writes_of
 
 FRAMES = [CanFrame(0x203, bytes((n,))) for n in range(10)]
 
@@ -207,15 +207,15 @@ SECOND = entry(0x6840, 0, T.UNSIGNED16)
 
 def test_an_rpdo_concerns_each_axis_once_with_all_its_objects():
     axes = {0: "first", 1: "second"}
-    assert concerns_of((TARGET, None, SECOND, WORD), axes) == (
+    assert axis_writes_of((TARGET, None, SECOND, WORD), axes) == (
         ("first", True, {0x60FF, 0x6040}),
         ("second", True, {0x6040}),
     )
 
 
 def test_an_object_that_is_no_axis_s_or_of_an_axis_that_is_not_there_leaves_none():
-    assert concerns_of((WORD, entry(0x2000, 0, T.UNSIGNED8)), {0: "first"}) == ()
-    assert concerns_of((WORD, SECOND), {0: "first"}) == ()
+    assert axis_writes_of((WORD, entry(0x2000, 0, T.UNSIGNED8)), {0: "first"}) == ()
+    assert axis_writes_of((WORD, SECOND), {0: "first"}) == ()
 
 
 def test_a_tpdo_tells_which_of_its_objects_have_changed_since_it_was_sampled():

@@ -34,7 +34,7 @@ def test_problems_are_told_once_in_the_order_of_lines_and_warnings_do_not_raise(
 def test_what_is_suspicious_is_an_error_only_when_strict():
     strict, lenient = Problems("f"), Problems("f", strict=False)
     for problems in (strict, lenient):
-        problems.suspect(node(problems), "odd")
+        problems.deviation(node(problems), "odd")
     assert (len(strict.errors), len(strict.warnings)) == (1, 0)
     assert (len(lenient.errors), len(lenient.warnings)) == (0, 1)
 

@@ -152,7 +152,7 @@ class WarningPrinter(RobotObserver):
 
 
 @dataclass(frozen=True, slots=True)
-class Side:
+class ReadParameters:
     """Parameters of one side of a comparison; `left_out` are the objects that a node refused."""
 
     parameters: ParameterSet
@@ -178,27 +178,27 @@ def backup_file(word: str) -> ParameterSet:
     return read_backup(path)
 
 
-def read_all(session: NodeSession, *, twice: bool = True) -> Side:
+def read_all(session: NodeSession, *, twice: bool = True) -> ReadParameters:
     """Read all parameters of a node, by default twice to find changing values, and show the progress."""
     with Progress(f"reading {session}", "objects") as progress:
         parameters, left_out = read_parameters(session, twice=twice, progress=progress.at)
-    return Side(parameters, tuple(left_out))
+    return ReadParameters(parameters, tuple(left_out))
 
 
-def read_like(session: NodeSession, file: ParameterSet) -> Side:
+def read_like(session: NodeSession, file: ParameterSet) -> ReadParameters:
     """Read the objects of a DCF file from a node, by the data types of the file, and show the progress."""
     with Progress(f"reading {session}", "objects") as progress:
         parameters, left_out = read_same(session, file, progress.at)
-    return Side(parameters, tuple(left_out))
+    return ReadParameters(parameters, tuple(left_out))
 
 
-def sides(a: str, b: str, args: argparse.Namespace) -> tuple[Side, Side]:
+def read_both(a: str, b: str, args: argparse.Namespace) -> tuple[ReadParameters, ReadParameters]:
     """Read both sides of a comparison; if one side is a file, only its objects are read from the node."""
     files = [None if path is None else read_backup(path) for path in (as_file(a), as_file(b))]
     result = []
     for word, file, other_file in zip((a, b), files, reversed(files), strict=True):
         if file is not None:
-            result.append(Side(file))
+            result.append(ReadParameters(file))
             continue
         with open_session(args, word) as session:
             result.append(

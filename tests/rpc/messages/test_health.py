@@ -1,6 +1,6 @@
 import pytest
 
-from canopen_control.rpc.messages.health import Health, diagnose_axis, diagnose_node, judge, stale
+from canopen_control.rpc.messages.health import Health, diagnose, diagnose_axis, diagnose_node, stale
 from canopen_control.rpc.messages.state import AxisReading, NodeReading
 
 ON, OFF = "OPERATION_ENABLED", "SWITCH_ON_DISABLED"
@@ -24,7 +24,7 @@ THERE = {"ready": True, "nmt": "OPERATIONAL", "error": None}
     ],
 )
 def test_a_drive_is_judged_by_what_is_worst(states, changes, verdict):
-    assert judge(states, **{**THERE, **changes}) == verdict
+    assert diagnose(states, **{**THERE, **changes}) == verdict
 
 
 def test_no_news_is_stale():
