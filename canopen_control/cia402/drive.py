@@ -1,4 +1,4 @@
-"""Master side of one axis: evaluates the statusword, and computes the controlword for the next step to the goal.
+"""Master side of one axis: evaluates the statusword and computes the controlword for the next step to the goal.
 
 Rules (CiA 402-2, 6.3, seen from the master):
 
@@ -134,7 +134,7 @@ ENABLE_TABLE: Final[Mapping[EnableRequest, Mapping[EnableTrigger, EnableRequest]
         _I.VOLTAGE_DISABLED: {**_END, **_ENABLE},  # only ENABLE and OVERTAKE restore the voltage
     }
 )
-"""Request and trigger to the next request; a trigger without a row changes nothing."""
+"""Next request for each request and trigger; other triggers have no effect."""
 
 GOALS: Final[Mapping[EnableRequest, DriveGoal]] = MappingProxyType(
     {
@@ -156,11 +156,11 @@ SENT_FIRST: Final[Mapping[EnableRequest, Command]] = MappingProxyType(
         _I.VOLTAGE_DISABLED: Command.DISABLE_VOLTAGE,
     }
 )
-"""Commands that are sent in every state but a fault; for other requests `state.next_command` finds the next step."""
+"""Commands sent in every state except a fault; for other requests `state.next_command` finds the next step."""
 
 
 class DriveRequest:
-    """Request to one drive and its present step; `disabled_state` is the final state of a disabled drive."""
+    """Request to one drive and its current step; `disabled_state` is the final state of a disabled drive."""
 
     def __init__(self, step: StepTimer, disabled_state: State) -> None:
         self.step = step
@@ -215,7 +215,7 @@ class DriveRequest:
         return False
 
     def timed_out(self, drive: State | None, statusword: int | None, now: int) -> TransitionTimedOut | None:
-        """End a step after its timeout; return the event to report, None if the timeout needs no report."""
+        """End a step after its timeout; return the event to report, or None."""
         self.step.deadline = NEVER
         if self.state is EnableRequest.OVERTAKING:
             self.fire(EnableTrigger.ARRIVED)  # the overtaken command had no effect
@@ -229,7 +229,7 @@ class DriveRequest:
         return self.step.timed_out(drive, state_of_goal(self.goal, self.disabled_state), statusword, gave_up, now)
 
     def choose(self, drive: State | None, statusword: int | None, standstill: bool, may_enable: bool) -> Command | None:
-        """Return the command for a drive in the state `drive`, None in states without an effective command.
+        """Return the command for a drive in the state `drive`; None in states without an effective command.
 
         `may_enable` tells that the mode is confirmed and the drive is not held in SWITCHED_ON, `standstill` that the
         motor is known to be at standstill.
@@ -258,7 +258,7 @@ class DriveRequest:
         return drive is State.QUICK_STOP_ACTIVE and self.goal in (DriveGoal.ENABLED, DriveGoal.DISABLED)
 
     def _step_number(self, command: Command | None, drive: State | None) -> int | None:
-        """Return the number of the requested or awaited transition; None if the drive shall keep its state."""
+        """Return the number of the requested or awaited transition; None if the drive is to keep its state."""
         if drive in AUTOMATIC:
             return AUTOMATIC[drive] if self.goal is DriveGoal.ENABLED else None
         if drive is State.OPERATION_ENABLED and self.state is EnableRequest.OVERTAKING:
@@ -367,7 +367,7 @@ class DriveMachine:
             )
 
     def disable(self) -> None:
-        """Stop the motor by the drive's own ramp (0x605C), then switch power off, down to `disabled_state`."""
+        """Stop the motor with the drive's own ramp (0x605C), then switch power off, down to `disabled_state`."""
         self._fire(EnableTrigger.DISABLE)
 
     def disable_voltage(self) -> None:
@@ -389,13 +389,13 @@ class DriveMachine:
             self.next_update = _AT_ONCE
 
     def hold_in_switched_on(self, on: bool = True) -> None:
-        """Keep the drive in SWITCHED_ON until a call with False, to enable several axes in one cycle."""
+        """Keep the drive in SWITCHED_ON until a call with False, so that several axes are enabled in one cycle."""
         if on is not self.held_in_switched_on:
             self.held_in_switched_on = on
             self.next_update = _AT_ONCE
 
     def fault_reset(self) -> None:
-        """Request one rising edge of bit 7; without a fault nothing is sent. The drive stays disabled."""
+        """Request one rising edge of bit 7; nothing is sent without a fault. The drive stays disabled."""
         if self.state is None or self.fault:
             self._reset.start()
             self.next_update = _AT_ONCE
@@ -415,7 +415,7 @@ class DriveMachine:
 
     @property
     def _may_switch(self) -> bool:
-        """Whether the present state permits a mode change, as `switching_state` defines.
+        """Whether the current state permits a mode change, according to `switching_state`.
 
         In an unknown state the mode is sent at once.
         """
@@ -502,13 +502,13 @@ class DriveMachine:
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `update` must be called at the latest, None without a timeout."""
+        """Return the latest time in ns for the next call of `update`, or None without a timeout."""
         return None if self._deadline == NEVER else self._deadline
 
     # Cycle.
 
     def update(self, statusword: int | None, mode_display: int | None, now: int) -> int:
-        """Return the controlword for the newest 0x6041 and 0x6061 (None: not received).
+        """Return the controlword for the latest 0x6041 and 0x6061 (None: not received).
 
         Call once per cycle; this method never raises an exception. A statusword that becomes None again means that the
         drive is lost.
@@ -547,7 +547,7 @@ class DriveMachine:
         return "" if self.statusword is None else f" (statusword 0x{self.statusword:04X})"
 
     def _without_statusword(self, now: int) -> None:
-        """Wait for a first statusword, or clear the state of a drive that was lost."""
+        """Wait for the first statusword, or clear the state of a drive that was lost."""
         if self.statusword is None:
             return
         self.statusword = None
@@ -634,7 +634,7 @@ class DriveMachine:
             self._lose(now, self.state)
 
     def _detour(self) -> None:
-        """Make an enabled drive pass through `switching_state`, in which it can change its mode."""
+        """Make an enabled drive pass through `switching_state`, where it can change its mode."""
         detour = self._switching_state if self._switches else None
         if detour is not self._request.detour:
             self._request.detour = detour
@@ -664,7 +664,7 @@ class DriveMachine:
         return self.state is State.OPERATION_ENABLED and request.confirmed and request.mode == OperationMode.VL
 
     def _word(self, command: Command | None, now: int) -> int:
-        """Return the controlword for a command, with the mode-specific bits, and halt if the drive is enabled."""
+        """Return the controlword for a command, with mode-specific bits, and halt if the drive is enabled."""
         if self._reset.active and self.state is not None and self.statusword is not None:
             event = self._reset.update(self.state, self.statusword, now)
             if event is not None:

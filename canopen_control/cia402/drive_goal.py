@@ -47,7 +47,7 @@ LADDER: Mapping[State, int] = MappingProxyType(
         State.OPERATION_ENABLED: 3,
     }
 )
-"""Level of each state on the way to OPERATION_ENABLED, by which the loss of a state is detected."""
+"""Level of each state on the way to OPERATION_ENABLED, used to detect the loss of a state."""
 
 
 class DriveGoal(Enum):
@@ -69,7 +69,7 @@ def state_of_goal(goal: DriveGoal, disabled_state: State) -> State:
 
 
 def is_stopped(goal: DriveGoal, disabled_state: State, state: State | None) -> bool:
-    """Whether a drive in `state` (None: unknown) has reached `goal`, a goal other than ENABLED."""
+    """Whether a drive in `state` (None: unknown) has reached `goal`, which is not ENABLED."""
     # CiA 402-2, table 22, transition 14: in FAULT the fault reaction is over, and the motor has no torque
     if state is State.FAULT:
         return True
@@ -102,13 +102,13 @@ SETTLE = -1
 
 
 def transition_number(state: State | None, command: Command | None) -> int | None:
-    """Return the number of the transition that `command` triggers in `state`, None without a transition."""
+    """Return the number of the transition that `command` triggers in `state`, or None."""
     transition = transition_of(state, command) if state is not None and command is not None else None
     return None if transition is None else transition.number
 
 
 class StepTimer:
-    """Timeout of the present step: `command` is being sent until `deadline` (`NEVER`: without a timeout)."""
+    """Timeout of the current step: `command` is sent until `deadline` (`NEVER`: no timeout)."""
 
     def __init__(self, timeout_ns: int, timeouts: Mapping[int, int]) -> None:
         self.command: Command | None = None
@@ -118,11 +118,11 @@ class StepTimer:
         self._armed = False
 
     def rearm(self) -> None:
-        """Make the next command start a new step even if the command is unchanged, because the goal has changed."""
+        """Make the next command start a new step even if the command is unchanged, since the goal has changed."""
         self._armed = False
 
     def enter(self) -> None:
-        """Clear the timeout and make the next command start a new step, because the drive has changed its state."""
+        """Clear the timeout and make the next command start a new step, since the drive has changed its state."""
         self._armed = False
         self.deadline = NEVER
 
@@ -147,7 +147,7 @@ class StepTimer:
 
 
 class StopStage(Enum):
-    """Stage of leaving a quick stop; a stage without effect is followed by the next stage."""
+    """Stage of leaving a quick stop; if a stage has no effect, the next stage follows."""
 
     ENABLE = "transition 16"
     WAIT = "wait for the end of the stop"
@@ -162,11 +162,11 @@ class QuickStopExit:
         self._moved = False
 
     def restart(self) -> None:
-        """Return to the first stage, because the goal has changed."""
+        """Return to the first stage because the goal has changed."""
         self.stage = StopStage.ENABLE
 
     def enter(self) -> None:
-        """Return to the first stage and clear the motion seen, because the drive has changed its state."""
+        """Return to the first stage and forget observed motion because the drive has changed its state."""
         self.stage = StopStage.ENABLE
         self._moved = False
 
@@ -175,7 +175,7 @@ class QuickStopExit:
         self.stage = StopStage.WAIT if self.stage is StopStage.ENABLE else StopStage.DISABLE
 
     def evaluate(self, statusword: int) -> None:
-        """Record in QUICK_STOP_ACTIVE whether bit 10 of the statusword was 0, as it is while the drive stops."""
+        """In QUICK_STOP_ACTIVE, record whether bit 10 of the statusword was 0, as it is while the drive stops."""
         # CiA 402-2, 0x6041 in QUICK STOP ACTIVE: bit 10 is 0 while the drive stops
         if not statusword & TARGET_REACHED:
             self._moved = True
@@ -322,7 +322,7 @@ MODE_TABLE: Final[Mapping[ModeState, Mapping[ModeTrigger, ModeState]]] = Mapping
         },
     }
 )
-"""State and trigger to the next state; a trigger without a row changes nothing."""
+"""Next state for each state and trigger; other triggers have no effect."""
 
 CONFIRMED: Final = (_S.NONE, _S.CONFIRMED, _S.RETURNED)
 """States in which the drive is in the intended mode."""
@@ -354,7 +354,7 @@ class ModeRequest:
 
     @property
     def confirmed(self) -> bool:
-        """Whether 0x6061 shows the requested mode, or no mode was requested."""
+        """Whether 0x6061 shows the requested mode, or no mode is requested."""
         return self.state in CONFIRMED
 
     @property
@@ -367,7 +367,7 @@ class ModeRequest:
         return self.state in FAILED
 
     def ask(self, mode: int) -> bool:
-        """Request a mode; return whether the mode differs from the present request."""
+        """Request a mode; return whether it differs from the current request."""
         if mode == self.mode:
             self._fire(ModeTrigger.ASK_AGAIN)
             return False
@@ -376,13 +376,13 @@ class ModeRequest:
         return True
 
     def forget_display(self) -> None:
-        """Clear the displayed mode of a drive that was lost, but keep the request."""
+        """Discard the displayed mode of a drive that was lost, but keep the request."""
         self.display = None
         self.deadline = NEVER
         self._fire(ModeTrigger.DRIVE_LOST)
 
     def update(self, display: int | None, enabled: bool, now: int) -> DriveEvent | None:
-        """Evaluate the newest 0x6061 (None: not received); return a confirmation or timeout event, else None.
+        """Process the latest 0x6061 (None: not received); return a confirmation or timeout event, else None.
 
         `enabled` tells that the drive is in OPERATION_ENABLED.
         """

@@ -29,7 +29,7 @@ def _name(state: State | None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StateChanged:
-    """Change of the drive's state, None while unknown."""
+    """Change of the drive's state; None means unknown."""
 
     time: int
     previous: State | None
@@ -43,7 +43,7 @@ class StateChanged:
 
 @dataclass(frozen=True, slots=True)
 class FaultEntered:
-    """Fault of the drive, after which the goal is DISABLED; `was_enabled`: the drive was in OPERATION_ENABLED."""
+    """Fault of the drive, after which the goal is DISABLED; `was_enabled`: it was in OPERATION_ENABLED."""
 
     time: int
     state: State
@@ -69,7 +69,7 @@ class FaultCleared:
 
 @dataclass(frozen=True, slots=True)
 class FaultResetFailed:
-    """Fault reset without effect; not `sent` if the drive never left FAULT_REACTION_ACTIVE."""
+    """Fault reset without effect; `sent` is False if the drive never left FAULT_REACTION_ACTIVE."""
 
     time: int
     statusword: int
@@ -90,7 +90,7 @@ class FaultResetFailed:
 
 @dataclass(frozen=True, slots=True)
 class TransitionTimedOut:
-    """Timeout of a transition: the drive did not go from `state` to `target` in time.
+    """Timeout of a transition: the drive did not change from `state` to `target` in time.
 
     `transition` is the number of the transition that `command` requests, or 1 for a drive that should enter SWITCH ON
     DISABLED by itself; None without a transition. `gave_up` tells that enabling was abandoned and the goal is DISABLED;
@@ -134,7 +134,7 @@ class ModeConfirmed:
 
 @dataclass(frozen=True, slots=True)
 class ModeTimedOut:
-    """Requested `mode` that 0x6061 did not show in time; `restored` is the mode requested now, None for none.
+    """Requested `mode` that 0x6061 did not show in time; `restored` is the mode requested now, or None.
 
     `enabled` tells that the drive is in OPERATION_ENABLED. An EnableLost follows if the drive was to be enabled, unless
     it continues in the restored mode.
@@ -158,7 +158,7 @@ class ModeTimedOut:
 
 @dataclass(frozen=True, slots=True)
 class EnableLost:
-    """End of an enable, or failure to enable, without a command by the master; the goal is DISABLED.
+    """Loss of the enabled state, or failure to reach it, without a command by the master; the goal is DISABLED.
 
     `state` is the present state: below OPERATION_ENABLED; None without a valid statusword; or still OPERATION_ENABLED
     if the mode was not confirmed and the drive is being disabled.

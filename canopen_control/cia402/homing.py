@@ -1,4 +1,4 @@
-"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the sequence of a homing.
+"""Homing (CiA 402-2, mode HM): the methods of 0x6098, and the homing sequence.
 
 Rules:
 
@@ -55,7 +55,7 @@ METHODS: Mapping[int, str] = MappingProxyType(
         37: "the present position",
     }
 )
-"""Homing methods of CiA 402-2 with their descriptions; negative methods are manufacturer-specific, others reserved."""
+"""Homing methods of CiA 402-2 with descriptions; negative methods are manufacturer-specific, others reserved."""
 
 METHODS_WITHOUT_MOTION = frozenset({35, 37})
 
@@ -112,7 +112,7 @@ class HomingDone:
 
 @dataclass(frozen=True, slots=True)
 class HomingFailed:
-    """Failed homing; `status` is the last status received, None without a statusword."""
+    """Failed homing; `status` is the last received status, None if no statusword was received."""
 
     time: int
     method: int
@@ -134,7 +134,7 @@ class _Phase(Enum):
 
 
 class HomingSequence:
-    """Sequence of a homing, one at a time; write the result of `update` to `DriveMachine.mode_bits`.
+    """Homing sequence, one run at a time; write the result of `update` to `DriveMachine.mode_bits`.
 
     The caller sets 0x6098, the speeds and the mode, and restores the previous mode. `homed` is False from `start` until
     success, and after `forget`. `start_timeout_ns` limits the time until homing is seen in progress, `timeout_ns` the
@@ -165,12 +165,12 @@ class HomingSequence:
             self._attained_absent = self._error_absent = self._ran = False
 
     def abort(self, reason: str = "aborted") -> None:
-        """Abort homing at the next update by bit 4 = 0, so that the drive stops by its halt option (0x605D)."""
+        """Abort homing at the next update with bit 4 = 0, so that the drive stops by its halt option (0x605D)."""
         if self.active:
             self._aborted = reason
 
     def forget(self) -> None:
-        """Clear `homed`, because a restart or a position jump has lost the drive's reference."""
+        """Clear `homed` because the drive has lost its home position by a restart or a position jump."""
         self.homed = False
 
     @property
@@ -183,7 +183,7 @@ class HomingSequence:
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `update` must be called at the latest, None without a timeout."""
+        """Return the latest time in ns for the next call of `update`, or None without a timeout."""
         earliest = min(self._deadline, self._start_deadline)
         return None if earliest == _NEVER else earliest
 
@@ -206,7 +206,7 @@ class HomingSequence:
         return self._prepare(status, now) if self._phase is _Phase.PREPARE else self._run(status, now)
 
     def _prepare(self, status: HomingStatus, now: int) -> int:
-        """Record bits 12 and 13 for some updates before the start, since the first may be of another mode."""
+        """Record bits 12 and 13 for some updates before the start, since the first may belong to another mode."""
         # CiA 402-2, 0x6040 in mode HM: homing starts with the rising edge of bit 4
         if self._updates <= self._settle_updates:
             self._attained_absent = not status.value & HomingStatus.ATTAINED.value

@@ -31,7 +31,7 @@ class LoopGain(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GainObject:
-    """Object that contains a gain; the gain is `scale` times the value of the object."""
+    """Object that contains a gain, which is `scale` times the value of the object."""
 
     index: int
     subindex: int
@@ -68,11 +68,11 @@ _MAKERS: Final = (
     ("kinco", ((VELOCITY_CONTROL_PARAMETERS, _PI),)),
     ("nanotec", ((0x321B, _PI),)),
 )
-"""Part of a manufacturer's name, and the records with gains in its public EDS files, whose scales are unknown here."""
+"""Part of a manufacturer's name, and the gain records in its public EDS files, whose scales are unknown here."""
 
 
 def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int, int]]:
-    """Return the index and subindex of each gain, by the manufacturer's name; empty if unknown."""
+    """Return index and subindex of each gain, by the manufacturer's name; empty if unknown."""
     maker = od.device.vendor_name.lower()
     for word, records in _MAKERS:
         places = {
@@ -86,7 +86,7 @@ def gain_places(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, tuple[int
 
 
 def gain_objects(od: ObjectDictionary, axis: int = 0) -> dict[LoopGain, GainObject]:
-    """Return the objects of an axis with gains of known scale; empty for an unknown device."""
+    """Return the objects of an axis that contain gains of known scale; empty for an unknown device."""
     by_gain = _KNOWN.get((_identity(od, 1), _identity(od, 2)), {})
     shifted = {
         gain: GainObject(axis_index(gain_object.index, axis), gain_object.subindex, gain_object.scale)

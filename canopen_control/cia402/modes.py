@@ -39,7 +39,7 @@ _NAMES = {int(mode): mode.name for mode in OperationMode}
 
 
 def mode_of(number: int) -> int:
-    """Return the `OperationMode` with a number of CiA 402-2, and other numbers unchanged."""
+    """Return the `OperationMode` for a number of CiA 402-2; other numbers are unchanged."""
     return OperationMode(number) if number in _NAMES else number
 
 
@@ -68,7 +68,7 @@ INTERFACE_MODES: Mapping[str, tuple[OperationMode, ...]] = MappingProxyType(
         "effort": (OperationMode.CST, OperationMode.TQ),
     }
 )
-"""Modes for each command interface, the best mode first."""
+"""Modes for each command interface, best mode first."""
 
 TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
     {
@@ -82,7 +82,7 @@ TARGET_OBJECTS: Mapping[int, tuple[int, int]] = MappingProxyType(
         OperationMode.CST: (objects.TARGET_TORQUE, 0),
     }
 )
-"""Mode to index and subindex of its target on axis 0; homing has none, those of manufacturers' modes are unknown."""
+"""Index and subindex of each mode's target on axis 0; homing has none, those of manufacturers' modes are unknown."""
 
 
 def mode_for_interface(interface: str, supported: Iterable[int]) -> OperationMode:
@@ -112,7 +112,7 @@ def require_mode(mode: int, supported: Iterable[int]) -> None:
 
 
 class ModeBits(NamedTuple):
-    """Meanings of the mode-specific bits of a mode, by bit number."""
+    """Meanings of a mode's mode-specific bits, by bit number."""
 
     controlword: Mapping[int, str]
     statusword: Mapping[int, str]

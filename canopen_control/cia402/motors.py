@@ -1,4 +1,4 @@
-"""Object addresses of drives in which several motors share one set of objects.
+"""Object addresses of drives whose motors share one set of objects.
 
 In CiA 402-2, 5.1 the objects of axis a are 0x800 * a higher. A drive for two wheels (ZLTECH ZLAC8015D) has them only
 once: targets and actual values have a subindex for each motor, and a further subindex with 16 bits for each motor; the
@@ -31,7 +31,7 @@ _MEASURED_AND_COMMANDED: Final = (
     o.VELOCITY_ACTUAL,
 )
 _PACKED: Final = (o.STATUSWORD, o.ERROR_CODE)
-"""Objects of 16 bits in CiA 402 that such a device has only once, with 16 bits for each motor."""
+"""16-bit objects of CiA 402 that such a device has only once, with 16 bits for each motor."""
 
 _RECORDS: Final = frozenset(
     (
@@ -89,17 +89,17 @@ class ObjectPlace:
 
 
 def per_motor(od: ObjectDictionary) -> tuple[int, ...]:
-    """Return the targets and actual values that have subindices 1 and 2 in `od`, though CiA 402 has variables."""
+    """Return the targets and actual values that have subindices 1 and 2 in `od`, but are variables in CiA 402."""
     return tuple(index for index in _MEASURED_AND_COMMANDED if (index, 1) in od and (index, 2) in od)
 
 
 def motors_of(od: ObjectDictionary) -> MotorMap | None:
-    """Return the map of a two-motor device, which has subindices 1 and 2; None for other devices."""
+    """Return the map of a two-motor device, which uses subindices 1 and 2; None for other devices."""
     return MotorMap(od, (1, 2)) if per_motor(od) and not problem_of(od, (1, 2)) else None
 
 
 def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
-    """Return why the motors of a device are not in `subindices`, without the device's name; "" if they are."""
+    """Return why the motors of a device are not in `subindices`, without the device's name, or "" if they are."""
     if len(subindices) < 2 or not all(0 < subindex < 0xFF for subindex in subindices):
         return f"a subindex for each of two or more motors is needed, such as [1, 2], not {list(subindices)}"
     if doubled := sorted({subindex for subindex in subindices if list(subindices).count(subindex) > 1}):
@@ -115,7 +115,7 @@ def problem_of(od: ObjectDictionary, subindices: Sequence[int]) -> str:
 
 
 class MotorMap:
-    """Mapping between a device and a CiA 402 view, in which axis n has the values of `subindices[n]`.
+    """Mapping between a device and a CiA 402 view in which axis n has the values of `subindices[n]`.
 
     `view` is the dictionary as in CiA 402, with axis 1 from 0x6800 on; `places` are the locations of those objects of
     the view that are elsewhere in the device. `shared` maps objects that the device has only once to those of the other
@@ -146,7 +146,7 @@ class MotorMap:
         return self._parts.get((index, subindex), ())
 
     def split(self, objects: Iterable[MappedObject]) -> tuple[MappedObject, ...]:
-        """Convert the mapped objects in a PDO of the device to objects of the view."""
+        """Convert the objects mapped in a PDO of the device to objects of the view."""
         split: list[MappedObject] = []
         for mapped in objects:
             parts = self.parts(mapped.index, mapped.subindex)
@@ -158,7 +158,7 @@ class MotorMap:
         return tuple(split)
 
     def address(self, index: int, subindex: int = 0) -> Address:
-        """Return the address in the device of an object of the view."""
+        """Return the device address of an object of the view."""
         place = self.places.get((index, subindex))
         return (index, subindex) if place is None else place.address
 

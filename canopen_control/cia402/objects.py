@@ -135,7 +135,7 @@ NAMES: Mapping[int, str] = MappingProxyType(
         if isinstance(value, int) and _FIRST <= value <= _LAST and not name.startswith("_")
     }
 )
-"""Names of all profile objects above, by index of axis 0."""
+"""Names of all profile objects above, by index on axis 0."""
 
 MOTION = frozenset(
     (
@@ -154,7 +154,7 @@ MOTION = frozenset(
 
 
 def axis_index(index: int, axis: int) -> int:
-    """Return the index for `axis` of a profile object with the index of axis 0; other indices are unchanged.
+    """Return the index for `axis` of a profile object given by its index on axis 0; other indices are unchanged.
 
     Raise ValueError unless `axis` is 0 to 7.
     """
@@ -165,7 +165,7 @@ def axis_index(index: int, axis: int) -> int:
 
 
 def axis_of(index: int) -> tuple[int, int]:
-    """Return the index of axis 0 and the axis of a profile object (0x6000 to 0x9FFF), else (index, 0)."""
+    """Return the index on axis 0 and the axis of a profile object (0x6000 to 0x9FFF), else (index, 0)."""
     if not _FIRST <= index < _FIRST + AXES * _AXIS_STRIDE:
         return index, 0
     axis = (index - _FIRST) // _AXIS_STRIDE
@@ -173,7 +173,7 @@ def axis_of(index: int) -> tuple[int, int]:
 
 
 def axis_count(indices: Container[int]) -> int:
-    """Return the number of axes, from the indices of the objects that a device has.
+    """Return the number of axes, derived from the indices of a device's objects.
 
     An axis exists if this axis and all lower axes have a controlword.
     """
@@ -189,7 +189,7 @@ def object_name(index: int) -> str | None:
 
 
 def is_drive_profile(device_type: int) -> bool:
-    """Return whether the device profile in 0x1000 is CiA 402 (bits 0 to 15)."""
+    """Whether the device profile in 0x1000 is CiA 402 (bits 0 to 15)."""
     # CiA 301, 7.5.2.1: bits 0 to 15 of 0x1000 are the number of the device profile
     return device_type & 0xFFFF == _DRIVE_PROFILE
 
@@ -262,4 +262,4 @@ DEFAULTS: Mapping[int, int] = MappingProxyType(
         FAULT_REACTION_OPTION: 2,
     }
 )
-"""Default value of each option code in CiA 402-2, which also applies if the object does not exist."""
+"""Default of each option code in CiA 402-2, which also applies if the object does not exist."""

@@ -79,7 +79,7 @@ class SetPointFailed:
 
 @dataclass(frozen=True, slots=True)
 class SetPointDeferred:
-    """Set-point without acknowledgement during a motion, which is repeated when the motion has ended."""
+    """Set-point that was not acknowledged during a motion, and is repeated when the motion has ended."""
 
     time: int
     target: int
@@ -91,7 +91,7 @@ class SetPointDeferred:
 
 @dataclass(frozen=True, slots=True)
 class FollowingError:
-    """Following error (bit 13), reported once per set-point; only the drive reacts to the error."""
+    """Following error (bit 13), reported once per set-point; the reaction is left to the drive."""
 
     time: int
     target: int
@@ -162,7 +162,7 @@ class SetPointHandshake:
     def move(
         self, target: int, *, relative: bool = False, immediately: bool = False, change_on_set_point: bool = False
     ) -> None:
-        """Send a set-point in device units after the present motion, or at once with `immediately`.
+        """Send a set-point in device units after the current motion, or at once with `immediately`.
 
         Raises LocalProtocolError if a set-point waits already, see `can_take`.
         """
@@ -184,7 +184,7 @@ class SetPointHandshake:
 
     @property
     def busy(self) -> bool:
-        """Whether a set-point is waiting, sent or not reached yet."""
+        """Whether a set-point is waiting, or sent but not yet reached."""
         return self.phase is not SetPointPhase.IDLE or self._next is not None
 
     def events(self) -> list[SetPointEvent]:
@@ -193,7 +193,7 @@ class SetPointHandshake:
         return happened
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `update` must be called at the latest, None without a timeout."""
+        """Return the latest time in ns for the next call of `update`, or None without a timeout."""
         return None if self._deadline == _NEVER else self._deadline
 
     def update(

@@ -75,7 +75,7 @@ _STATE_BY_BITS = tuple(_state_of_bits(bits) for bits in range(_ALL_MASKS + 1))
 
 
 def decode_statusword(statusword: int) -> State | None:
-    """Return the state for a value of 0x6041, None if its bits match no state; every int is accepted."""
+    """Return the state for a value of 0x6041, or None if its bits match no state; accepts every int."""
     return _STATE_BY_BITS[statusword & _ALL_MASKS]
 
 
@@ -93,7 +93,7 @@ class Command(Enum):
 
 
 def controlword_of(command: Command) -> int:
-    """Return the controlword for a command, with all bits outside of the command 0."""
+    """Return the controlword for a command; all bits outside the command are 0."""
     return command.value[1]
 
 
@@ -175,7 +175,7 @@ _BY_COMMAND = {
 
 
 def transition_of(state: State, command: Command) -> Transition | None:
-    """Return the transition that a command triggers in a state, None if the state diagram has none."""
+    """Return the transition that a command triggers in a state, or None if the state diagram has none."""
     return _BY_COMMAND.get((state, command))
 
 

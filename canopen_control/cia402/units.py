@@ -23,7 +23,7 @@ _RPM: Final = 0xB447  # numerator and denominator, bits 8 to 23: revolutions per
 
 
 def to_object(raw: float, low: int, high: int) -> int | None:
-    """Round a scaled value to an integer; return None for nan and for values outside of `low` to `high`."""
+    """Round a scaled value to an integer; None for nan and for values outside `low` to `high`."""
     return round(raw) if low <= raw <= high else None
 
 
@@ -52,7 +52,7 @@ def counts_per_revolution(
 
 
 def is_feed(feed_constant: tuple[int, int]) -> bool:
-    """Return whether 0x6092 defines a user unit; n/n is the default of drives whose unit is the count.
+    """Whether 0x6092 defines a user unit; n/n is the default of drives whose unit is the count.
 
     According to CiA 402-2 the unit would be a whole revolution in this case, which is useless for positioning.
     """
@@ -64,7 +64,7 @@ def counts_of_objects(
     gear_ratio: tuple[int, int] | None = None,
     feed_constant: tuple[int, int] | None = None,
 ) -> float | None:
-    """Return the position units per shaft revolution, None if the objects do not define a value.
+    """Return the position units per shaft revolution, or None if the objects do not define a value.
 
     They are not defined if the objects are absent or 0, or if encoder resolution and feed constant are both n/n, as in
     devices before commissioning.
@@ -161,7 +161,7 @@ class Scale:
 
 
 class PositionUnwrapper:
-    """Conversion of a stream of int32 positions to a continuous count.
+    """Conversion of a stream of int32 positions into a continuous count.
 
     `max_step` is the largest step in counts that the motor can make between two updates; None accepts every step. It
     may be changed at any time, for instance to grow with the age of the last sample. A larger step is a jump: `jumps`
@@ -213,7 +213,7 @@ class PositionUnwrapper:
         return self.count
 
     def rebase(self) -> None:
-        """Treat the next position as equal to the last position, because the drive has restarted."""
+        """Treat the next position as equal to the last position, since the drive has restarted."""
         self._pending = self._raw is not None
 
     def raw_of(self, count: int) -> int:

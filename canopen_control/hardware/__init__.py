@@ -1,1 +1,1 @@
-"""Hardware components as in ros2_control: their interfaces, and the plugins for CANopen drives, mock and simulation."""
+"""Hardware components as in ros2_control: interfaces, and plugins for CANopen drives, mock hardware and simulation."""

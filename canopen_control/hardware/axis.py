@@ -52,9 +52,9 @@ class AxisStatus:
         self.display: int | None = None
         self._axis, self._machine = axis, machine
         self.pdo, self.place = axis.statusword.pdo, axis.statusword.position
-        """Position of the statusword in the values of `pdo`."""
+        """Index of the statusword in the values of `pdo`."""
         self.shown: ReceivedPdo | None = None
-        """TPDO with the mode display, at `shown_place`; None unless 0x6060 is in an RPDO and 0x6061 in a TPDO."""
+        """TPDO with the mode display, at index `shown_place`; None unless 0x6060 is in an RPDO and 0x6061 in a TPDO."""
         self.shown_place = 0
         if axis.display is not None and axis.mode is not None:
             self.shown, self.shown_place = axis.display.pdo, axis.display.position
@@ -67,7 +67,7 @@ class AxisStatus:
         self._holds_load = holds_load
 
     def update(self, now: int) -> None:
-        """Update statusword and mode display from the newest TPDOs; read missing values by SDO."""
+        """Update statusword and mode display from the latest TPDOs; read missing values by SDO."""
         pdo, shown = self.pdo, self._shown
         if not self._node.ready:
             self.word = self.display = None
@@ -89,7 +89,7 @@ class AxisStatus:
         self.display = display  # type: ignore[assignment]  # mapped as an integer
 
     def _unseen(self, now: int) -> int | None:
-        """Return the statusword, read by SDO, of a drive whose TPDO has not arrived since the boot.
+        """Return the statusword, read by SDO, of a drive that has sent no TPDO since its boot.
 
         Without SYNCs the first TPDO has no due time, so that the statusword is read by SDO only if the end of a stop
         must be confirmed.
@@ -114,7 +114,7 @@ class AxisStatus:
         return self.word is None and self._by_sdo.refused
 
     def node_ready(self) -> None:
-        """Restart with the TPDO after the node became operational, or its feedback returned or became stale."""
+        """Use the TPDO again after the node became operational, or when its feedback returned or became stale."""
         self._by_sdo.end()
         self._blind_since = None
 
@@ -131,7 +131,7 @@ class StatuswordBySdo:
 
     def __init__(self, axis: AxisProcessData) -> None:
         self.refused = False
-        """Whether the node has answered with an SDO abort, so that another request would fail as well."""
+        """Whether the node has answered with an SDO abort, so that another request would also fail."""
         self._axis = axis
         self._value: int | None = None
         self._stamp = 0
@@ -140,12 +140,12 @@ class StatuswordBySdo:
         self._since: int | None = None
 
     def end(self) -> None:
-        """Stop the SDO uploads, because the TPDO has returned or the node was lost."""
+        """Stop the SDO uploads because the TPDO has returned or the node was lost."""
         self._since = self._value = None
         self.refused = False
 
     def word(self, last: int | None, now: int) -> int | None:
-        """Return the statusword, None if unknown; `last`, from the TPDO, stays valid for `GRACE_NS`."""
+        """Return the statusword, or None if unknown; `last`, from the TPDO, stays valid for `GRACE_NS`."""
         if self._since is None:
             self._since, self._next = now, now
         if not self._asking and now >= self._next:
@@ -173,7 +173,7 @@ class ModeBySdo:
         self._next = 0
 
     def forget(self) -> None:
-        """Clear the known mode after a node loss, so that the mode is written again."""
+        """Discard the known mode after a node loss, so that the mode is written again."""
         self.display = self._written = None
 
     def step(self, mode: int | None, now: int) -> None:
@@ -257,7 +257,7 @@ class AxisObjectLimits:
         self.pace = self.most * abs(scale.pos_to_dev / scale.vel_to_dev)
 
     def lower(self, speed: float, words: str) -> None:
-        """Reduce `described` to `speed` in rad/s or m/s, with effect from the next `take_velocity` on."""
+        """Reduce `described` to `speed` in rad/s or m/s; takes effect at the next `take_velocity`."""
         if speed < self.described:
             self.described, self.words = speed, words
 
@@ -282,7 +282,7 @@ class AxisObjectLimits:
         return max(-self.torque_negative, min(self.torque_positive, raw))
 
     def of_position(self, raw: int) -> int:
-        """Limit a position target to the software position limits (0x607D)."""
+        """Clamp a position target to the software position limits (0x607D)."""
         return max(self.low, min(self.high, raw))
 
 
@@ -298,7 +298,7 @@ class AxisProcessData:
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 is in revolutions of the motor per minute
         self.turn = abs(self.scale.pos_to_dev) * math.tau  # counts per revolution of the motor, else the joint
         self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"
-        """Name of the node in messages, followed by the joint if the node has several axes."""
+        """Name of the node for messages, followed by the joint if the node has several axes."""
         self.out_of_range = math.nan  # the last target if it did not fit its object, else nan
         self.statusword = self._need_input(objects.STATUSWORD)
         self.controlword = self._need_output(objects.CONTROLWORD)
@@ -316,10 +316,10 @@ class AxisProcessData:
         self.own_modes = {
             mode: interface for mode, interface in self._modes_of_file() if node.config.motion.own_target(interface)
         }
-        """Modes for which bus.yml defines the target object, and the command interface of each mode."""
+        """Modes whose target object is set in bus.yml, and the command interface of each mode."""
         own = {mode: node.config.motion.own_target(name) or (0, 0) for mode, name in self.own_modes.items()}
         self.target_objects = {**TARGET_OBJECTS, **own}
-        """Mode to index and subindex of the mode's target on axis 0."""
+        """Index and subindex of each mode's target on axis 0."""
         positions = {self.target_objects[mode] for mode, name in self.own_modes.items() if name == POSITION}
         outputs = dict.fromkeys((*_TARGETS, *own.values()))
         self._require_widths()
@@ -347,7 +347,7 @@ class AxisProcessData:
             output.set(raw if is_position else 0)
 
     def hold_others(self, used: Output) -> None:
-        """Set all targets except `used` to the present position, or to 0 for velocity and torque."""
+        """Set all targets except `used` to the current position, or to 0 for velocity and torque."""
         raw = self.raw_position
         for is_position, output in self._targets:
             if output is not used:
@@ -377,7 +377,7 @@ class AxisProcessData:
 
     @property
     def raw_position(self) -> int:
-        """Newest value of 0x6064 in counts, 0 if unknown."""
+        """Latest value of 0x6064 in counts; 0 if unknown."""
         position = self.position
         if position is None or position.pdo.stamp < 0:
             return 0
@@ -387,11 +387,11 @@ class AxisProcessData:
         return objects.axis_index(index, self.number)
 
     def input(self, index: int, subindex: int = 0) -> Input | None:
-        """Return the TPDO input of a profile object, None if the object is in no TPDO."""
+        """Return the TPDO input of a profile object, or None if no TPDO contains the object."""
         return self._image.input(self.node.node_id, self.index(index), subindex)
 
     def output(self, index: int, subindex: int = 0) -> Output | None:
-        """Return the RPDO output of a profile object, None if the object is in no RPDO."""
+        """Return the RPDO output of a profile object, or None if no RPDO contains the object."""
         return self._image.output(self.node.node_id, self.index(index), subindex)
 
     def has(self, index: int, subindex: int = 0) -> bool:
@@ -426,7 +426,7 @@ _SWITCHING: Final = {
 
 
 def configured_machine(node: RemoteNode) -> DriveMachine:
-    """Return the drive's state machine with the timeouts and options in bus.yml."""
+    """Return the drive's state machine with the timeouts and options of bus.yml."""
     motion = node.config.motion
     return DriveMachine(
         node.name,
@@ -440,5 +440,5 @@ def configured_machine(node: RemoteNode) -> DriveMachine:
 
 
 def configured_scale(node: RemoteNode, axis: int) -> Scale:
-    """Return the scale of an axis with the units in bus.yml."""
+    """Return the scale of an axis with the units of bus.yml."""
     return Scale(**node.config.units.of_axis(axis))

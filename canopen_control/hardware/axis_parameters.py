@@ -1,4 +1,4 @@
-"""Parameters of a drive that are read by SDO after each boot: modes, limits, units and homing methods.
+"""Drive parameters that are read by SDO after each boot: modes, limits, units and homing methods.
 
 Only objects in the EDS are read; an abort means that the drive does not have the object. The axis is `loaded` when all
 uploads have ended, and is not enabled before. Units of the drive (0x608F, 0x6091, 0x6092) are used only if bus.yml
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 _ASSUMED: Final = (OperationMode.PP, OperationMode.IP, OperationMode.PV, OperationMode.VL, OperationMode.TQ)
-"""Modes assumed for a drive that lists none (0x6502 is optional): the modes that are older than the cyclic modes."""
+"""Modes assumed for a drive without 0x6502 (optional): the modes that are older than the cyclic modes."""
 
 _SERVED: Final = {
     POSITION: (*INTERFACE_MODES[POSITION], OperationMode.IP),
@@ -66,7 +66,7 @@ _SERVED: Final = {
         OperationMode.CST,
     ),
 }
-"""Command interface to its possible modes, the best mode first.
+"""Possible modes of each command interface, best mode first.
 
 A TARGET accepts every mode with a target; the modes in which the drive computes the ramp come first.
 """
@@ -82,7 +82,7 @@ def listed_modes(axis: AxisProcessData, parameters: AxisParameters) -> tuple[int
 
 
 def unlisted_modes(axis: AxisProcessData, parameters: AxisParameters) -> list[str]:
-    """Return warnings about modes in bus.yml that are missing in 0x6502, or about a missing 0x6502."""
+    """Return warnings about a missing 0x6502, or about modes in bus.yml that 0x6502 does not list."""
     listed = _of_drive(axis, parameters)
     if not listed and not _of_file(axis):
         return [
@@ -104,7 +104,7 @@ def _of_file(axis: AxisProcessData) -> list[int]:
 
 
 def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[OperationMode, ...]:
-    """Return the modes in the drive's 0x6502, or else in the EDS; () if both are missing.
+    """Return the modes in the drive's 0x6502, else in the EDS; () if both are missing.
 
     The value 0 is ignored: every drive has a mode, and manufacturers also write 0 for "no value".
     """
@@ -115,7 +115,7 @@ def _of_drive(axis: AxisProcessData, parameters: AxisParameters) -> tuple[Operat
 
 
 def choose_mode(axis: AxisProcessData, parameters: AxisParameters, interface: str) -> int:
-    """Return the mode for a command interface; raise DriveError if no possible mode has its target in an RPDO."""
+    """Return the mode for a command interface; raise DriveError if no suitable mode has its target in an RPDO."""
     config = axis.node.config
     keys = config.motion
     modes = {POSITION: keys.position_mode, VELOCITY: keys.velocity_mode, EFFORT: keys.effort_mode}
@@ -192,13 +192,13 @@ def _feeds(axis: AxisProcessData, interface: str) -> bool:
 
 
 def _served(axis: AxisProcessData, interface: str) -> tuple[int, ...]:
-    """Return the modes that can serve a command interface, first the modes with a target object in bus.yml."""
+    """Return the modes that can serve a command interface, beginning with modes whose target is in bus.yml."""
     own = [mode for mode, name in axis.own_modes.items() if name == interface]
     return (*own, *(mode for mode in _SERVED[interface] if mode not in own and _starts_alone(axis, mode)))
 
 
 def _starts_alone(axis: AxisProcessData, mode: int) -> bool:
-    """Whether a mode starts no other motor: no start bits in the controlword, or a controlword of its own."""
+    """Whether a mode cannot start another motor: it needs no start bits, or has a controlword of its own."""
     return axis.node.plan.motors is None or mode in MODES
 
 
@@ -274,7 +274,7 @@ def _completed(tag: Ros2ControlSystem, plans: Mapping[str, NodePlan]) -> Ros2Con
 
 
 def _joint(joint: ControlJoint, plans: Mapping[str, NodePlan]) -> ControlJoint:
-    """Add to a joint without command interfaces the interfaces that its node can serve."""
+    """Add the interfaces that its node can serve to a joint without command interfaces."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     plan = plans.get(name or "") or next((plan for plan in plans.values() if str(plan.node_id) == node_id), None)
     axis = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
@@ -333,7 +333,7 @@ class AxisParameters:
         self._round = self._bounded_round = 0
 
     def load(self) -> None:
-        """Start to read the parameters after a boot of the drive."""
+        """Start reading the parameters after a boot of the drive."""
         axis = self._axis
         self.loaded, self.failed = False, []
         self._round += 1
@@ -346,17 +346,17 @@ class AxisParameters:
             self._finish()
 
     def forget(self) -> None:
-        """Discard the parameters of a lost drive, and ignore pending SDO answers."""
+        """Discard the parameters of a lost drive, and ignore pending SDO responses."""
         self.loaded = False
         self._round += 1
 
     def get(self, index: int, subindex: int = 0) -> int | None:
-        """Return the value of an object (index of axis 0), None if the drive does not have the object."""
+        """Return the value of an object (index of axis 0), or None if the drive does not have the object."""
         return self.values.get((index, subindex))
 
     @property
     def homing_methods(self) -> frozenset[int] | None:
-        """Homing methods in the drive's 0x60E3, None if 0x60E3 is missing."""
+        """Homing methods in the drive's 0x60E3, or None if 0x60E3 is missing."""
         listed = [value for (index, _), value in self.values.items() if index == objects.SUPPORTED_HOMING_METHODS]
         return frozenset(listed) if listed else None
 
@@ -478,7 +478,7 @@ class AxisParameters:
         return (first, second) if first and second and first > 0 and second > 0 else None
 
     def counts_per_turn(self) -> float | None:
-        """Return the position units per shaft revolution, None if the drive defines no units."""
+        """Return the position units per shaft revolution, or None if the drive does not define units."""
         encoder = self._pair(objects.POSITION_ENCODER_RESOLUTION)
         gear, feed = self._pair(objects.GEAR_RATIO) or (1, 1), self._pair(objects.FEED_CONSTANT)
         # CiA 402-2: 0x608F, 0x6091 and 0x6092 are optional
@@ -505,7 +505,7 @@ class AxisParameters:
             axis.rpm_to_dev = to_dev / turn * 60.0
 
     def _counts_of_motor(self) -> float | None:
-        """Return the position units per motor revolution, from the drive or bus.yml; None if unknown."""
+        """Return the position units per motor revolution from the drive or bus.yml, or None if unknown."""
         encoder, gear = self._pair(objects.POSITION_ENCODER_RESOLUTION), self._pair(objects.GEAR_RATIO) or (1, 1)
         feed = self._pair(objects.FEED_CONSTANT)
         if feed is not None and is_feed(feed):
@@ -528,7 +528,7 @@ class AxisParameters:
         limits.torque_negative = min(negative or TORQUE_MAX, TORQUE_MAX)
 
     def _largest_velocity(self) -> float:
-        """Return the smaller of 0x607F and 0x6080 in velocity units, infinite without a limit."""
+        """Return the smaller of 0x607F and 0x6080 in velocity units; infinite if neither limits the velocity."""
         bounds = [math.inf]
         profile, motor = self.get(objects.MAX_PROFILE_VELOCITY), self.get(objects.MAX_MOTOR_SPEED)
         axis = self._axis

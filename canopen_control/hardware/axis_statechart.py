@@ -59,7 +59,7 @@ class AxisPhase(enum.Enum):
 
 
 class PhaseTrigger(enum.Enum):
-    """Trigger of a row in the statechart; each value is a description in words."""
+    """Trigger of a transition in the statechart; each value is a description in words."""
 
     ENABLE = "enable requested"
     STOP = "stop requested, or an error in the stop group"
@@ -98,7 +98,7 @@ class DriveCommand(enum.Enum):
 
 
 class Row(NamedTuple):
-    """Row of the statechart: the next state, and commands to the drive."""
+    """Transition of the statechart: next state, and commands to the drive."""
 
     state: AxisPhase
     orders: tuple[DriveCommand, ...] = ()
@@ -120,7 +120,7 @@ LIMITS_NS: Final[Mapping[AxisPhase, int]] = MappingProxyType(
         _S.VOLTAGE_OFF: 1 * _SECOND,
     }
 )
-"""Timeouts of states in ns, after which OVERDUE is fired; the other states have no timeout."""
+"""Timeouts of states in ns, after which OVERDUE is fired; other states have no timeout."""
 
 _ALWAYS: Final = {_T.QUICK_STOP: Row(_S.QUICK_STOPPING, (_O.QUICK_STOP,)), _T.NODE_LOST: Row(_S.OFF, (_O.DISABLE,))}
 _LEAVE: Final = {**_ALWAYS, _T.DRIVE_LEFT: Row(_S.DISABLING, (_O.DISABLE,))}
@@ -187,7 +187,7 @@ _ROWS: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = {
 
 
 def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[PhaseTrigger, Row]:
-    """Add the rows that every state has: a fault reset, and a halt, which takes effect when enabled.
+    """Add the transitions common to all states: a fault reset, and a halt, which takes effect when enabled.
 
     The added rows do not change the state.
     """
@@ -198,20 +198,20 @@ def _complete(state: AxisPhase, rows: Mapping[PhaseTrigger, Row]) -> Mapping[Pha
 TABLE: Final[Mapping[AxisPhase, Mapping[PhaseTrigger, Row]]] = MappingProxyType(
     {state: _complete(state, rows) for state, rows in _ROWS.items()}
 )
-"""State and trigger to the row that applies; a trigger without a row changes nothing."""
+"""Transition for each state and trigger; other triggers have no effect."""
 
 _WATCHED: Final = (*RISING, *LIMITS_NS, _S.SETTLING, _S.QUICK_STOPPED, _S.UNSTOPPED)
 
 
 class PhaseObserver(Protocol):
-    """Observer of the applied rows of a statechart."""
+    """Observer of the transitions of a statechart."""
 
     def row_taken(self, state: AxisPhase, trigger: PhaseTrigger) -> None:
-        """Handle an applied row; `state` is the state before."""
+        """Handle an applied transition; `state` is the previous state."""
 
 
 class AxisStatechart:
-    """State of one axis in the statechart; only `fire` and `overdue` change the state.
+    """State of one axis in the statechart; changed only by `fire` and `overdue`.
 
     `following` is True only in FOLLOWING, and equals `enabled` of the command interfaces. `watched` means that the
     drive must be checked in every cycle. `since` is the time at which the state was entered (SETTLING keeps that of
@@ -248,7 +248,7 @@ class AxisStatechart:
         return self.state in FALLING
 
     def fire(self, trigger: PhaseTrigger, now: int) -> bool:
-        """Apply the row of a trigger, if any; return whether the state has changed."""
+        """Apply the transition of a trigger, if any; return whether the state has changed."""
         row = TABLE[self.state].get(trigger)
         if row is None:
             return False
@@ -324,7 +324,7 @@ class GroupMember(Protocol):
 
     @property
     def can_enable(self) -> bool:
-        """Whether the joint could enter OPERATION_ENABLED as soon as its group permits."""
+        """Whether the joint could enter OPERATION_ENABLED as soon as its group permits it."""
 
     def has_settled(self, now: int) -> bool:
         """Whether the controlled stop has ended, so that the drive may be disabled."""
@@ -407,7 +407,7 @@ def merge_base_groups(joints: Iterable[J], bases: Mapping[str, Collection[str]],
 
 
 def _merged(groups: set[StopGroup[J]], joints: Iterable[J]) -> StopGroup[J]:
-    """Return one stop group for several; reuse the first joint's present group if its members are the same."""
+    """Return one stop group in place of several; reuse the first joint's group if its members are the same."""
     members = [joint for joint in joints if joint.stop_group in groups]
     if members[0].group.joints == members:
         return members[0].group

@@ -73,7 +73,7 @@ class OutputSignal:
         return not math.isnan(self._commanded)
 
     def write(self) -> None:
-        """Send a new, finite command; while the node is absent, clear the command."""
+        """Send a new, finite command; clear the command while the node is absent."""
         command, node = self.command, self._node
         value = command.value
         if not node.ready or node.boots != self._boots:
@@ -87,7 +87,7 @@ class OutputSignal:
             self._send(value, always=first)
 
     def release(self) -> None:
-        """Send the release value of the controller, or else the safe value, and clear the command."""
+        """Send the controller's release value, else the safe value, and clear the command."""
         self.command.value = math.nan
         commanded, self._commanded, self.void = self._commanded, math.nan, False
         value, self.command.release_value = self.command.release_value, None
@@ -96,7 +96,7 @@ class OutputSignal:
             self._send(safe, always=False)
 
     def _node_absent(self, value: float) -> None:
-        """Clear the command after a node loss or reboot; update the scale when the node is ready."""
+        """Clear the command after a node loss or reboot; update the scale once the node is ready."""
         self.void |= self.commanded
         self._commanded, self._void = math.nan, value
         self.command.value = math.nan  # a controller that continues writes the old command again, which is void
@@ -171,7 +171,7 @@ class RawInput:
         return self._input is not None and self._input.pdo.age_limit_ns == 0
 
     def begin(self, now: int) -> None:
-        """Start with the value that the boot has read, if any."""
+        """Start with the value read during boot, if any."""
         presets = {} if self._node.identity is None else self._node.identity.presets
         self._began_with = self.address in presets
         self.read_at = -1
@@ -211,7 +211,7 @@ class RawInput:
 
 
 class NodeInputs:
-    """Inputs of one node; several interfaces can share the input of an object."""
+    """Inputs of one node; interfaces of the same object share one input."""
 
     def __init__(self, node: RemoteNode, image: ProcessImage) -> None:
         self.node, self._image = node, image
@@ -231,7 +231,7 @@ class NodeInputs:
         return device_input
 
     def read(self, now: int) -> None:
-        """Update all inputs; after a boot the values read by the boot come first."""
+        """Update all inputs; after a boot, begin with the values read by the boot."""
         node = self.node
         self.lost |= self.ready and not node.ready
         self.ready = node.ready
@@ -300,7 +300,7 @@ class InputSignal:
         return status is None or (status.known and status.value == 0)
 
     def _renew(self) -> None:
-        """Update scale and wrap-around range from the objects that the boot has read."""
+        """Update scale and wrap-around range from the objects read by the boot."""
         identity = self._inputs.node.identity
         numbers = {} if identity is None else identity.presets
         self._boots, self._gain = self._inputs.boots, self.signal.gain(numbers)
@@ -348,7 +348,7 @@ class InputSignal:
 _ORIENTATION: Final = ("orientation.x", "orientation.y", "orientation.z", "orientation.w")
 _ABSENT: Final = tuple(f"{what}.{axis}" for what in ("angular_velocity", "linear_acceleration") for axis in "xyz")
 DERIVED: Final = {Profile.ENCODER: ("velocity",), Profile.INCLINOMETER: (*_ORIENTATION, *_ABSENT)}
-"""Names of the computed state interfaces by device profile."""
+"""Names of the computed state interfaces, by device profile."""
 
 _STANDING_NS: Final = 50_000_000
 
@@ -365,7 +365,7 @@ class EncoderVelocity:
         self._interval = 0
 
     def read(self, now: int) -> None:
-        """Update the velocity: nan without a position, 0 if new positions stay away."""
+        """Update the velocity: nan if the position is unknown, 0 if no new positions arrive."""
         self._position.read(now)
         position, raw = self._position.state.value, self._raw
         if math.isnan(position):
@@ -421,7 +421,7 @@ def _them(names: Sequence[str]) -> str:
 
 
 def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
-    """Return the node of a part: "" if the part names an unknown node, None if the part has no device."""
+    """Return the node of a part: "" if the part names an unknown node, None if it has no device."""
     name, node_id = part.parameters.get("device_name"), part.parameters.get("node_id")
     if name is not None:
         return name if name in nodes else ""
@@ -431,13 +431,13 @@ def device_of(part: ControlJoint, nodes: Mapping[str, int]) -> str | None:
 
 
 def is_measured(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> bool:
-    """Whether a joint only measures, by a device other than a drive, such as an encoder."""
+    """Whether a joint is only measured, by a device other than a drive, such as an encoder."""
     name = device_of(joint, {name: node.node_id for name, (node, _) in nodes.items()})
     return bool(name) and not joint.command_interfaces and not nodes[name or ""][0].plan.axes
 
 
 def signal_of(node: RemoteNode, name: str) -> Signal | None:
-    """Return the signal for an interface name or an object address, None if there is none."""
+    """Return the signal for an interface name or an object address, or None."""
     return node.plan.signals.get(name) or object_signal(node.od, name)
 
 
@@ -531,11 +531,11 @@ class DevicePart:
 
     @property
     def void(self) -> list[str]:
-        """Names of the outputs whose command was lost with the node and not replaced since."""
+        """Names of the outputs whose command was lost with the node and has not been replaced."""
         return [output.signal.name for output in self._outputs.values() if output.void]
 
     def release(self, interface: str) -> None:
-        """Release the output of a command interface that is not claimed any more."""
+        """Release the output of a command interface that is no longer claimed."""
         if (output := self._outputs.get(interface)) is not None:
             output.release()
 
@@ -547,7 +547,7 @@ def _output(node: RemoteNode, image: ProcessImage, name: str) -> tuple[Signal, O
 
 
 class _HeldOutput:
-    """State interface of an output with the last known value in the device, nan while the node is lost."""
+    """State interface of an output with the last known value in the device; nan while the node is lost."""
 
     def __init__(self, signal: Signal, state: StateInterface, output: Output, node: RemoteNode) -> None:
         self._signal, self._state, self._output, self._node = signal, state, output, node
@@ -566,7 +566,7 @@ class _HeldOutput:
 
 
 class DeviceParts:
-    """All parts of a <ros2_control> tag with a CANopen device; raises RobotConfigError with all configuration errors.
+    """All parts of a <ros2_control> tag with a CANopen device; RobotConfigError lists all configuration errors.
 
     A part that names no device has no interfaces: descriptions for other stacks have such parts for their own plugins.
     `present` is False if there are no parts, so that nothing has to be done in a cycle.
@@ -597,7 +597,7 @@ class DeviceParts:
 
     @property
     def sending(self) -> bool:
-        """Whether a changed RPDO of a device waits to be sent."""
+        """Whether a changed RPDO of a device is waiting to be sent."""
         return any(pdo.changed and pdo.enabled for node in self._nodes.values() for pdo in node.node.sent)
 
     @property
@@ -641,12 +641,12 @@ class DeviceParts:
             part.write()
 
     def poll(self, now: int) -> None:
-        """Request by SDO those inputs that are in no TPDO, at most one per node and call."""
+        """Request the inputs that are in no TPDO by SDO, at most one per node and call."""
         for inputs in self._nodes.values():
             inputs.poll(now)
 
     def release(self, interfaces: Collection[str]) -> None:
-        """Release the outputs of command interfaces that are not claimed any more."""
+        """Release the outputs of command interfaces that are no longer claimed."""
         for name in interfaces:
             if (part := self._owner.get(name)) is not None:
                 part.release(name)

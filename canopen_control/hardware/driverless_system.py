@@ -45,7 +45,7 @@ _AGE_NS: Final = 500_000_000
 
 
 class WorldSensors(ComponentLifecycle):
-    """Sensors of one tag with values from the physics simulation; there are no commands."""
+    """Sensors of one tag, with values from the physics simulation; they have no commands."""
 
     def __init__(self, name: str, parts: Iterable[ControlJoint]) -> None:
         super().__init__()
@@ -78,7 +78,7 @@ class WorldSensors(ComponentLifecycle):
         pass  # as above
 
     def read(self, now: int, period: float) -> ReturnType:  # noqa: ARG002 - the signature of every component
-        """Set the states to nan if the newest values are older than half a second."""
+        """Set the states to nan if the latest values are older than half a second."""
         if self._updated:
             self._last, self._updated = now, False
         elif self._known and now - self._last > _AGE_NS:
@@ -102,28 +102,28 @@ PLUGINS: Final[tuple[str, ...]] = (
     "ign_ros2_control/IgnitionSystem",
     "gazebo_ros_control/DefaultRobotHWSim",
 )
-"""Plugin names that select this component; the last name is for ROS 1 descriptions with the Gazebo plugin."""
+"""Plugin names that select this component; the last one is for ROS 1 descriptions with the Gazebo plugin."""
 
 
 class SimulatedMotor(Protocol):
-    """Interface of the motor of one joint, in rad, rad/s and Nm, or m, m/s and N."""
+    """Interface of the motor of one joint; units are rad, rad/s and Nm, or m, m/s and N."""
 
     position: float
     velocity: float
     effort: float
 
     def follow(self, interface: str, target: float, seconds: float) -> None:
-        """Move for `seconds` towards a position, velocity or effort, as `interface` names."""
+        """Move for `seconds` towards the position, velocity or effort that `interface` names."""
 
 
 class Engine(Protocol):
     """Interface of a simulation of coupled motors and sensors."""
 
     def motor(self, joint: str) -> SimulatedMotor | None:
-        """Return the motor of a joint, None if there is none; new targets apply from the next `step` on."""
+        """Return the motor of a joint, or None; new targets apply from the next `step` on."""
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a reader of a sensor interface, such as "imu/orientation.x"; None if unknown."""
+        """Return a reader of a sensor interface, such as "imu/orientation.x", or None if unknown."""
 
     def step(self, seconds: float) -> None:
         """Advance all motors and sensors by `seconds`."""
@@ -139,7 +139,7 @@ class Engine(Protocol):
 
 
 class FirstOrderMotor:
-    """Motor with a first-order position or velocity loop, or effort on inertia and damping.
+    """Motor with a first-order position or velocity loop, or with effort on inertia and damping.
 
     The inertia is in kg m^2, the damping in Nm s. Position, velocity and effort stay within the limits.
     """
@@ -183,7 +183,7 @@ def _within(value: float, limit: float) -> float:
 
 
 class _Joint:
-    """Joint with motor and interfaces; `mode` is the claimed command interface, "" if none."""
+    """Joint with motor and interfaces; `mode` is the claimed command interface, or ""."""
 
     __slots__ = ("commands", "held", "mode", "motor", "name", "start", "states")
 
@@ -199,7 +199,7 @@ class _Joint:
         self.motor.position = self.held = self.start
 
     def step(self, seconds: float) -> None:
-        """Follow the command; without a command hold the position, or command zero velocity or effort."""
+        """Follow the command; without a command, hold the position, or command zero velocity or effort."""
         target = self.commands[self.mode].value if self.mode else math.nan
         mode = self.mode or VELOCITY
         if math.isnan(target):
@@ -327,7 +327,7 @@ class SimulatedSystem(ComponentLifecycle):
                 joint.mode = name.rpartition("/")[2]
 
     def read(self, now: int, period: float) -> ReturnType:
-        """Advance the simulation to `now` in ns, over missed cycles too; return ERROR for an infinite command."""
+        """Advance the simulation to `now` in ns, including missed cycles; return ERROR for an infinite command."""
         if self.state not in (LifecycleState.INACTIVE, LifecycleState.ACTIVE):
             return OK
         step = round(period * 1e9) if self._last is None else now - self._last

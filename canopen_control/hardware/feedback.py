@@ -53,7 +53,7 @@ _SI_UNITS: Final = {"rpm": 0x00B44700, "0.1 rpm": 0xFFB44700}
 
 @dataclass(frozen=True, slots=True)
 class UnitMismatch:
-    """Doubt about the unit of a drive's velocity: text, and whether the motion is `faster` than reported."""
+    """Suspected wrong unit of a drive's velocity: text, and whether the motion is `faster` than reported."""
 
     text: str
     faster: bool
@@ -105,13 +105,13 @@ MEASURED: Final = {
     VELOCITY: objects.VELOCITY_ACTUAL,
     EFFORT: objects.TORQUE_ACTUAL,
 }
-"""State interface to its object of axis 0."""
+"""Object of axis 0 for each state interface."""
 _EXTRAS: Final = ("nmt_state", "statusword", "error_code", "age", "digital_inputs")
 _SLACK: Final = math.tau  # rad: motion between two samples that is possible without a reported velocity
 
 
 class Feedback:
-    """State interfaces of one joint; `at_standstill` while the drive reports nearly no motion.
+    """State interfaces of one joint; `at_standstill` while the drive reports almost no motion.
 
     `at_standstill` is True while the drive reports nearly no motion.
     """
@@ -150,7 +150,7 @@ class Feedback:
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def node_ready(self) -> None:
-        """Continue at the last joint position after the node has returned, whatever its raw position."""
+        """Continue at the last joint position after the node has returned, regardless of its raw position."""
         self._axis.unwrap.rebase()
         self._derived_at = -_LOOK_NS
         self._position_values = self._velocity_values = None
@@ -170,7 +170,7 @@ class Feedback:
             state.value = math.nan
 
     def read(self, now: int) -> int:
-        """Update the state interfaces from new frames; return a position jump in counts, 0 for none."""
+        """Update the state interfaces from new frames; return a position jump in counts, or 0."""
         same = self._position_pdo.values is self._position_values
         if same and self._velocity_pdo.values is self._velocity_values and self._rests:
             self._sampled_before, self._sampled = self._sampled, self._position_pdo.stamp
@@ -205,14 +205,14 @@ class Feedback:
         return jump
 
     def ramp_ns(self, default: int) -> int:
-        """Return the duration in ns of the drive's ramp from the present velocity to 0, at most `default`."""
+        """Return the duration in ns of the drive's ramp from the current velocity to 0, at most `default`."""
         slope = self._axis.limits.deceleration
         if self._raw_velocity is None or not math.isfinite(slope):
             return default
         return min(default, round((1.2 * abs(self._raw_velocity) / slope + 0.1) * 1e9))
 
     def refresh_scale(self) -> None:
-        """Convert the newest values again after a scale change."""
+        """Convert the latest values again after a scale change."""
         self._slack = round(abs(self._axis.scale.pos_to_dev) * _SLACK) + 1
         self._position_values = self._velocity_values = None
         self._raw_position = self._raw_velocity = self._raw_effort = None
@@ -236,7 +236,7 @@ class Feedback:
         return unwrap.last_jump
 
     def _without_velocity(self, stamp: int, now: int) -> None:
-        """Detect standstill from positions, and compute the velocity if the description lists the interface."""
+        """Detect standstill from positions, and compute the velocity if the description has that interface."""
         if self._moved_at != stamp:
             self.at_standstill = now - self._moved_at >= _STILL_NS
         if self._derives:
@@ -253,7 +253,7 @@ class Feedback:
         self._derived_from, self._derived_at = count, stamp
 
     def jumped_in_unit(self, commanded: float = 0.0) -> UnitMismatch | None:
-        """Return a wrong velocity unit that explains the last jump, None if there is none.
+        """Return the wrong velocity unit that would explain the last jump, or None.
 
         `commanded` is the velocity sent to the drive in rad/s, nan for none, because the reported velocity may lag.
         """
@@ -273,13 +273,13 @@ class Feedback:
         return mismatch if self._mismatches == _MISMATCHES else None
 
     def _check_unit(self, speed: float, raw: int | None, *, rising: bool = False) -> UnitMismatch | None:
-        """Compare a measured speed in counts/s with a drive velocity; None if consistent."""
+        """Compare a measured speed in counts/s with the drive's velocity; None if consistent."""
         if not raw or self._position is None or abs(raw * self._axis.scale.vel_from_dev) <= STANDSTILL:
             return None
         return unit_mismatch(self._axis, speed, raw, rising=rising)
 
     def _largest_step(self, elapsed_ns: int) -> int:
-        """Return the largest plausible step in counts: three times the present velocity plus one revolution."""
+        """Return the largest plausible step in counts: three times the current velocity plus one revolution."""
         axis = self._axis
         slack = self._slack
         if self._raw_velocity is not None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 MOTION_INTERFACES: Final = (POSITION, VELOCITY, EFFORT)
 DIGITAL_OUTPUTS: Final = "digital_outputs"
 TARGET: Final = "target"
-"""Command interface for the target of the drive's present mode: a position, a velocity or an effort."""
+"""Command interface for the target of the drive's current mode: a position, a velocity or an effort."""
 
 
 class ReturnType(enum.Enum):
@@ -64,7 +64,7 @@ class StateInterface:
 
 
 class ValueRange(Protocol):
-    """Source of a command interface's present value range."""
+    """Source of the current value range of a command interface."""
 
     def value_range(self) -> tuple[float, float]:
         """Return minimum and maximum in SI units."""
@@ -72,7 +72,7 @@ class ValueRange(Protocol):
 
 
 class CommandInterface:
-    """Commanded value in SI units, nan without a command; `owner` is the claiming controller, None without a claim.
+    """Commanded value in SI units, nan if not commanded; `owner` is the claiming controller, or None.
 
     - `minimum`, `maximum`: limits in the description, infinite without limits.
     - `enabled`: the hardware follows commands at present; always True without drives.
@@ -119,7 +119,7 @@ class CommandInterface:
         self.minimum, self.maximum = minimum, maximum
         self.lowest, self.highest = -math.inf, math.inf
         self.range: ValueRange | None = None
-        """Source of a range that changes; None if `lowest` and `highest` are the range."""
+        """Source of a changing range; None if `lowest` and `highest` are the range."""
         self.safe: float | None = None
         self.release_value: float | None = None
 
@@ -146,7 +146,7 @@ class HardwareComponent(Protocol):
 
     @property
     def state(self) -> LifecycleState:
-        """Present state in the lifecycle of ROS 2."""
+        """Current lifecycle state, as in ROS 2."""
         ...
 
     @property
@@ -161,7 +161,7 @@ class HardwareComponent(Protocol):
 
     @property
     def simulated_ns(self) -> int | None:
-        """Simulated time in ns, None for a component in real time."""
+        """Simulated time in ns, or None if the component runs in real time."""
         ...
 
     def configure(self) -> None:
@@ -169,7 +169,7 @@ class HardwareComponent(Protocol):
         ...
 
     def activate(self) -> None:
-        """Permit commands, without any motion before a controller claims an interface."""
+        """Permit commands; nothing moves before a controller claims an interface."""
         ...
 
     def deactivate(self) -> None:
@@ -198,15 +198,15 @@ class HardwareComponent(Protocol):
         ...
 
     def scan(self) -> Sequence[LaserScanReading]:
-        """Return a scan of each simulated lidar, () without lidars."""
+        """Return a scan of each simulated lidar; () without lidars."""
         ...
 
     def prepare_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Raise ControlError or DriveError for an impossible switch, without any change."""
+        """Raise ControlError or DriveError, before any change, for an impossible switch."""
         ...
 
     def perform_command_mode_switch(self, start: Sequence[str], stop: Sequence[str]) -> None:
-        """Stop released joints; select modes of claimed joints and start to enable these joints.
+        """Stop released joints; select the modes of claimed joints and start to enable them.
 
         This method never blocks.
         """
@@ -225,7 +225,7 @@ Interface = TypeVar("Interface", StateInterface, CommandInterface)
 
 
 class InterfaceRegistry:
-    """Registry of a robot's components, interfaces and owners of command interfaces."""
+    """Registry of a robot's components and interfaces, and of the owners of command interfaces."""
 
     def __init__(self) -> None:
         self._states: dict[str, StateInterface] = {}
@@ -246,7 +246,7 @@ class InterfaceRegistry:
         return tuple(self._commands.values())
 
     def register(self, component: HardwareComponent) -> None:
-        """Add a component with its interfaces; raise ControlError for a name that exists already."""
+        """Add a component with its interfaces; raise ControlError if a name already exists."""
         if component.name in self._components:
             raise ControlError(f"two hardware components are called {component.name!r}; rename one <ros2_control> tag")
         _refuse_doubles("state", component.name, component.state_interfaces, self._states)
@@ -261,7 +261,7 @@ class InterfaceRegistry:
     def export(
         self, references: Sequence[CommandInterface], exporter: str, states: Sequence[StateInterface] = ()
     ) -> None:
-        """Add reference and state interfaces of a chainable controller; raise ControlError for an existing name."""
+        """Add reference and state interfaces of a chainable controller; raise ControlError if a name already exists."""
         _refuse_doubles("command", exporter, references, self._commands)
         _refuse_doubles("state", exporter, states, {**self._states, **self._exported_states})
         self._commands.update({reference.name: reference for reference in references})
@@ -274,19 +274,19 @@ class InterfaceRegistry:
             self._exported_states.pop(state.name, None)
 
     def is_exported_state(self, name: str) -> bool:
-        """Whether a controller, not a component, exports a state interface."""
+        """Whether a state interface is exported by a controller, not by a component."""
         return name in self._exported_states
 
     def state(self, name: str) -> StateInterface:
-        """Return a state interface by name; raise UnknownInterface with the valid names if there is none."""
+        """Return a state interface by name; raise UnknownInterface with the valid names if it does not exist."""
         return _lookup(name, {**self._states, **self._exported_states})
 
     def command(self, name: str) -> CommandInterface:
-        """Return a command interface by name; raise UnknownInterface with the valid names if there is none."""
+        """Return a command interface by name; raise UnknownInterface with the valid names if it does not exist."""
         return _lookup(name, self._commands)
 
     def component_of(self, name: str) -> HardwareComponent | None:
-        """Return the component of an interface, None for a controller's; raise UnknownInterface if there is none."""
+        """Return the component of an interface, or None if a controller exports it; raise UnknownInterface."""
         if name not in self._states:
             _lookup(name, self._commands)
         exporter = self._exporters.get(name)
@@ -350,18 +350,18 @@ class ComponentLifecycle(ABC):
         return False
 
     def configure(self) -> None:
-        """Start to read states and enter INACTIVE, from UNCONFIGURED only."""
+        """Start reading states and enter INACTIVE; from UNCONFIGURED only."""
         if self.state is LifecycleState.UNCONFIGURED:
             self._begin()
             self.state = LifecycleState.INACTIVE
 
     def activate(self) -> None:
-        """Enter ACTIVE, in which commands are permitted, from INACTIVE only."""
+        """Enter ACTIVE, which permits commands; from INACTIVE only."""
         if self.state is LifecycleState.INACTIVE:
             self.state = LifecycleState.ACTIVE
 
     def deactivate(self) -> None:
-        """Stop all motion and enter INACTIVE, from ACTIVE only."""
+        """Stop all motion and enter INACTIVE; from ACTIVE only."""
         if self.state is LifecycleState.ACTIVE:
             self._rest()
             self.state = LifecycleState.INACTIVE
@@ -386,7 +386,7 @@ class ComponentLifecycle(ABC):
 
     @abstractmethod
     def _begin(self) -> None:
-        """Start to read states; called by `configure`."""
+        """Start reading states; called by `configure`."""
 
     @abstractmethod
     def _rest(self) -> None:

@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
 
 class JointStatus:
-    """Base class of `JointDrive` with the parts of a joint and their reports.
+    """Status of a joint and of its drive axis: state, power, homing and feedback; base class of `JointDrive`.
 
     `tracking` measures how well the joint follows its set-points.
     """
@@ -91,18 +91,18 @@ class JointStatus:
 
     @property
     def state(self) -> State | None:
-        """CiA 402 state of the drive, None if unknown or while the node is absent."""
+        """CiA 402 state of the drive, or None if unknown or while the node is absent."""
         return self.machine.state if self.node.ready else None
 
     @property
     def statusword(self) -> int | None:
-        """Newest statusword, from its TPDO or by SDO; None if unknown."""
+        """Latest statusword, from its TPDO or by SDO; None if unknown."""
         status = self.axis.statusword
         return status.value if status.fresh and not status.pdo.overdue else self.machine.statusword
 
     @property
     def claimed(self) -> str | None:
-        """Command interface that a controller has claimed, None without a claim."""
+        """Command interface that a controller has claimed, or None."""
         return self.targets.claimed
 
     @property
@@ -125,7 +125,7 @@ class JointStatus:
 
     @property
     def homed(self) -> bool:
-        """Whether the last homing was successful and the reference is still valid."""
+        """Whether the last homing was successful and the home position is still valid."""
         return self.reference.known
 
     @property
@@ -140,13 +140,13 @@ class JointStatus:
 
     @property
     def fault(self) -> FaultEvent | None:
-        """Fault of the drive with its statusword, later with its error code; None without a fault."""
+        """Fault of the drive with its statusword, later with its error code, or None."""
         if not self.machine.fault:
             return None
         return self.faults.fault or FaultEvent(statusword=self.machine.statusword)
 
     def age_ns(self, now: int) -> int | None:
-        """Return the age in ns of the newest statusword from a TPDO, None before the first TPDO."""
+        """Return the age in ns of the latest statusword from a TPDO, or None before the first TPDO."""
         return self.axis.statusword.age_ns(now)
 
     def has_settled(self, now: int) -> bool:
@@ -173,7 +173,7 @@ class JointStatus:
 
 
 def _holds_load(description: ControlJoint) -> bool:
-    """Return the parameter `holds_load`: the load would fall without power. Raise RobotConfigError if invalid."""
+    """Return the parameter `holds_load` (the load would fall without power); RobotConfigError if invalid."""
     text = description.parameters.get("holds_load", "false").strip().lower()
     if text not in ("true", "false"):
         raise RobotConfigError(f"joint {description.name}: holds_load is {text!r}; it must be true or false")
@@ -234,7 +234,7 @@ class JointDrive(JointStatus):
         """Joints of the other motors with the same controlword, which are enabled, stopped and reset together."""
         self.resume = False
         self.stopped_by = ""
-        """Cause of the last stop since the joint was enabled, "" if it was requested by a user."""
+        """Cause of the last stop since the joint was enabled, or "" if a user requested the stop."""
         self._watch = StatusWatch(self.axis, node.config.motion.following_error_action)
         self._motion = MotionWatch(self.axis, self.machine)
         self._settle_ns = node.config.motion.enable_settle_ms * 1_000_000
@@ -294,7 +294,7 @@ class JointDrive(JointStatus):
         self._abort_homing("quick stop")
 
     def halt(self) -> None:
-        """Stop the motion by the halt bit of the controlword, until the next `enable`."""
+        """Stop the motion with the halt bit of the controlword, until the next `enable`."""
         self._fire(PhaseTrigger.HALT)
 
     def fault_reset(self) -> None:
@@ -302,7 +302,7 @@ class JointDrive(JointStatus):
         self._fire(PhaseTrigger.FAULT_RESET)
 
     def give_up(self) -> None:
-        """Leave the enabled states after the drive has left OPERATION_ENABLED or its node was lost."""
+        """Leave the enabled states, since the drive has left OPERATION_ENABLED or its node was lost."""
         self._fire(PhaseTrigger.DRIVE_LEFT if self.node.ready else PhaseTrigger.NODE_LOST)
         self._abort_homing("the drive left operation")
 
@@ -316,7 +316,7 @@ class JointDrive(JointStatus):
     # ------------------------------------------------------------------------------------------- cycle
 
     def read(self, now: int) -> None:
-        """Update the state interfaces from the newest process data; nan while the node is absent."""
+        """Update the state interfaces from the latest process data; nan while the node is absent."""
         node = self.node
         link = _LOST if not node.ready else _STALE if node.stale else _LIVE
         if link is not self._link:
@@ -446,7 +446,7 @@ class JointDrive(JointStatus):
         return target.interface == command.quantity and target.commands_into_limit(command.value)
 
     def _fire(self, trigger: PhaseTrigger) -> bool:
-        """Fire a trigger of the statechart, mark the group for its checks, and return whether the state has changed."""
+        """Fire a trigger of the statechart and mark the group for its checks; return whether the state has changed."""
         changed = self.power.fire(trigger, self._now)
         self.group.busy |= changed
         return changed
@@ -517,7 +517,7 @@ class JointDrive(JointStatus):
         )
 
     def _feedback_stale(self) -> None:
-        """Report overdue feedback, which stops the group, and read the statusword by SDO meanwhile."""
+        """Report stale feedback, which stops the group, and read the statusword by SDO in the meantime."""
         self._status.node_ready()
         if self.axis.is_stale:
             self._events.append(JointEvent("feedback_stale", "its feedback is stale", Level.ERROR, stops=True))
@@ -545,7 +545,7 @@ class JointDrive(JointStatus):
             self._leave_homing(self.homing)
 
     def _leave_homing(self, run: JointHoming) -> None:
-        """Restore mode and power after a homing; after success positions count from the new zero."""
+        """Restore mode and power after a homing; after a success, positions count from the new zero."""
         self.reference.end(run)
         self._fire(PhaseTrigger.HOMING_ENDED)
         if run.homed:

@@ -1,4 +1,4 @@
-"""Events of a joint, checks of its statusword, fault and motion, and its homing.
+"""Events of a joint; checks of its statusword, fault and motion; homing.
 
 One table maps the events of the drive's state machine to a kind, a level and whether the group stops. A condition of
 the statusword is reported when it begins, not while it lasts. An active limit forbids motion in the direction in which
@@ -50,7 +50,7 @@ _SIDES = {1: "positive", -1: "negative", 0: "unknown"}
 
 
 class JointEvent(NamedTuple):
-    """Event of a joint; `stops` for an event that stops the stop group."""
+    """Event of a joint; `stops` is True if the event stops the stop group."""
 
     kind: str
     text: str
@@ -104,7 +104,7 @@ class StatusWatch:
     def check(
         self, word: int, mode: int | None, target: ModeTarget | None, stops_at_limits: bool = False
     ) -> list[JointEvent]:
-        """Return the events of the warning, limit and following error bits that became 1 in a statusword."""
+        """Return the events for warning, limit and following error bits that are newly set in a statusword."""
         rose, fell = word & ~self._bits & _BITS, self._bits & ~word & _BITS
         if not rose | fell:
             return []
@@ -127,7 +127,7 @@ class StatusWatch:
         return JointEvent("limit", f"commanded beyond its limit, {side} side; {_BACK}", Level.ERROR, stops=True)
 
     def leaves_limit(self) -> bool:
-        """Whether the axis has left its limit, after which all motion is permitted again; call at 10 Hz."""
+        """Whether the axis has left its limit, so that all motion is permitted again; call at 10 Hz."""
         limits = self._axis.limits
         if not limits.blocked or self._bits & INTERNAL_LIMIT:
             return False
@@ -138,7 +138,7 @@ class StatusWatch:
         return True
 
     def turns_the_wrong_way(self, enabled: bool) -> bool:
-        """Whether the axis turns against its velocity target, True once; call at 10 Hz."""
+        """Return True once if the axis turns against its velocity target; call at 10 Hz."""
         output, actual = self._targets[0], self._axis.velocity
         if output is None or actual is None or not enabled or not actual.fresh:
             self._against = 0
@@ -203,7 +203,7 @@ class FaultWatch:
 
     def __init__(self, axis: AxisProcessData, happened: list[JointEvent]) -> None:
         self.fault: FaultEvent | None = None
-        """Last fault, which may have been reset since; None without one since the boot."""
+        """Last fault since the boot, which may have been reset; None if the drive had no fault."""
         self._axis, self._happened = axis, happened
         self.asking = False
 
@@ -285,7 +285,7 @@ class MotionWatch:
 
     @property
     def unmoved(self) -> bool:
-        """Whether the axis has not moved since it was enabled, though its target commands motion."""
+        """Whether the axis has not moved since it was enabled although its target commands motion."""
         return not self._moved and self._standing > 0
 
     def _distance(self, target: ModeTarget) -> int:
@@ -311,7 +311,7 @@ class MotionWatch:
         self.late = cyclic and not self._moved and self._standing == _LATE_LOOKS
 
     def _check_direction(self, way: int, here: int, step: int, scale: float) -> None:
-        """Count checks with motion away from the target, except while a motion towards the target reverses."""
+        """Count checks with motion away from the target, except while the motion reverses towards it."""
         if abs(step) < _STEP * scale:
             self.turns_away = self._ended_away(way, here, scale)
             self._rest, self._right, self._away = here, False, 0
@@ -351,7 +351,7 @@ class HomingPhase(enum.Enum):
 
 
 class JointHoming:
-    """Homing in progress; `result` is None until the end, then "" or the reason of a failure.
+    """Homing in progress; `result` is None until the end, then "" or the reason for a failure.
 
     `mode_before` and `was_enabled` are restored afterwards. Raises DriveError for a method that is not in `methods`,
     the drive's list (None: no list). `bound` reduces the homing speeds to the velocity limit, and calls back with "" or
@@ -385,7 +385,7 @@ class JointHoming:
 
     @property
     def over(self) -> bool:
-        """Whether the homing has ended, with success or not."""
+        """Whether the homing has ended, successfully or not."""
         return self.homed or self.phase is HomingPhase.FAILED
 
     @property
@@ -393,7 +393,7 @@ class JointHoming:
         return self.phase is HomingPhase.HOMED
 
     def abort(self, reason: str) -> None:
-        """End the homing as failed, unless already over; bit 4 is 0 from the next cycle on."""
+        """End the homing as failed, unless already ended; bit 4 is 0 from the next cycle on."""
         if not self.over:
             self._fail(reason)
 
@@ -448,7 +448,7 @@ class JointHoming:
 
 
 class HomePosition:
-    """Reference of an axis: the homing in progress, and the result of the last homing."""
+    """Home position of an axis: the homing in progress, and the result of the last homing."""
 
     def __init__(self, axis: AxisProcessData, machine: DriveMachine, parameters: AxisParameters) -> None:
         self.homing: JointHoming | None = None
@@ -457,16 +457,16 @@ class HomePosition:
 
     @property
     def known(self) -> bool:
-        """Whether the last homing was successful and the reference is still valid."""
+        """Whether the last homing was successful and the home position is still valid."""
         return self._last is not None and self._last.homed
 
     @property
     def result(self) -> str | None:
-        """Result of the last homing: "" for success, a reason for failure, None if there was no homing."""
+        """Result of the last homing: "" on success, else the reason for the failure; None if no homing has ended."""
         return None if self._last is None else self._last.result
 
     def begin(self, method: int | None, *, was_enabled: bool) -> None:
-        """Start a homing; raise DriveError during another homing, or for a method the drive does not list."""
+        """Start homing; DriveError while a homing is in progress, or if the drive does not list the method."""
         node = self._axis.node
         if self.homing is not None:
             raise DriveError(f"{node.who}: a homing is already in progress; wait for its end")
@@ -479,10 +479,10 @@ class HomePosition:
         self._last = None
 
     def end(self, run: JointHoming) -> None:
-        """Store a finished homing as the last homing."""
+        """Record the result of a completed homing."""
         self.homing, self._last = None, run
 
     def forget(self) -> None:
-        """Clear a successful homing after the reference was lost; the result of a failed homing remains."""
+        """Discard a successful homing when the home position is lost; keep the result of a failed homing."""
         if self.known:
             self._last = None

@@ -1,4 +1,4 @@
-"""Targets of a joint: from a command interface to the mode's target object in the drive.
+"""Targets of a joint: from a command interface to the target object of the drive's mode.
 
 `JointTargets` has the interface that a controller claimed and the mode for this interface (`choose_mode`). The target
 of a mode (CiA 402-2) is a `ModeTarget`: `hold` commands standstill at the present position, for every cycle in which
@@ -55,7 +55,7 @@ _NEAR: Final = 1 << 30  # counts: a closer target is certainly within half the r
 
 
 class JointTargets:
-    """Command interfaces of a joint and their targets; raises RobotConfigError for an interface without an RPDO.
+    """Command interfaces of a joint and their targets; RobotConfigError if an interface has no RPDO.
 
     `claimed` is the command interface that a controller has claimed, `mode` the mode requested last, `current` the
     target of that mode; `tracked` is the command that `tracking` monitors, None for none.
@@ -90,11 +90,11 @@ class JointTargets:
         return self.current is not None and self.current.handshakes
 
     def mode_for(self, interface: str) -> int:
-        """Return the mode for a command interface, from bus.yml or 0x6502; raise DriveError if there is none."""
+        """Return the mode for a command interface, from bus.yml or 0x6502; raise DriveError if no mode serves it."""
         return choose_mode(self._axis, self._parameters, interface)
 
     def mode_serves(self, mode: int) -> str | None:
-        """Return the command interface that a mode serves, None for a mode without a target."""
+        """Return the command interface that a mode serves, or None if the mode has no target."""
         target = make_target(mode, self._axis, self._machine)
         return None if target is None else target.interface
 
@@ -146,7 +146,7 @@ class JointTargets:
         self._held = None
 
     def hold(self) -> None:
-        """Set all targets to standstill at the present position."""
+        """Set all targets to standstill at the current position."""
         raw = self._axis.raw_position
         if raw == self._held:
             return
@@ -163,7 +163,7 @@ class JointTargets:
         self._held = None
 
     def hold_others(self) -> None:
-        """Set the targets of all other modes to the present position or 0, for a later mode change."""
+        """Set the targets of all other modes to the current position or 0, in case of a later mode change."""
         if self.current is not None:
             self._axis.hold_others(self.current.output)
 
@@ -215,7 +215,7 @@ class JointTargets:
                 self._axis.digital_outputs.set(int(value) & 0xFFFFFFFF)
 
     def refresh(self) -> None:
-        """Select the command that is followed, if its quantity fits the mode, and update its range.
+        """Select the command to follow, if its quantity fits the mode, and update its range.
 
         Called again when the scale has changed.
         """
@@ -271,14 +271,14 @@ class ModeTarget(metaclass=ABCMeta):
 
     @abstractmethod
     def hold(self) -> None:
-        """Command standstill at the present position."""
+        """Command standstill at the current position."""
 
     @abstractmethod
     def follow(self, value: float, now: int, period: float) -> None:
         """Send a target in SI units (nan: no target); `now` is in ns, `period` in s."""
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set maximum speed and acceleration in device units, where the master ramps; else no effect."""
+        """Set maximum speed and acceleration in device units; no effect unless the master computes the ramp."""
         del velocity, slope
 
     @abstractmethod
@@ -294,7 +294,7 @@ class ModeTarget(metaclass=ABCMeta):
         return False
 
     def events(self) -> Sequence[SetPointEvent]:
-        """Return the new set-point events, which only PP has."""
+        """Return the new set-point events; only PP has any."""
         return ()
 
     def _same(self, value: float) -> bool:
@@ -306,7 +306,7 @@ class ModeTarget(metaclass=ABCMeta):
 
 
 def stop_slope(axis: AxisProcessData, speed: float) -> float:
-    """Return the deceleration of a stop in units/s^2: 0x6084, or else the value that stops in half a second."""
+    """Return the deceleration of a stop in units/s^2: 0x6084, or the value that stops in half a second."""
     slope = axis.limits.deceleration
     return slope if math.isfinite(slope) and slope > 0 else speed / _DEFAULT_STOP_S
 
@@ -330,14 +330,14 @@ class _ScaledTarget(ModeTarget):
         return value * self.factor() * self._axis.limits.blocked > 0  # False for nan
 
     def _scaled(self, value: float) -> int:
-        """Return a target in device units; 0 for nan and out of range (stored in `out_of_range`)."""
+        """Return a target in device units; 0 for nan or a target out of range, which is stored in `out_of_range`."""
         raw = to_object(value * self.factor(), self.low, self.high)
         self._axis.out_of_range = _NAN if raw is not None else value
         return 0 if raw is None else raw
 
 
 class VelocityTarget(_ScaledTarget):
-    """Target of mode PV, whose ramp the drive computes."""
+    """Target of mode PV; the drive computes the ramp."""
 
     interface = VELOCITY
     tracks = True
@@ -381,7 +381,7 @@ class VelocityTarget(_ScaledTarget):
 
 
 class RampedVelocityTarget(VelocityTarget):
-    """Target of mode CSV, whose stop ramp the master computes."""
+    """Target of mode CSV; the master computes the stop ramp."""
 
     ramped = True
 
@@ -503,12 +503,12 @@ class PositionTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def ramp(self, velocity: float, slope: float) -> None:
-        """Set maximum speed and acceleration in device units; if both are infinite there is no ramp."""
+        """Set maximum speed and acceleration in device units; if both are infinite, no ramp is computed."""
         counts = abs(self._axis.scale.pos_to_dev / self._axis.scale.vel_to_dev)
         self._ramp.limit(velocity * counts, slope * counts)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a position within the velocity limit; for nan stop, or hold the last target."""
+        """Send a position within the velocity limit; for nan, stop or hold the last target."""
         if self._same(value) and self._speed == 0.0:
             return
         if self._ramp.speed and value != value:
@@ -595,7 +595,7 @@ class SetPointTarget(_PositionTarget):
         self.output.set(self._axis.raw_position)
 
     def follow(self, value: float, now: int, period: float) -> None:  # noqa: ARG002 - the verb of every mode
-        """Send a new set-point, which replaces an active one; for nan stop with the drive's ramp."""
+        """Send a new set-point, which replaces an active one; for nan, stop with the drive's ramp."""
         handshake, machine = self._handshake, self._machine
         if self._same(value):
             pass
@@ -624,7 +624,7 @@ class SetPointTarget(_PositionTarget):
         self._handshake.move(count, relative=relative, immediately=True)
 
     def ramp_down(self, period: float) -> bool:  # noqa: ARG002 - the verb of every mode
-        """Stop by the halt bit (0x605D); return True at once."""
+        """Stop with the halt bit (0x605D); return True at once."""
         self.value, self._sent = _NAN, None
         if self._handshake.busy:
             self._handshake.abort("stopped")
@@ -637,7 +637,7 @@ class SetPointTarget(_PositionTarget):
         return self._handshake.events()
 
     def _brake(self, target: int) -> None:
-        """Stop by a set-point at the end of the drive's braking ramp, at most at `target`."""
+        """Stop with a set-point at the end of the drive's braking ramp, at most at `target`."""
         self._sent = None
         axis, here = self._axis, self._axis.raw_position
         if not self._handshake.busy:
@@ -672,17 +672,17 @@ TARGET_CLASSES: Final[Mapping[int, Callable[[AxisProcessData, Output, DriveMachi
         OperationMode.CST: EffortTarget,
     }
 )
-"""Mode to the class of the mode's target, for the object in `cia402.modes.TARGET_OBJECTS`."""
+"""Class of each mode's target, for the object in `cia402.modes.TARGET_OBJECTS`."""
 
 
 _OWN_CLASSES: Final[Mapping[str, Callable[[AxisProcessData, Output, DriveMachine], ModeTarget]]] = MappingProxyType(
     {POSITION: PositionTarget, VELOCITY: RampedVelocityTarget, EFFORT: EffortTarget}
 )
-"""Command interface to the class of the target of a manufacturer-specific mode, in which the master ramps."""
+"""Class of the target of a manufacturer-specific mode, by command interface; the master computes the ramp."""
 
 
 def make_target(mode: int, axis: AxisProcessData, machine: DriveMachine) -> ModeTarget | None:
-    """Return the target of a mode, None if the mode has no target object or the object is in no RPDO."""
+    """Return the target of a mode, or None if the mode has no target object or no RPDO contains it."""
     address = axis.target_objects.get(mode)
     output = None if address is None else axis.output(*address)
     if address is None or output is None:

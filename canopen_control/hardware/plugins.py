@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 PLUGINS: Final[tuple[str, ...]] = ("mock_components/GenericSystem", "fake_components/GenericSystem")
-"""Plugin names that select GenericSystem; the second name is older."""
+"""Plugin names that select GenericSystem; the second one is the old name."""
 
 _MODES: Final = frozenset({POSITION, VELOCITY, ACCELERATION})
 
@@ -99,7 +99,7 @@ class _Joint:
 
 
 class GenericSystem(ComponentLifecycle):
-    """Mock component without hardware, as ros2_control's mock_components/GenericSystem."""
+    """Mock component without hardware, like ros2_control's mock_components/GenericSystem."""
 
     def __init__(self, description: Ros2ControlSystem) -> None:
         super().__init__()
@@ -181,7 +181,7 @@ class GenericSystem(ComponentLifecycle):
         return OK
 
     def _mirrors(self) -> list[tuple[CommandInterface, StateInterface, float]]:
-        """Return the command and state pairs that are copied, and not integrated."""
+        """Return the pairs of command and state that are copied, not integrated."""
         pairs: list[tuple[CommandInterface, StateInterface, float]] = []
         for part in self._parts:
             integrated = _MODES if self._dynamics and part.name in self._joints else frozenset[str]()
@@ -407,7 +407,7 @@ KNOWN: Final = {
 def kind_of(
     description: UrdfDescription, tag: Ros2ControlSystem, *, mock: bool = False, real: bool = False
 ) -> PluginKind:
-    """Return the kind of a tag's component; raise RobotConfigError for an unknown plugin, with the nearest name."""
+    """Return the kind of a tag's component; RobotConfigError, with the nearest name, for an unknown plugin."""
     if mock or real:
         return PluginKind.MOCK if mock else PluginKind.CANOPEN
     kind = KNOWN.get(tag.plugin)
@@ -433,7 +433,7 @@ def made_up(
 
 
 def transmitted(component: HardwareComponent, tag: Ros2ControlSystem) -> HardwareComponent:
-    """Wrap a component by the transmissions of its tag; unchanged if no transmission has an effect."""
+    """Wrap a component in the transmissions of its tag; unchanged if no transmission has an effect."""
     if all(transmission.trivial for transmission in tag.transmissions):
         return component
     return TransmittedSystem(component, tag.transmissions)

@@ -42,7 +42,7 @@ def with_partners(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Event], None]) -> None:
-    """Enable joints; report each joint that cannot be enabled, and stop the rest of its group."""
+    """Enable joints; if a joint cannot be enabled, report this and stop the rest of its group."""
     refused: list[JointDrive] = []
     for joint in joints:
         joint.resume = False
@@ -62,13 +62,13 @@ def enable_together(joints: Sequence[JointDrive], now: int, report: Callable[[Ev
 
 
 class Recovery:
-    """Automatic enable of joints that were stopped by a node loss, after the node has returned."""
+    """Automatic enabling of joints that a node loss has stopped, once the node has returned."""
 
     def __init__(self, joints: Sequence[JointDrive], report: Callable[[Event], None]) -> None:
         self._joints, self._report = joints, report
 
     def step(self, now: int) -> None:
-        """Enable the waiting joints of each group whose waiting joints are all ready; call a few times a second."""
+        """Enable the waiting joints of each group once all of them are ready; call a few times a second."""
         waiting = [joint for joint in self._joints if joint.resume]
         for joint in waiting:
             if joint.resume and all(_can_go(member) for member in joint.group.joints if member.resume):
@@ -199,7 +199,7 @@ class CanopenSystem(ComponentLifecycle):
         return OK
 
     def write(self, now: int, period: float) -> ReturnType:
-        """Run the state machine of every drive, then set the targets; stop the groups with an error."""
+        """Run the state machine of every drive, then set the targets; stop groups in which an error occurred."""
         for group in self.groups:
             if group.busy:
                 group.coordinate(now)
@@ -224,7 +224,7 @@ class CanopenSystem(ComponentLifecycle):
         self.devices.poll(now)
 
     def prepare_enable(self, joints: Sequence[JointDrive]) -> None:
-        """Set the modes of drives to be enabled; raise ControlError or DriveError if a drive cannot be enabled."""
+        """Set the modes of drives before they are enabled; ControlError or DriveError if one cannot be enabled."""
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
@@ -235,7 +235,7 @@ class CanopenSystem(ComponentLifecycle):
             joint.require_enable()
 
     def _choose_modes(self, joints: Iterable[JointDrive]) -> None:
-        """Request a mode for joints without a mode, and repeat modes that failed."""
+        """Request a mode for joints without one, and repeat mode requests that failed."""
         for joint in joints:
             motion = [name for name in joint.commands if name != DIGITAL_OUTPUTS]
             if joint.targets.mode is None and motion:
@@ -259,7 +259,7 @@ class CanopenSystem(ComponentLifecycle):
 
     @property
     def stopped(self) -> bool:
-        """Whether all observable joints have stopped and all changed outputs are sent."""
+        """Whether all observable joints have stopped and all changed outputs have been sent."""
         return all(not joint.node.ready or joint.stopped for joint in self.joints) and not self.devices.sending
 
     def _moved(self, interfaces: Sequence[str]) -> dict[JointDrive, list[str]]:
@@ -274,7 +274,7 @@ class CanopenSystem(ComponentLifecycle):
         return by_joint
 
     def skipped(self, edges: int) -> None:
-        """Count missed cycles as skipped set-points for the joints that follow commands."""
+        """Count missed cycles as skipped set-points of the joints that follow commands."""
         for joint in self.joints:
             if joint.power.following:
                 joint.tracking.skip(edges)
@@ -293,7 +293,7 @@ class CanopenSystem(ComponentLifecycle):
             self._stop_group(joint, now, event)
 
     def _report_devices(self, now: int) -> None:
-        """Report lost devices and input jumps, as warnings."""
+        """Report lost devices and input jumps as warnings."""
         for node, kind, text in self.devices.take_news():
             self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
 
@@ -314,7 +314,7 @@ class CanopenSystem(ComponentLifecycle):
 
 
 def _then(cause: JointDrive, *, resumable: bool) -> str:
-    """Return the text after a stop: commands to enter, or that the joints are enabled automatically."""
+    """Return the advice after a stop: commands to enter, or that the joints are enabled automatically."""
     if resumable:
         return "; they are enabled again when the node has returned (recovery: enable)"
     first = "canopen-control axis fault-reset all, then " if cause.machine.fault else ""
@@ -325,7 +325,7 @@ def _then(cause: JointDrive, *, resumable: bool) -> str:
 def _group(
     parts: Sequence[ControlJoint], joints: Sequence[JointDrive], groups: dict[str, StopGroup[JointDrive]]
 ) -> None:
-    """Assign each joint to its stop group; without `stop_group` all joints of the robot are one group."""
+    """Assign each joint to its stop group; joints without `stop_group` are in one common group."""
     for joint, control in zip(joints, parts, strict=True):
         name = control.parameters.get("stop_group", "")
         group = groups.setdefault(name, StopGroup(name))
@@ -358,7 +358,7 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
 
 
 def _bind(joint: ControlJoint, nodes: Mapping[str, tuple[RemoteNode, ProcessImage]]) -> JointDrive:
-    """Create the joint on its node (`device_name` or `node_id`); raise RobotConfigError for an unknown node."""
+    """Bind a joint to its node (`device_name` or `node_id`); raise RobotConfigError for an unknown node."""
     name = joint.parameters.get("device_name")
     if name is None and (node_id := joint.parameters.get("node_id")) is not None:
         by_id = {str(node.node_id): key for key, (node, _) in nodes.items()}

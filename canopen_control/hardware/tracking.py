@@ -50,7 +50,7 @@ class FeedForward:
         self._standing_s = 0.0
 
     def claim(self, interfaces: Collection[str]) -> None:
-        """Send the offsets of these command interfaces from now on; all other offsets become zero."""
+        """Send the offsets of these command interfaces from now on; set all other offsets to zero."""
         self._velocity = self._commands[VELOCITY] if VELOCITY in interfaces else None
         self._effort = self._commands[EFFORT] if EFFORT in interfaces else None
         self.fed = bool(interfaces)
@@ -67,7 +67,7 @@ class FeedForward:
             _span(self._effort, INT16_MAX / abs(scale.eff_to_dev))
 
     def refused(self) -> str | None:
-        """Return a text once if an offset is not sent because another controller commands the offset, else None."""
+        """Return a text once if another controller commands an offset, which is then not sent; else None."""
         if self._foreign == self._reported:
             return None
         self._reported = interface = self._foreign
@@ -84,7 +84,7 @@ class FeedForward:
                 output.set(0)
 
     def follow(self, position: CommandInterface, period: float) -> None:
-        """Send the offsets that belong to this cycle's position; `period` in s."""
+        """Send the offsets for this cycle's position; `period` is in s."""
         value = position.value
         if value != self._last:
             self._last, self._standing_s = value, 0.0
@@ -156,7 +156,7 @@ class TrapezoidalProfile:
 
 
 WINDOW_S: Final = 5.0
-"""Length of a window in s; the figures are of the present window, which is not full, and the previous window."""
+"""Length of a window in s; the figures cover the current, incomplete window and the previous one."""
 _PAUSE: Final = 3  # up to this number of equal set-points is a repetition, more are a standstill
 _NAN: Final = math.nan
 
@@ -174,7 +174,7 @@ class TrackingFigures(NamedTuple):
 
 
 class Tracking:
-    """Tracking statistics of one joint; `interface` is the compared quantity, "" for none.
+    """Tracking statistics of one joint; `interface` is the compared quantity, or "".
 
     Positions that are equal in consecutive cycles while the joint moves are counted in `repeated`; velocities are
     never. `skipped` counts the cycles without a set-point.
@@ -220,24 +220,24 @@ class Tracking:
         self._full = max(1, round(WINDOW_S / period_s))
 
     def begin(self) -> None:
-        """Clear all statistics, because the joint was enabled."""
+        """Clear all statistics when the joint is enabled."""
         self.repeated = self.skipped = 0
         self._worst = self._sum = self._previous_worst = self._previous_sum = self._total_worst = self._total_sum = 0.0
         self._count = self._previous_count = self._total_count = 0
         self.restart()
 
     def restart(self) -> None:
-        """Clear the previous set-points, but not the statistics, after standstill or a mode change."""
+        """Discard the previous set-points, but keep the statistics, after standstill or a mode change."""
         self._first = self._second = self._third = _NAN
         self._still = _PAUSE + 1
 
     def compare(self, interface: str, *, positions: bool) -> None:
-        """Select the compared interface, "" for none; `positions` enables the count of repeated set-points."""
+        """Select the compared interface, or ""; `positions` enables the count of repeated set-points."""
         self.interface, self._positions = interface, positions
         self.restart()
 
     def step(self, target: float, actual: float) -> None:
-        """Add the set-point of this cycle and the last measured value; nan for an unknown value."""
+        """Add the set-point of this cycle and the last measured value; nan if unknown."""
         last = self._first
         if target == actual and target == last == self._second == self._third:  # no error, as in the cycles before
             self._count += 1
@@ -270,11 +270,11 @@ class Tracking:
 
     @property
     def moving(self) -> bool:
-        """Whether the joint is commanded to move at present."""
+        """Whether the joint is currently commanded to move."""
         return self._still <= _PAUSE if self._positions else self._first != 0.0 and self._first == self._first
 
     def figures(self) -> TrackingFigures | None:
-        """Return the statistics, None if there are no samples since the joint was enabled."""
+        """Return the statistics, or None without samples since the joint was enabled."""
         total = self._total_count + self._count
         if not total:
             return None
@@ -290,7 +290,7 @@ class Tracking:
         )
 
     def _turn(self) -> None:
-        """Close the present window and start the next."""
+        """Close the current window and start the next."""
         self._previous_worst, self._previous_sum, self._previous_count = self._worst, self._sum, self._count
         self._total_worst = max(self._total_worst, self._worst)
         self._total_sum += self._sum

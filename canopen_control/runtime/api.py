@@ -1,4 +1,4 @@
-"""API server of a running robot: answers the methods of `rpc/messages/robot.py` and pushes data to subscribers."""
+"""API server of a running robot: serves the methods of `rpc/messages/robot.py` and pushes data to subscribers."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _COMMUNICATING: Final = (LifecycleState.INACTIVE, LifecycleState.ACTIVE)
 
 
 def answer_control(robot: RobotCore, server: Server[RobotHello, RobotPush]) -> None:
-    """Register the API methods about controllers and hardware components on a server."""
+    """Register the API methods for controllers and hardware components on a server."""
     answers = server.answers
     answers(messages.ListControllers, lambda call: call.reply(_controllers(robot, unloaded=call.request.all)))
     answers(messages.ListControllerTypes, lambda call: call.reply(sorted(TYPES)))
@@ -130,7 +130,7 @@ def _set_measured_states(robot: RobotCore, call: Call[messages.SetMeasuredStates
 
 
 def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReading:
-    """Return a hardware component in the form of ROS 2's `list_hardware_components`.
+    """Describe a hardware component in the form of ROS 2's `list_hardware_components`.
 
     Command interfaces are available while the component is active, state interfaces also while it is inactive.
     """
@@ -154,7 +154,7 @@ def _component(robot: RobotCore, component: HardwareComponent) -> HardwareReadin
 
 
 def _set_hardware_state(robot: RobotCore, call: Call[messages.SetHardwareState]) -> None:
-    """Activate, deactivate or clean up a hardware component; controllers that use the component are deactivated."""
+    """Activate, deactivate or clean up a hardware component; controllers that use it are deactivated."""
     name, state = call.request.component, call.request.state
     component = next((component for component in robot.registry.components if component.name == name), None)
     if component is None:
@@ -204,7 +204,7 @@ class ParameterMethods:
         return tuple(sorted((*own, *self._of_controllers()), key=lambda of_controller: of_controller.name))
 
     def _of_controllers(self) -> Iterator[ParameterReading]:
-        """Yield the controller manager's parameters about each controller, such as `NAME.type`."""
+        """Yield the parameters that the controller manager has for each controller, such as `NAME.type`."""
         for name, config in self._robot.setup.controllers.controllers.items():
             yield ParameterReading(name=f"{name}.type", kind="string", value=config.type)
             for key, texts in (("fallback_controllers", config.fallbacks), ("node_options_args", config.node_options)):
@@ -280,7 +280,7 @@ class SimulationMethods:
         self._stepping = call
 
     def settle(self, error: str | None) -> None:
-        """Answer the pending step request, with the state of the simulation or with `error`."""
+        """Answer the pending step request with the state of the simulation, or with `error`."""
         call, self._stepping = self._stepping, None
         if call is not None and error is None:
             call.reply(self._state())
@@ -288,7 +288,7 @@ class SimulationMethods:
             call.refuse(ControlError(error))
 
     def _act(self, call: Call[Any]) -> None:
-        """Apply a disturbance, such as a push, to the physics simulation; ControlError if there is no physics."""
+        """Apply a disturbance, such as a push, to the physics simulation; ControlError without physics."""
         self._clock()
         worlds = self._worlds()
         if not worlds:
@@ -318,7 +318,7 @@ class SimulationMethods:
 
 
 def _act_text(act: WorldAct) -> str:
-    """Return the event text about a disturbance of the simulation."""
+    """Return the event text for a disturbance of the simulation."""
     if isinstance(act, BlockJoint):
         return f"{act.joint} is {'blocked' if act.on else 'released'}"
     if isinstance(act, AddPayload):
@@ -335,7 +335,7 @@ Commands = TypeVar("Commands", messages.CommandController, messages.CommandByNam
 
 
 class _Subscription:
-    """Subscription of one connection; the state is sent after every `every` cycles, never if 0."""
+    """Subscription of one connection; the state is sent every `every` cycles, or never if `every` is 0."""
 
     __slots__ = ("events", "every", "pdos", "requests")
 
@@ -350,10 +350,10 @@ class _Subscription:
 
 
 class RequestObserver(Protocol):
-    """Observer of the requests that a robot's clients send."""
+    """Observer of client requests."""
 
     def requested(self, message: messages.RequestSeen) -> None:
-        """Handle a client's request; `message` has the time in Unix s."""
+        """Handle a client's request; the time in `message` is Unix time in s."""
 
 
 class ApiServer(RobotObserver):
@@ -421,11 +421,11 @@ class ApiServer(RobotObserver):
             self._robot.report(Event(self._robot.reactor.now(), "client_dropped", "", text, Level.WARNING))
 
     def _keeps(self, connection: Connection) -> bool:
-        """Whether a connection may stay idle: a client subscribes, or holds a command that ends with the connection."""
+        """Whether a connection may stay idle: it has a subscription, or a command that ends with the connection."""
         return connection in self._subscriptions or connection in self._robot.manager.running.clients_with_commands
 
     def _keep(self, connection: Connection) -> None:
-        """Raise ControlError if too many connections are permanent, so that a `stop` always finds a free connection."""
+        """Raise ControlError if too many connections are permanent; one must remain free for a `stop` at any time."""
         if (
             not self._keeps(connection)
             and len({*self._subscriptions, *self._robot.manager.running.clients_with_commands}) >= MAX_KEPT
@@ -443,7 +443,7 @@ class ApiServer(RobotObserver):
             robot.reactor.call_soon(self._push)
 
     def _push(self) -> None:
-        """Send events, state samples and process data to their subscribers; a sample is encoded only once."""
+        """Send events, state samples and process data to their subscribers; each sample is encoded only once."""
         if self._robot.events.waiting:
             self._flush_events()
         count = self._robot.pacer.count
@@ -460,7 +460,7 @@ class ApiServer(RobotObserver):
             self._server.push(messages.ProcessData(self._unix_time(), changes), watchers)
 
     def done(self, method: str, params: Raw) -> None:
-        """Pass an accepted request to `observer` and, up to `MAX_REQUEST` bytes, to the subscribers of requests."""
+        """Report an accepted request to `observer` and, up to `MAX_REQUEST` bytes, to the subscribers of requests."""
         if self.observer is not None:
             self.observer.requested(messages.RequestSeen(self._unix_time(), method, params))
         watchers = [connection for connection, subscription in self._subscriptions.items() if subscription.requests]
@@ -477,7 +477,7 @@ class ApiServer(RobotObserver):
             self._server.push(event_message(event, self._robot.wall_offset_ns), watchers)
 
     def sends_events_to(self, pid: int | None) -> bool:
-        """Whether a client in the process `pid` has subscribed to events."""
+        """Whether the process `pid` has subscribed to events."""
         return any(
             subscription.events and connection.pid == pid for connection, subscription in self._subscriptions.items()
         )
@@ -511,7 +511,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _require_interface(self, request: messages.CommandController) -> None:
-        """Raise ControlError if a request names a command interface that the controller does not use at present."""
+        """Raise ControlError if a request names a command interface that the controller is not using."""
         name, manager = request.controller, self._robot.manager
         expected = manager.get(name).interface if name in manager.states else None
         if expected is not None and request.interface not in (None, expected):
@@ -525,7 +525,7 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _twist_values(self, request: messages.TwistController) -> list[float]:
-        """Return the values of a twist in the controller's order; ControlError if the controller accepts no twist."""
+        """Return the values of a twist in the controller's order; ControlError if the controller accepts no twists."""
         name, manager = request.controller, self._robot.manager
         axes: tuple[str, ...] = _PLANAR
         if name in manager.states:
@@ -538,7 +538,7 @@ class ApiServer(RobotObserver):
         return [twist[axis] for axis in axes]
 
     def _holder(self, call: Call[Commands]) -> Connection | None:
-        """Return the connection whose loss ends the command, None for a request without `dead_man`."""
+        """Return the connection whose loss ends the command, or None if the request has no `dead_man`."""
         if not call.request.dead_man:
             return None
         self._keep(call.connection)

@@ -59,7 +59,7 @@ _GUARD_TIME, _LIFE_TIME_FACTOR, _CONSUMER = 0x100C, 0x100D, 0x1016
 
 
 def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Raise ControlError for a write after which a drive in use would not stop if the master died.
+    """Raise ControlError for a write that would let an active drive run on after the master's death.
 
     Such a write contradicts the plan of the boot: the supervision of the master, or the reaction to the loss (0x6007).
     """
@@ -79,7 +79,7 @@ def refuse_unsupervised(node: RemoteNode, index: int, subindex: int, data: bytes
 
 
 def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) -> str:
-    """Return a text such as `5 to 0x6060:00 Modes of operation`, with a byte count if the EDS lacks the object."""
+    """Return text such as `5 to 0x6060:00 Modes of operation`; the byte count is added if the EDS lacks the object."""
     address, entry = f"0x{index:04X}:{subindex:02X}", od.get(index, subindex)
     padded = None if entry is None else fitted(data, entry.data_type)
     if entry is None or padded is None:
@@ -92,13 +92,13 @@ def written_words(od: ObjectDictionary, index: int, subindex: int, data: bytes) 
 
 
 class WriteLog:
-    """Event texts about SDO writes, shortened for many consecutive writes of a client to a node."""
+    """Event texts about SDO writes; a client's consecutive writes to one node are summarised."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], tuple[int, int]] = {}  # number of writes, time of the last write
 
     def words(self, now: int, node: str, source: str, value: str) -> str:
-        """Return the event text about a write by `source`; `now` is in monotonic ns."""
+        """Return the event text for a write by `source`; `now` is in monotonic ns."""
         count, last = self._counts.pop((node, source), (0, now))
         count = 1 if now - last > WINDOW_NS else count + 1
         if len(self._counts) >= _MOST:
@@ -119,7 +119,7 @@ _FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entrie
 
 
 class _Watched:
-    """TPDO of a node, with the values that were last reported to subscribers."""
+    """TPDO of a node, with the values last sent to subscribers."""
 
     __slots__ = ("count", "node", "objects", "pdo", "values")
 
@@ -142,7 +142,7 @@ class _Watched:
 
 
 class ProcessDataFeed:
-    """Newest values of the objects in received TPDOs, by node name."""
+    """Latest values of the objects in received TPDOs, by node name."""
 
     def __init__(self, nodes: Iterable[RemoteNode]) -> None:
         self._watched = [
@@ -152,7 +152,7 @@ class ProcessDataFeed:
         ]
 
     def everything(self) -> dict[str, list[MappedValue]]:
-        """Return all values received in TPDOs since the boot of each node, by node name."""
+        """Return all values received in TPDOs since each node booted, by node name."""
         values: dict[str, list[MappedValue]] = {}
         for watched in self._watched:
             if watched.pdo.stamp >= 0:
@@ -172,7 +172,7 @@ class ProcessDataFeed:
 
 
 def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
-    """Write an object through an RPDO, to be sent in the next cycle; ControlError if not allowed.
+    """Write an object through an RPDO in the next cycle; ControlError if not allowed.
 
     Not allowed are objects in no RPDO, objects that move an axis, digital outputs that a controller commands, and
     any object while the node is not OPERATIONAL. An RPDO that moves no axis is sent once.
@@ -194,7 +194,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
 
 
 def _number(data: bytes, mapped: MappedObject, title: str) -> int:
-    """Return the value to pack into the RPDO; ControlError if out of range, because the cycle must not fail."""
+    """Return the value to pack into the RPDO; ControlError if out of range, since the cycle must not fail."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])

@@ -1,4 +1,4 @@
-"""API methods for trajectories and grippers; a connection has at most one goal of each kind.
+"""API methods for trajectories and grippers; a connection has at most one active goal of each kind.
 
 A goal with `dead_man` ends with its connection. A client that has announced a heartbeat counts as disconnected when
 the heartbeat stops, even if the connection remains: its process may be blocked or stopped by a signal.
@@ -93,7 +93,7 @@ class TrajectoryMethods(RobotObserver):
         call.reply(Done())
 
     def _collect(self, connection: Connection, points: Sequence[TrajectoryPoint]) -> PointBuffer:
-        """Buffer the points of a message; return all points of the connection. ControlError if there are too many."""
+        """Buffer the points of a message; return all points of the connection. ControlError for too many points."""
         buffer = self._points.setdefault(connection, PointBuffer())
         if len(buffer) + len(points) > MAX_POINTS:
             del self._points[connection]
@@ -102,7 +102,7 @@ class TrajectoryMethods(RobotObserver):
         return buffer
 
     def _trajectory(self, call: Call[FollowTrajectory] | Call[SendTrajectory] | Call[SetTrajectory]) -> JointTrajectory:
-        """Return the trajectory of a request, with all points that the connection has sent before."""
+        """Return the trajectory of a request, including the points that the connection has sent before."""
         request = call.request
         points = self._collect(call.connection, request.points)
         del self._points[call.connection]
@@ -155,7 +155,7 @@ class TrajectoryMethods(RobotObserver):
         self._start_goal(call).answer_at_end(call)
 
     def _send(self, call: Call[SendTrajectory]) -> None:
-        """Reply whether the goal is accepted; a refusal is a normal reply here, not an error."""
+        """Reply whether the goal is accepted; here a refusal is a normal reply, not an error."""
         try:
             goal = self._start_goal(call).goal
         except ControlError as error:
@@ -229,7 +229,7 @@ class _RequiredHeartbeat:
 
 
 class _SentGoal(Generic[G, R]):
-    """Goal of a connection, and the requests to be answered when the goal ends; `result` returns None before."""
+    """Goal of a connection, with the requests to answer when it ends; `result` returns None until then."""
 
     def __init__(self, goal: G, result: Callable[[G], R | None]) -> None:
         self.goal, self._result = goal, result
@@ -240,7 +240,7 @@ class _SentGoal(Generic[G, R]):
         self.settle()
 
     def settle(self) -> None:
-        """Answer the waiting requests if the goal has ended."""
+        """Answer the waiting requests once the goal has ended."""
         result = self._result(self.goal)
         if result is None:
             return
@@ -286,7 +286,7 @@ class GripperMethods:
         self._sent.pop(connection, None)
 
     def _send(self, call: Call[SendGripper]) -> None:
-        """Reply whether the goal is accepted; a refusal is a normal reply here, not an error."""
+        """Reply whether the goal is accepted; here a refusal is a normal reply, not an error."""
         try:
             goal = self._start_goal(call).goal
         except ControlError as error:

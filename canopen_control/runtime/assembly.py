@@ -61,7 +61,7 @@ _INTERFACES: Final = ("position", "velocity")
 
 
 def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
-    """Read the PID loops of a tag's joints from a `pids_config_file`; RobotConfigError lists all errors with lines."""
+    """Read the PID loops of a tag's joints from a `pids_config_file`; RobotConfigError lists all errors by line."""
     root, loops = tree(path, error=RobotConfigError), Loops()
     blocks = [gains for node in _parameters(root) if (gains := node.get(_GAINS)) is not None]
     if not blocks:
@@ -82,7 +82,7 @@ def read_pids(path: Path, tag: Ros2ControlSystem) -> Loops:
 
 
 def _mapping(node: Node, key: str) -> list[tuple[str, Node]]:
-    """Return the entries of a mapping node; for any other node, report an error that suggests `key`."""
+    """Return the entries of a mapping node; report an error that suggests `key` for any other node."""
     if node.kind != "mapping":
         node.error(f"write {key}")
     return node.items()
@@ -95,7 +95,7 @@ def _parameters(root: Node) -> list[Node]:
 
 
 def _check(place: Node, joint: str, interface: str, commands: dict[str, tuple[str, ...]]) -> None:
-    """Report a joint that is missing in the description or lacks the command interface."""
+    """Report a joint that the description lacks, or that lacks the command interface."""
     if joint not in commands:
         place.error(f"no joint {joint!r} in the description's <ros2_control>{nearest(joint, commands)}")
     elif interface not in commands[joint]:
@@ -117,7 +117,7 @@ _PIDS: Final = "pids_config_file"
 def simulation_engine(
     setup: RobotSetup, kinds: Sequence[PluginKind], report: Callable[[str, str], None]
 ) -> Engine | None:
-    """Return the physics engine for a robot's simulated tag, None for simple motors.
+    """Return the physics engine for a robot's simulated tag, or None if its motors need no physics.
 
     ConfigError if the robot requires physics and there is none. `report` receives the kind and the text of events about
     guessed values, or about the reason why there is no physics.
@@ -141,7 +141,7 @@ def simulation_engine(
 
 
 def _engine(setup: RobotSetup, tag: Ros2ControlSystem, report: Callable[[str, str], None]) -> Engine:
-    """Create the physics engine of a tag; RobotConfigError for a file with errors."""
+    """Create the physics engine of a tag; RobotConfigError if a file has errors."""
     from canopen_control.physics.plugin_robot import make_simulated
 
     folder = Path(setup.description.path).parent
@@ -208,7 +208,7 @@ class Assembly:
                 self.registry.register(made_up(setup.description, tag, kind, engine))
 
     def _report_later(self, kind: str, text: str) -> None:
-        """Report an event in the next turn of the reactor, after the observers are registered."""
+        """Report an event in the next iteration of the reactor, after the observers are registered."""
         self.reactor.call_soon(lambda: self.report(Event(self.reactor.now(), kind, "", text)))
 
     def _add_buses(self) -> None:
@@ -235,7 +235,7 @@ class Assembly:
             self.bus_by_node.update(dict.fromkeys(bus.network.nodes, bus))
 
     def _kernel_can(self, bus: RobotBus) -> bool:
-        """Whether the kernel can send SYNC on a bus; if not, report the reason."""
+        """Whether the kernel can send SYNC on a bus; otherwise report the reason."""
         why = bus.why_no_kernel_sync()
         if why:
             text = f"{why}; this program sends it, as evenly as the machine lets it"

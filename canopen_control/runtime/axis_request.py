@@ -1,4 +1,4 @@
-"""Asynchronous axis requests (enable, halt, home ...), answered on completion, failure or timeout.
+"""Asynchronous axis requests (enable, halt, home, ...), answered on completion, failure or timeout.
 
 A request is refused for all axes, or accepted for all, before any axis is changed.
 """
@@ -40,7 +40,7 @@ _PROBE = {
 
 
 def _is_disabled(joint: JointDrive) -> bool:
-    """Whether a drive has no power; False while a ready node has sent no statusword."""
+    """Whether a drive has no power; False while a ready node has not sent a statusword."""
     return joint.state not in POWERED_STATES and (joint.state is not None or not joint.node.ready)
 
 
@@ -66,12 +66,12 @@ _REACHED: Final[Mapping[Action, Callable[[JointDrive], bool]]] = MappingProxyTyp
 
 
 def reached(joint: JointDrive, action: Action) -> bool:
-    """Whether a joint is in the state that an action leads to."""
+    """Whether a joint has reached the state requested by an action."""
     return _REACHED[action](joint)
 
 
 def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
-    """Return the node with this name or node id; UnknownName if there is none."""
+    """Return the node with this name or node id; UnknownName if it does not exist."""
     for node in nodes.values():
         if name in (node.name, str(node.node_id)):
             return node
@@ -82,7 +82,7 @@ def find_node(nodes: Mapping[str, RemoteNode], name: str) -> RemoteNode:
 def axes_of(
     nodes: Mapping[str, RemoteNode], joints: Collection[JointDrive], name: str, only: str | None = None
 ) -> tuple[JointDrive, ...]:
-    """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if there is no axis."""
+    """Return the axes of a node or of "all" nodes; `only` selects one joint. ControlError if no axis matches."""
     axes = tuple(joints)
     if name == "all" and nodes and not axes:
         raise ControlError("no node drives a joint, so there is no axis")
@@ -99,7 +99,7 @@ def axes_of(
 
 
 def whole_bases(joints: Sequence[JointDrive], action: Action) -> tuple[tuple[JointDrive, ...], str]:
-    """Add the joints that share a base or a controlword; also return a sentence about the added joints or ""."""
+    """Add the joints that share a base or a controlword; also return a sentence about them, or ""."""
     complete = with_partners(joints)
     notes = [
         f"{' and '.join(motor.joint for motor in (joint, *joint.partners))} share one controlword: "
@@ -127,7 +127,7 @@ class PendingAxisRequest:
         self._cycles = 0
 
     def settle(self, now: int) -> bool:
-        """End the request if complete, failed or late; return whether the request has ended. Called once per cycle."""
+        """End the request if it is complete, failed or late; return whether it has ended. Called once per cycle."""
         self._cycles += 1
         late = [joint for joint in self._joints if not reached(joint, self._action)]
         if self._cycles > 1 and not late:
@@ -172,7 +172,7 @@ class PendingAxisRequest:
 
 
 class ProbeReading:
-    """Single reading of the touch probe objects of an axis (0x60B8 to 0x60BD) by SDO; missing objects are omitted."""
+    """One-time read of an axis' touch probe objects (0x60B8 to 0x60BD) by SDO; missing objects are omitted."""
 
     def __init__(self, axis: AxisProcessData, done: Callable[[dict[str, int] | str], None]) -> None:
         self._done = done

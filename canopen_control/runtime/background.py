@@ -1,4 +1,4 @@
-"""Robot that runs on a thread of this process, for use as a library.
+"""Robot on a thread of this process, for use as a library.
 
 The robot is accessed only on its own thread; other code is a client of its API, as in another process. If the
 process is killed, the drives stop by their heartbeat consumers, as after the loss of any NMT master.
@@ -61,7 +61,7 @@ class BackgroundRobot:
         return self._session is not None and self._thread is not None and self._thread.is_alive()
 
     def start(self) -> None:
-        """Boot the nodes, activate the controllers, and return when the robot runs; CanopenError if the start fails.
+        """Boot the nodes and activate the controllers; return once the robot runs. CanopenError if the start fails.
 
         If STOP is latched, even from an earlier run, the method returns early: nothing moves before a release.
         """
@@ -78,7 +78,7 @@ class BackgroundRobot:
             raise CanopenError(f"robot {self.name} did not run within {START_S:g} s of its start")
 
     def shutdown(self) -> None:
-        """Ramp the drives to zero and disable the drives, leave the buses and join the thread."""
+        """Ramp the drives to zero and disable them, leave the buses and join the thread."""
         thread, session = self._thread, self._session
         if thread is None:
             return

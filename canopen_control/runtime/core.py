@@ -1,4 +1,4 @@
-"""Core of a running robot in one thread: its buses, hardware components, controllers, and control cycle.
+"""Core of a running robot in one thread: buses, hardware components, controllers, and the control cycle.
 
 No exception of a node, a controller or a client ends the cycle (`RobotCycle`). Nothing moves before a controller is
 active. A user, a signal, and the end of the requested duration end the robot by the same stop: targets go to zero, the
@@ -77,7 +77,7 @@ CAUGHT_UP: Final = 2  # maximum number of skipped edges whose time counts
 
 
 class RobotCycle:
-    """Control cycle of a robot, run at the edges of `pacer`; `sent_at` is the time of the last sent frames in ns.
+    """Control cycle of a robot, run at the edges of `pacer`; `sent_at` is the time of the last transmission in ns.
 
     Each cycle also advances the start or the stop of `robot`. `clock` is the time of the controllers.
     """
@@ -103,7 +103,7 @@ class RobotCycle:
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)
 
     def step(self, now: int) -> None:
-        """Execute one cycle; frames from ports that the reactor watches have been processed before."""
+        """Execute one cycle, after the frames from ports that the reactor watches have been processed."""
         if self.clock.simulated:
             self._simulate(now)
         else:
@@ -136,7 +136,7 @@ class RobotCycle:
         self._robot.after_cycle(now)
 
     def _simulate(self, now: int) -> None:
-        """Execute one cycle of a simulated robot without buses; while paused, only requested steps are executed."""
+        """Execute one cycle of a simulated robot without buses; while paused, execute requested steps only."""
         clock, edge, skipped = self.clock, self._pacer.edge, self._pacer.skipped
         if self._robot.advances:
             self._robot.advance(now)
@@ -162,7 +162,7 @@ class RobotCycle:
         self._manager.broadcast(edge, period)
 
     def _skip(self, skipped: int) -> float:
-        """Report skipped edges to the hardware components; return the period for this cycle in s."""
+        """Report skipped edges to the hardware components; return the period of this cycle in s."""
         if not self._following:
             self._skipped(skipped)
         return self._period * (1 + min(skipped, CAUGHT_UP))
@@ -211,7 +211,7 @@ class RobotState(enum.Enum):
 
 
 class RobotCore:
-    """Running robot between its bus ports and the API; `failure` is the error text of a failed run, None before.
+    """Running robot between its bus ports and the API; `failure` is the error text of a failed run, else None.
 
     `observers` are called in order. `in_virtual_time` is set, and reported to clients, if the robot's clock is
     the clock of a simulation.
@@ -227,7 +227,7 @@ class RobotCore:
         self.wall, self.in_virtual_time = WallClock(reactor.now, follows=not reactor.clock.is_manual), False
         self.commander: str | None = None
         self.missing_programs: Mapping[str, str] = {}
-        """Helper programs of the robot that have ended unexpectedly (such as the web page), and the consequence."""
+        """Helper programs that have ended unexpectedly, such as the web page, with the consequence of each."""
         self.latch, self.truth = StopLatch(self.report), TruePoseTracker()
         self.pacer = Pacer(reactor, setup.cycle_ns)
         self.pacer.phase.behind_ns = setup.phase_ns
@@ -252,7 +252,7 @@ class RobotCore:
         self.pacer.on_edge = self.cycle.step
         self._phase = RobotState.STARTING
         self.advances = True
-        """Whether the robot is starting or stopping, so that `advance` is called in each cycle."""
+        """Whether `advance` must be called in each cycle, because the robot is starting or stopping."""
         self._activated = self._was_latched = False
         self._deadline = self._stopping_until = 0
         self._requests: list[PendingAxisRequest] = []
@@ -272,12 +272,12 @@ class RobotCore:
 
     @property
     def hint(self) -> str | None:
-        """Sentence with advice if the robot does not start or does not follow commands, else None."""
+        """Advice if the robot does not start or does not follow commands, else None."""
         return self._hint(self._waiting())
 
     @property
     def state_and_hint(self) -> tuple[RobotState, str | None]:
-        """State and hint together, which evaluates the drives only once."""
+        """State and hint together, so that the drives are evaluated only once."""
         waiting = self._waiting()
         return self._state(waiting), self._hint(waiting)
 
@@ -299,12 +299,12 @@ class RobotCore:
         return self.needed.hint or enable_hint(waiting)
 
     def _boot_error(self) -> str | None:
-        """Return the error of a required node that is not ready; None if no such node has an error."""
+        """Return the error of a required node that is not ready, or None."""
         errors = (node.error for node in self.nodes.values() if node.config.required and not node.ready)
         return next((error for error in errors if error), None)
 
     def _silent_hint(self) -> str | None:
-        """Return a sentence about OPERATIONAL drives without a received statusword; None if there are none."""
+        """Return a sentence about OPERATIONAL drives that have not sent a statusword, or None."""
         silent = [
             joint.node.name
             for joint in self.joints.values()
@@ -318,11 +318,11 @@ class RobotCore:
         return f"no TPDO with the statusword of {names} was received; see: canopen-control trace --service pdo"
 
     def join(self) -> None:
-        """Open the bus channels before `start`, to note boot-up messages of the nodes; BusError if that fails."""
+        """Open the bus channels before `start`, to record boot-up messages of the nodes; BusError if that fails."""
         self._with_buses(RobotBus.join)
 
     def has_heard(self, names: Iterable[str]) -> bool:
-        """Whether all these nodes have sent boot-up messages since `join`."""
+        """Whether all these nodes have sent a boot-up message since `join`."""
         nodes = [self.nodes[name] for name in names]
         return all(node.node_id in self.bus_of(node).booted_up for node in nodes)
 
@@ -353,7 +353,7 @@ class RobotCore:
             raise
 
     def shutdown(self, why: str) -> None:
-        """Begin to stop the robot: ramp to zero, disable the drives, leave the buses; a second call does nothing."""
+        """Start stopping the robot: ramp to zero, disable the drives, leave the buses; a second call does nothing."""
         if self._phase in (RobotState.STOPPING, RobotState.STOPPED):
             return
         now = self.reactor.now()
@@ -379,7 +379,7 @@ class RobotCore:
     # ------------------------------------------------------------------------------------------- verbs
 
     def report(self, event: Event) -> None:
-        """Report an event to all observers; repetitions are counted and reported as a summary."""
+        """Report an event to all observers; repetitions are counted and summarised."""
         self._report(self.events.add(event))
 
     def _report(self, events: Iterable[Event]) -> None:
@@ -413,12 +413,12 @@ class RobotCore:
         return self.wall.offset_ns
 
     def time_of(self, unix: float) -> int:
-        """Convert a Unix time in s to the robot's clock, in ns."""
+        """Convert Unix time in s to the robot's clock, in ns."""
         self._report_clock_step(self.wall.follow())
         return self.cycle.clock.of(round(unix * 1e9) - self.wall_offset_ns)
 
     def made_at(self, stamp: float) -> int:
-        """Convert the stamp of a command in Unix s to the robot's clock, in ns."""
+        """Convert the Unix time stamp of a command, in s, to the robot's clock, in ns."""
         self._report_clock_step(self.wall.follow())
         return self.cycle.clock.of(self.wall.made_at(round(stamp * 1e9)))
 
@@ -442,17 +442,17 @@ class RobotCore:
             raise
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
-        """End the commands of a disconnected client; `why` completes an event text about the client."""
+        """End the commands of a disconnected client; `why` completes the event text about the client."""
         self.manager.running.client_disconnected(holder, why)
 
     def switch(self, activate: Sequence[str], deactivate: Sequence[str], *, strict: bool) -> None:
-        """Switch controllers, after loading and configuring new ones; ControlError, before any change, if refused."""
+        """Switch controllers; new ones are loaded and configured first. ControlError, before any change, if refused."""
         switch_controllers(
             self.setup, self.manager, activate, deactivate, strict=strict, check=self.needed.check_controllers
         )
 
     def stop(self, done: Callable[[str | None], None], latched_by: str | None = None, by: str = "somebody") -> None:
-        """Ramp all drives to zero, then disable all; `done(error)` is called when no drive has power.
+        """Ramp all drives to zero, then disable them; `done(error)` is called when all drives are without power.
 
         `latched_by` names the client that latches STOP (see `StopLatch`), None for a stop without a latch; `by` names
         the client in the events of the commands that end.
@@ -479,7 +479,7 @@ class RobotCore:
         method: int | None = None,
         mode: str | None = None,
     ) -> str:
-        """Start an action on the axes of a node or of "all"; `done(error)` is called when the action has ended.
+        """Start an action on the axes of a node or of "all"; `done(error)` is called when it has ended.
 
         ControlError if the action is refused. The action includes all axes of a base; returns a sentence that names the
         added axes, or "". `joint` selects one of several axes of a node. `method` is the homing method (None: the
@@ -501,11 +501,11 @@ class RobotCore:
         ProbeReading(axes_of(self.nodes, self.joints.values(), name)[0].axis, done)
 
     def node(self, name: str) -> RemoteNode:
-        """Return the node with this name or node id; UnknownName if there is none."""
+        """Return the node with this name or node id; UnknownName if it does not exist."""
         return find_node(self.nodes, name)
 
     def bus_of(self, node: RemoteNode) -> RobotBus:
-        """Return the bus to which a node belongs."""
+        """Return the bus of a node."""
         return self._bus_by_node[node.name]
 
     # ------------------------------------------------------------------------------------------- cycle
@@ -530,14 +530,14 @@ class RobotCore:
             observer.after_cycle(now)
 
     def advance(self, now: int) -> None:
-        """Execute the next step of the start or of the stop; called in each cycle while `advances` is set."""
+        """Execute the next step of starting or stopping; called in each cycle while `advances` is set."""
         if self._phase is RobotState.STARTING:
             self._advance_start(now)
         elif self._phase is RobotState.STOPPING:
             self._advance_stop(now)
 
     def _advance_start(self, now: int) -> None:
-        """Activate the controllers when all required nodes are ready, then report that the robot runs."""
+        """Activate the controllers once all required nodes are ready, then report that the robot runs."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
         if not missing and not self._activated and not self.latch.held:
@@ -578,7 +578,7 @@ class RobotCore:
             observer.stopped()
 
     def _activate(self) -> None:
-        """Activate the hardware components, then load, configure and activate the controllers of the start."""
+        """Activate the hardware components, then load, configure and activate the initial controllers."""
         try:
             for component in self.registry.components:
                 component.configure()
@@ -588,7 +588,7 @@ class RobotCore:
             self.fail(str(error))
 
     def fail(self, text: str) -> None:
-        """Report the error `text` as the failure of the run, and shut down."""
+        """Report `text` as the failure of the run, and shut down."""
         self.failure = self.failure or text
         self.report(Event(self.reactor.now(), "failed", "", text, Level.ERROR))
         self.shutdown("the run failed")
@@ -608,7 +608,7 @@ class RobotCore:
             system.stop(now)
 
     def _on_bus_lost(self, error: BusError) -> None:
-        """End the run after the loss of a bus; without the master's heartbeat the drives stop on their own."""
+        """End the run after a bus was lost; without the master's heartbeat the drives stop on their own."""
         self.failure = self.failure or str(error)
         self.close()
         self.reactor.call_soon(self._notify_stopped)

@@ -1,4 +1,4 @@
-"""Default description and controllers for a bus without a URDF and without a ros2_controllers.yaml.
+"""Default description and controllers for a bus without URDF and ros2_controllers.yaml.
 
 As in ros2_canopen's device container, `driver` in bus.yml decides what a node is. A CiA 402 drive
 (`ros2_canopen::Cia402Driver`, or no driver and an EDS with a controlword) becomes a joint with the name of the node;
@@ -61,7 +61,7 @@ def description_of(name: str, path: str, buses: Mapping[str, BusConfig]) -> Urdf
 
 
 def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
-    """Return default controllers for a bus without a ros2_controllers.yaml: one per joint, with the joint's name."""
+    """Return default controllers, one per joint and with its name, for a bus without a ros2_controllers.yaml."""
     names = [joint.name for system in description.hardware for joint in system.joints]
     return ControllersFile(controllers=_target_controllers(names, path), path=path)
 
@@ -69,7 +69,7 @@ def controllers_of(path: str, description: UrdfDescription) -> ControllersFile:
 def with_free_drives(
     description: UrdfDescription, control: ControllersFile, buses: Mapping[str, BusConfig]
 ) -> tuple[UrdfDescription, ControllersFile, tuple[str, ...]]:
-    """Add joints and controllers for drives without a joint; return both files, and the names of the new joints."""
+    """Add joints and controllers for drives without a joint; return both files and the names of the new joints."""
     free = tuple(
         (joint, node, axis) for joint, node, axis, problem in _free(buses, description, control) if not problem
     )
@@ -153,7 +153,7 @@ def _system(name: str, axes: Iterable[tuple[str, NodeConfig, int]]) -> Ros2Contr
 
 
 def _parameters(node: NodeConfig, axis: int, *, beside: bool) -> dict[str, str]:
-    """Return the URDF parameters of a joint; with `beside`, an optional node forms a stop group of its own."""
+    """Return the URDF parameters of a joint; with `beside`, an optional node gets its own stop group."""
     bound = {"device_name": node.name, "axis": str(axis)}
     return bound | {"stop_group": node.name} if beside and not node.required else bound
 
@@ -163,7 +163,7 @@ def _target_controllers(names: Iterable[str], path: str) -> dict[str, Controller
 
 
 def _drives(driver: str) -> bool:
-    """Whether `driver` is a ros2_canopen driver for CiA 402 drives, of any ros2_canopen version."""
+    """Whether `driver` is a ros2_canopen driver for CiA 402 drives, in any ros2_canopen version."""
     return any(name in driver for name in DRIVE_DRIVERS)
 
 
@@ -175,7 +175,7 @@ def _joints(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 
 
 def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
-    """Yield joint name, node and axis number of every axis of the drives on a bus."""
+    """Yield joint name, node and axis number for every drive axis on a bus."""
     for node in bus.nodes.values():
         axes = bus.plans[node.name].axes
         if not axes or (node.ros.driver and not _drives(node.ros.driver)):
@@ -188,7 +188,7 @@ def _axes(bus: BusConfig) -> Iterator[tuple[str, NodeConfig, int]]:
 
 
 def _uncontrolled(plan: NodePlan, axis: int) -> str:
-    """Return the warning about an axis whose controlword or statusword is in no PDO, "" if both are mapped."""
+    """Return the warning about an axis whose controlword or statusword is not in a PDO, or "" if both are mapped."""
     for base, pdos, kind in ((CONTROLWORD, plan.rpdos, "RPDO"), (STATUSWORD, plan.tpdos, "TPDO")):
         index = axis_index(base, axis)
         if (index, 0) not in plan.carried(pdos):
@@ -200,7 +200,7 @@ def _uncontrolled(plan: NodePlan, axis: int) -> str:
 
 
 def _untargeted(plan: NodePlan, axis: int) -> str:
-    """Return the warning about an axis without a target in an RPDO, "" if an RPDO has a target."""
+    """Return the warning about an axis whose target is not in an RPDO, or "" if it is."""
     carried = plan.carried(plan.rpdos)
     if any((axis_index(index, axis), subindex) in carried for index, subindex in serving_objects(TARGET)):
         return ""

@@ -64,7 +64,7 @@ def _claimed(joints: Iterable[JointDrive]) -> list[JointDrive]:
 
 
 def enable_hint(joints: Sequence[JointDrive]) -> str | None:
-    """Return why drives do not follow commands, with the command that enables the drives; None for no drives."""
+    """Return why drives do not follow commands, with the command that enables them; None if `joints` is empty."""
     if not joints:
         return None
     waiting = [joint for joint in joints if not is_rising(joint)]
@@ -75,7 +75,7 @@ def enable_hint(joints: Sequence[JointDrive]) -> str | None:
 
 
 class DriveEnableStatus(EnableStatus):
-    """Enable status of drives, for controllers; `joints` maps joint names to drives."""
+    """Enable status of drives for controllers; `joints` maps joint names to drives."""
 
     def __init__(self, joints: Mapping[str, JointDrive]) -> None:
         self._joints = joints
@@ -158,7 +158,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
 
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:
-    """Return the power states of the drives at the end of a run as text, "" without drives."""
+    """Return the power states of the drives at the end of a run as text, or "" if the robot has no drives."""
     states = [(joint.node.name, joint.state) for joint in joints]
     parts = [
         f"{name} still has power ({state.name.replace('_', ' ')}): cut its supply if it moves"
@@ -202,7 +202,7 @@ def return_hint(absent: Iterable[RemoteNode]) -> str:
 
 
 def cost_of_skipping(joints: Iterable[JointDrive]) -> str:
-    """Return the number of set-points that each moving axis has missed since the enable, as text; "" for none."""
+    """Return the number of set-points that each moving axis has missed since it was enabled as text, or ""."""
     missed = [f"{joint.joint} {joint.tracking.skipped}" for joint in joints if joint.tracking.skipped]
     return f"; set-points that moving axes missed since they were enabled: {', '.join(missed)}" if missed else ""
 
@@ -239,7 +239,7 @@ class MandatoryNodes(RobotObserver):
 
     @property
     def hint(self) -> str | None:
-        """Sentence on why no axis may move (STOP latch or missing mandatory nodes); None if motion is allowed."""
+        """Reason why no axis may move (STOP latch or missing mandatory nodes), or None if motion is allowed."""
         missing = self._missing()
         if missing and self._latch.hint is None:
             return f"nothing moves while bus.yml requires {missing}: {return_hint(self._absent)}"
@@ -275,7 +275,7 @@ class MandatoryNodes(RobotObserver):
         return [node for node in self._nodes if not node.ready]
 
     def _missing(self) -> str:
-        """Return the missing mandatory nodes with reasons, "" if all are ready."""
+        """Return the missing mandatory nodes with reasons, or "" if all are ready."""
         return ", ".join(f"{node.who} ({node.error or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
@@ -304,7 +304,7 @@ RELEASE = "canopen-control stop --release"
 
 
 class StopLatch:
-    """STOP latch; `by` names the client that latched STOP, None if not latched. `report` receives the events."""
+    """STOP latch; `by` is the client that latched STOP, or None if not latched. `report` receives the events."""
 
     __slots__ = ("_path", "_report", "by")
 
@@ -314,7 +314,7 @@ class StopLatch:
         self.by: str | None = None
 
     def keep(self, path: Path) -> None:
-        """Restore the latch from the file `path`, and store later changes there."""
+        """Restore the latch from the file `path`, and save later changes there."""
         self._path = path
         try:
             self.by = str(json.loads(path.read_text())["by"])
@@ -324,13 +324,13 @@ class StopLatch:
             self.by = "an earlier client"
 
     def report(self, now: int) -> None:
-        """Report, at the start of a run, a STOP that is still latched from an earlier run."""
+        """Report, at the start of a run, that STOP is still latched from an earlier run."""
         if self.by is not None:
             text = f"STOP is latched since an earlier run (by {self.by}): nothing moves; release it: {RELEASE}"
             self._report(Event(now, "stop_latched", "", text, Level.WARNING))
 
     def _write_file(self, now: int) -> None:
-        """Save the latch state to the file, if any; a failure is reported and does not change the state."""
+        """Save the latch state to the file, if any; a failure is reported but does not change the state."""
         if self._path is None:
             return
         try:
@@ -354,7 +354,7 @@ class StopLatch:
 
     @property
     def hint(self) -> str | None:
-        """Sentence about the latched STOP, with the release command; None if not latched."""
+        """Sentence about the latched STOP, with the release command, or None if not latched."""
         return None if self.by is None else f"STOP is latched (by {self.by}): {RELEASE}"
 
     def hold(self, by: str, now: int) -> None:
@@ -374,7 +374,7 @@ class StopLatch:
             self._write_file(now)
 
     def refuse(self, *request: str) -> None:
-        """Raise ControlError while STOP is latched; `request` are the first words of the message."""
+        """Raise ControlError while STOP is latched; the message begins with the words in `request`."""
         if self.by is not None:
             doing = " ".join(request)
             raise ControlError(f"{doing} is refused: STOP is latched (by {self.by}); release it first: {RELEASE}")

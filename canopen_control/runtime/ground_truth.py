@@ -33,7 +33,7 @@ _LOOK_BACK_S: Final = 0.2  # maximum extrapolation of odometry to the earlier ti
 
 
 class TruePoseTracker:
-    """Comparison of true poses with odometry, without I/O; `reading` is the newest result, None while unknown."""
+    """Comparison of true poses with odometry, without I/O; `reading` is the latest result, None while unknown."""
 
     def __init__(self) -> None:
         self.reading: TruePose | None = None
@@ -66,7 +66,7 @@ def _frame_of(base: BasePose, odometry: Planar) -> Planar:
 
 
 def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar] | None:
-    """Return name and pose of the active base controller `ahead_ns` from now (-0.2 s to 0), else None."""
+    """Return name and pose of the active base controller `ahead_ns` from now (-0.2 s to 0), or None."""
     ahead = max(-_LOOK_BACK_S, min(0.0, ahead_ns / 1e9))
     for name in manager.bases:
         pose = manager.get(name).dead_reckoning(ahead)
@@ -75,7 +75,7 @@ def odometry_at(manager: ControllerManager, ahead_ns: int) -> tuple[str, Planar]
 
 
 class TruePoseQuery:
-    """Client that finds the virtual drive with the pose of the base, and polls that drive every `period_ns`.
+    """Client that finds the virtual drive with the pose of the base, and polls it every `period_ns`.
 
     `take` receives the true poses. `sense` receives the measured values of the sensors in the drive's world; with
     `sense`, a world that has sensors and no base is accepted too.
@@ -97,7 +97,7 @@ class TruePoseQuery:
         self._closed = False
 
     def start(self) -> None:
-        """Start polling; if no virtual drive has the pose of a base, each drive is asked only once."""
+        """Start polling; if no virtual drive has the pose of a base, each drive is queried only once."""
         if not self._closed:
             self._drives = iter(self._names)
             self._try_next()

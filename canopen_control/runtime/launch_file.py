@@ -1,4 +1,4 @@
-"""Reader of ROS launch files, which finds a robot's files, arguments and controllers without running the launch.
+"""Reader of ROS launch files: finds a robot's files, arguments and controllers without running the launch file.
 
 Texts have the notation of XML launch files: `$(var NAME)` is an argument, `$(find PACKAGE)` the folder of a package.
 A value that is only computed at run time is unknown here, and reported as such.
@@ -66,7 +66,7 @@ class LaunchFile:
     replaced: Mapping[str, str] = field(default_factory=dict)  # in parameter files, by nav2's ReplaceString
 
     def resolved(self, text: str) -> str | None:
-        """Substitute arguments and package paths in a text; return None if an argument or package is unknown."""
+        """Substitute arguments and package paths in a text; None if an argument or package is unknown."""
         for _ in range(5):  # a default may contain another argument
             text = _VARIABLE.sub(self._value, text)
         while (match := _PACKAGE.search(text)) is not None:
@@ -78,7 +78,7 @@ class LaunchFile:
         return None if "$(" in text else text
 
     def happens(self, condition: LaunchCondition | None) -> bool:
-        """Whether a launch action with this condition is executed; None or a computed condition counts as true."""
+        """Whether a launch action with this condition is executed; a computed condition, or None, counts as true."""
         text = None if condition is None or condition.text is None else self.resolved(condition.text)
         if condition is None or text is None:
             return True
@@ -94,7 +94,7 @@ class LaunchFile:
         return names
 
     def absent_packages(self, text: str) -> list[str]:
-        """Return the packages named in a text that cannot be found."""
+        """Return the packages that a text names but that cannot be found."""
         return [name for name in _PACKAGE.findall(text) if next(package_folders(name, self.path), None) is None]
 
     def _value(self, match: re.Match[str]) -> str:
@@ -103,7 +103,7 @@ class LaunchFile:
 
 
 def read_launch(path: Path) -> LaunchFile:
-    """Read a launch file in XML, YAML or Python; RobotConfigError if the file cannot be read or is not valid."""
+    """Read a launch file in XML, YAML or Python; RobotConfigError if it cannot be read or is invalid."""
     try:
         source = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -172,7 +172,7 @@ def launched_robot(path: Path, words: Mapping[str, str], obeyed: Collection[str]
 
 @dataclass(slots=True)
 class _Reading:
-    """Reader of a launch file with included files; `launched` is the robot."""
+    """Reader of a launch file and the files it includes; `launched` is the robot."""
 
     path: Path
     launched: Launched = field(default_factory=Launched)
@@ -196,7 +196,7 @@ class _Reading:
         return used
 
     def _include(self, launch: LaunchFile, include: LaunchInclude, depth: int) -> set[str]:
-        """Read an included launch file; return the used arguments of the including file."""
+        """Read an included launch file; return the arguments that the including file uses."""
         name = None if include.file is None else launch.resolved(include.file)
         place = f"{launch.path}:{include.line}"
         path = None if name is None else launch.path.parent / name
@@ -220,7 +220,7 @@ class _Reading:
         return (inner & launch.arguments.keys()) | passed
 
     def _read_nodes(self, launch: LaunchFile) -> set[str]:
-        """Collect parameter files and controllers of the controller manager and spawners; return used arguments."""
+        """Collect parameter files and controllers of the controller manager and spawners; return the arguments used."""
         used = set[str]()
         for node in launch.nodes:
             if node.package != "controller_manager" or not launch.happens(node.condition):
@@ -244,7 +244,7 @@ class _Reading:
         return used
 
     def _add_parameter_file(self, path: Path, place: str) -> None:
-        """Store the first parameter file; report any other file, which is ignored."""
+        """Store the first parameter file; report any further file, which is ignored."""
         first = self.launched.files.setdefault("controllers", path)
         if first.resolve() != path.resolve():
             self.uncertainties.append(
@@ -252,7 +252,7 @@ class _Reading:
             )
 
     def _report_unread(self, launch: LaunchFile) -> None:
-        """Report computed values and missing packages that concern the robot's files."""
+        """Report computed values and missing packages that affect the robot's files."""
         named = [word for text in launch.texts if text.text for word in words_of(text.text) if _kind(word)]
         absent = [package for word in named for package in launch.absent_packages(word)]
         computed = [(line, expression) for line, expression in launch.computed if _concerns_robot(expression)]
@@ -266,7 +266,7 @@ class _Reading:
 
 
 def _concerns_robot(what: str) -> bool:
-    """Whether a computed value may be a file of the robot or an argument of the robot description."""
+    """Whether a computed value may name a file of the robot or be an argument of the robot description."""
     if match := _COMPUTED_ENDING.search(what):
         return bool(_kind(match[1])) or match[1] in (".yaml", ".yml")
     # master.bin is used only by the master of ros2_canopen
@@ -290,7 +290,7 @@ def spawned_names(words: Sequence[str]) -> list[str]:
 
 
 def refuse_mistyped(launched: Launched, words: Mapping[str, str], description: Path) -> None:
-    """Raise RobotConfigError for an unknown argument of the user that resembles an argument of the launch file."""
+    """Raise RobotConfigError for an unknown user argument that resembles an argument of the launch file."""
     unknown = [name for name in words if name in launched.arguments]  # not declared in the launch file
     source = description.read_text(encoding="utf-8", errors="replace") if unknown else ""
     for name in unknown:
@@ -318,7 +318,7 @@ def _add_files(launch: LaunchFile, text: str, arguments: dict[str, str], files: 
 
 
 def _unquoted(value: str) -> str:
-    """Remove the quotes of a value, as launch does when splitting a substituted command like a shell."""
+    """Remove the quotes of a value, as launch does when it splits a substituted command like a shell."""
     try:
         return " ".join(shlex.split(value))
     except ValueError:
@@ -338,7 +338,7 @@ def _used(launch: LaunchFile, text: str) -> set[str]:
 
 
 def words_of(text: str) -> list[str]:
-    """Split a command into words like a shell, but keep launch substitutions whole."""
+    """Split a command into words like a shell, but keep launch substitutions in one piece."""
     joined, count = _EXECUTABLE.sub("xacro", text), 1
     while count:  # the innermost substitution first
         joined, count = _SUBSTITUTION.subn(lambda match: match[0].translate(_PROTECTED), joined)
@@ -350,7 +350,7 @@ def words_of(text: str) -> list[str]:
 
 
 def _kind(word: str) -> str:
-    """Return the kind of robot file that a word names (description, bus or controllers), "" for none."""
+    """Return the kind of robot file that a word names (description, bus or controllers), or ""."""
     if ":=" in word:
         return ""
     name = word.rpartition("/")[2]
@@ -362,7 +362,7 @@ def _kind(word: str) -> str:
 
 
 def _as_installed(package: Path, name: re.Match[str]) -> str:
-    """Return the source path of a file that CMake installs elsewhere in the package, or the unchanged path."""
+    """Return the source path of a file that CMake installs elsewhere in the package; other paths are unchanged."""
     path = Path(name[0])
     return str(installed_file(package, path.relative_to(package))) if path.is_relative_to(package) else name[0]
 

@@ -1,4 +1,4 @@
-"""Reader of Python launch files, which finds arguments, nodes and files in the syntax tree without running the file.
+"""Reader of Python launch files: finds arguments, nodes and files in the syntax tree without running the file.
 
 Nothing is imported or executed. Texts are evaluated through constants, names that are assigned once, `+`, `/`,
 f-strings, os.path.join and launch substitutions; any other expression is only known at run time, and is reported with
@@ -34,7 +34,7 @@ _LONGEST: Final = 20_000  # characters of a text
 
 @dataclass(frozen=True, slots=True)
 class LaunchText:
-    """Text in a launch file with the line number; `text` is None if computed at run time."""
+    """Text in a launch file, with its line number; `text` is None if computed at run time."""
 
     text: str | None
     line: int
@@ -60,7 +60,7 @@ class LaunchInclude:
 
 @dataclass(frozen=True, slots=True)
 class LaunchNode:
-    """Node that a launch file starts; a name that is computed at run time is None, a missing name is "".
+    """Node that a launch file starts; the name is None if computed at run time, "" if not given.
 
     `plugin` is the plugin of a composable node, `parameters` are the node's parameter files.
     """
@@ -78,7 +78,7 @@ class LaunchNode:
 
 @dataclass(slots=True)
 class PythonLaunch:
-    """Contents of a Python launch file; `generates` is True if generate_launch_description is defined."""
+    """Contents of a Python launch file; `generates` is True if it defines generate_launch_description."""
 
     arguments: dict[str, str | None] = field(default_factory=dict)
     argument_lines: dict[str, int] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class PythonLaunch:
 
 
 def read_python(source: str, path: str) -> PythonLaunch:
-    """Read the source of a Python launch file; RobotConfigError if it is not valid Python or nested too deeply."""
+    """Read the source of a Python launch file; RobotConfigError if it is not valid Python or too deeply nested."""
     try:
         tree = ast.parse(source)
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -110,7 +110,7 @@ def read_python(source: str, path: str) -> PythonLaunch:
 
 
 class _Reader:
-    """Reader of one Python launch file, whose contents are collected in `launch`."""
+    """Reader of one Python launch file, which collects the contents in `launch`."""
 
     def __init__(self, tree: ast.Module) -> None:
         self._tree, self._depth = tree, 0
@@ -198,7 +198,7 @@ class _Reader:
         return LaunchCondition(self.text(node.args[0]), negated=name == "UnlessCondition")
 
     def _spawner(self, call: ast.Call) -> None:
-        """Read a call of controller_manager.launch_utils as the spawner node that the function creates."""
+        """Read a call of controller_manager.launch_utils as the spawner node that it creates."""
         names = call.args[0] if call.args else _keyword(call, "controller_names") or _keyword(call, "controller_name")
         files = _keyword(call, "controller_params_files") or _keyword(call, "controller_params_file")
         more = self._list(_keyword(call, "extra_spawner_args"))
@@ -272,7 +272,7 @@ class _Reader:
             self._files(child)
 
     def _ending(self, node: ast.expr) -> str:
-        """Return the last part of a composed file name if known and with a relevant suffix, else ""."""
+        """Return the last part of a composed file name if it is known and has a relevant suffix, else ""."""
         if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Div):
             last: ast.expr | None = node.right
         elif isinstance(node, ast.JoinedStr):
@@ -291,7 +291,7 @@ class _Reader:
         return self._xacro(self.text(call.args[0]) if call.args else None, _keyword(call, "mappings"))
 
     def _xacro(self, file: str | None, mappings: ast.expr | None) -> str | None:
-        """Return the xacro command for a file with these mappings, None if a part is computed at run time."""
+        """Return the xacro command for a file with these mappings, or None if a part is computed at run time."""
         mappings = self._names.get(mappings.id) if isinstance(mappings, ast.Name) else mappings
         words = ["xacro", file]
         for key, value in zip(mappings.keys, mappings.values, strict=True) if isinstance(mappings, ast.Dict) else ():
@@ -344,7 +344,7 @@ class _Reader:
     # --- texts ---
 
     def text(self, node: ast.expr) -> str | None:
-        """Return the text of an expression, None if computed at run time."""
+        """Return the text of an expression, or None if computed at run time."""
         if self._depth > _DEEPEST:
             return None
         self._depth += 1
@@ -354,7 +354,7 @@ class _Reader:
             self._depth -= 1
 
     def joined(self, nodes: list[ast.expr], between: str = "") -> str | None:
-        """Return the joined texts of expressions; None if one is unknown or the result is too long."""
+        """Return the concatenated texts of expressions; None if one is unknown or the result is too long."""
         texts = [self.text(node) for node in nodes]
         resolved = [text for text in texts if text is not None]
         if len(resolved) < len(texts) or sum(map(len, resolved)) > _LONGEST:
@@ -362,7 +362,7 @@ class _Reader:
         return between.join(resolved)
 
     def name(self, node: ast.expr) -> str | None:
-        """Return the text of a variable that is assigned exactly once, None for other expressions."""
+        """Return the text of a variable that is assigned exactly once; None for other expressions."""
         if not isinstance(node, ast.Name) or node.id not in self._names:
             return None
         if node.id not in self._texts:  # evaluated once: repeated references would take exponential time
@@ -371,7 +371,7 @@ class _Reader:
         return self._texts[node.id]
 
     def call(self, node: ast.expr) -> str | None:
-        """Return the text of a launch substitution or a path function, None if unknown."""
+        """Return the text of a launch substitution or a path function, or None if unknown."""
         assert isinstance(node, ast.Call)
         name = _called(node)
         if name == "perform" and isinstance(node.func, ast.Attribute):  # in an OpaqueFunction
@@ -460,7 +460,7 @@ def _assignments(tree: ast.Module) -> Iterator[tuple[str, ast.expr | None]]:
 
 
 def _called(call: ast.Call) -> str:
-    """Return the last part of the name of a called function, such as `Node` for `actions.Node`."""
+    """Return the last part of a called function's name, such as `Node` for `actions.Node`."""
     func = call.func
     return func.attr if isinstance(func, ast.Attribute) else func.id if isinstance(func, ast.Name) else ""
 

@@ -1,4 +1,4 @@
-"""Nodes and events in the form in which clients receive them in the status and in state samples."""
+"""Nodes and events in the form used in the status and the state samples for clients."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEVELS: Final = {level: level.name.lower() for level in Level}
 
 
 class EventReadings:
-    """Newest events of an event log as client messages, which are cached until the log changes."""
+    """Latest events of an event log as client messages, cached until the log changes."""
 
     def __init__(self, log: EventLog) -> None:
         self._log = log
@@ -32,7 +32,7 @@ class EventReadings:
         self._messages: list[RobotEvent] = []
 
     def at(self, wall_offset_ns: int) -> list[RobotEvent]:
-        """Return the events, oldest first, with times in Unix s; do not modify the list."""
+        """Return the events, oldest first, with times in Unix s. Do not modify the list."""
         version = self._log.version, wall_offset_ns
         if version != self._version:
             self._version = version
@@ -79,7 +79,7 @@ class NodeReadings:
 
 
 class _ReadNode:
-    """State of one node as a client message; parts are cached until the inputs change."""
+    """State of one node as a client message; its parts are cached until their inputs change."""
 
     def __init__(
         self, node: RemoteNode, bus: str, joints: Sequence[JointDrive], devices: Sequence[DeviceParts]
@@ -134,7 +134,7 @@ class _ReadNode:
 
 
 def _mode(joint: JointDrive) -> int | None:
-    """Return the mode of operation that a drive displays (0x6061), else the requested mode; None without a request."""
+    """Return the mode of operation that a drive displays (0x6061), else the requested mode, else None."""
     request = joint.machine.mode_request
     return request.mode if request.mode is None else request.display or request.mode
 

@@ -12,16 +12,16 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RobotObserver:
-    """Base class of a robot's observers; methods are called on the robot's thread and do nothing by default."""
+    """Base class of a robot's observers; all methods are called on the robot's thread and do nothing by default."""
 
     def event(self, event: Event) -> None:
-        """Handle an event that the robot reports."""
+        """Handle a reported event."""
 
     def running(self) -> None:
-        """Handle the completed start of the robot; called once."""
+        """Handle the completion of the start; called once."""
 
     def stopped(self) -> None:
-        """Handle the end of the robot's run; called once."""
+        """Handle the end of the run; called once."""
 
     def after_cycle(self, now: int) -> None:
-        """Handle the end of a control cycle, after the frames are sent; `now` is in ns."""
+        """Handle the end of a control cycle, after its frames were sent; `now` is in ns."""

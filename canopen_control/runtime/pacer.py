@@ -1,4 +1,4 @@
-"""Pacer of the control cycle: absolute deadlines, with counts of missed and late cycles.
+"""Pacer of the control cycle with absolute deadlines; counts missed and late cycles.
 
 The n-th edge is start + n * period, independent of earlier cycles. A cycle that is more than a period late skips and
 counts the missed edges, and continues on the grid: SYNCs are never sent in a burst to catch up. The SYNC of another
@@ -60,7 +60,7 @@ class SyncPhase:
         self._first = self._second = _NONE
 
     def receive_sync(self, tick: int, edge: int) -> int:
-        """Evaluate a SYNC received at `tick`; return the shift of the next edge, which is due at `edge`."""
+        """Process a SYNC received at `tick`; return the shift of the next edge, which is due at `edge`."""
         period = self.period_ns
         if not self.locked:
             self.locked = True
@@ -85,7 +85,7 @@ class SyncPhase:
         return 0
 
     def step(self) -> int:
-        """Return the correction of the present period in ns, negative for a shorter period."""
+        """Return the correction of the current period in ns; negative shortens the period."""
         phase_left, rate_step = self._phase_left, self._rate_step
         if not phase_left:
             return rate_step
@@ -136,11 +136,11 @@ class Pacer:
 
     @property
     def running(self) -> bool:
-        """Whether the pacer is started, so that edges are scheduled."""
+        """Whether the pacer has been started, so that edges are scheduled."""
         return self._timer is not None
 
     def newly_missed(self, now: int) -> int:
-        """Return the number of missed edges since the last report, or 0 within a second of that report."""
+        """Return the number of edges missed since the last report, or 0 within a second of that report."""
         missed = self.missed - self.reported
         if not missed or now < self._report_at:
             return 0
@@ -159,7 +159,7 @@ class Pacer:
             self._timer = None
 
     def lead(self, tick: int) -> None:
-        """Shift the edges to stay in phase with another clock, whose SYNC was received at `tick`."""
+        """Shift the edges to stay in phase with another clock whose SYNC was received at `tick`."""
         if self._timer is None:
             return
         if shift := self.phase.receive_sync(tick, self._edge):

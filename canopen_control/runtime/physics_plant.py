@@ -1,4 +1,4 @@
-"""Plant file for virtual drives with physics, which assigns a joint and a scale to every axis.
+"""Plant file for virtual drives with physics: assigns a joint and a scale to every axis.
 
 The file is generated from the robot's description and the scales of bus.yml, and written to the folder of the robot's
 logs, where users can read and change it, and pass it to `drive --plant`.
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def sensed_parts(setup: RobotSetup, tag: Ros2ControlSystem) -> list[ControlJoint]:
-    """Return the sensors of a tag that physics simulates (no device in bus.yml); [] without physics."""
+    """Return the sensors of a tag that physics simulates (without a device in bus.yml), or [] without physics."""
     if not setup.physics:
         return []
     nodes = {name: node.node_id for bus in setup.buses.values() for name, node in bus.nodes.items()}
@@ -61,14 +61,14 @@ def _sensors(setup: RobotSetup, tags: Iterable[Ros2ControlSystem]) -> dict[str, 
 
 
 def sensed_world(setup: RobotSetup, tag: Ros2ControlSystem) -> WorldSensors | None:
-    """Return a hardware component with the simulated sensors of a tag, None without sensors; PhysicsError."""
+    """Return a hardware component with the simulated sensors of a tag, or None if the tag has none; PhysicsError."""
     sensors = _sensors(setup, [tag])
     parts = [part for part in tag.sensors if part.name in sensors]
     return WorldSensors(f"{tag.name}_world", parts) if parts else None
 
 
 class SensedValues:
-    """Simulated sensor values, distributed to the hardware components with these sensors."""
+    """Simulated sensor values, distributed to the hardware components that have these sensors."""
 
     def __init__(self, components: Sequence[WorldSensors], sensors: Mapping[str, SensorSettings]) -> None:
         self._components = components
@@ -99,7 +99,7 @@ _URDF = "physics.urdf"
 
 
 def check_physics(setup: RobotSetup) -> None:
-    """Raise RobotConfigError if `--physics` is impossible for a robot, PhysicsError if the world file is invalid."""
+    """Raise RobotConfigError if a robot cannot use `--physics`, PhysicsError if the world file is invalid."""
     if setup.real or setup.mock:
         option = "--real" if setup.real else "--mock"
         raise RobotConfigError(f"--physics is for virtual drives; omit {option}")
@@ -159,7 +159,7 @@ def plant_text(setup: RobotSetup, joints: Iterable[JointDrive], world: Path | No
 
 
 def _copied_from(description: UrdfDescription) -> Iterator[str]:
-    """Yield the path of the description if the written URDF is a copy of that file, and not xacro output."""
+    """Yield the path of the description if the written URDF is a copy of it and not the output of xacro."""
     path = Path(description.path)
     with contextlib.suppress(OSError, UnicodeDecodeError):
         if path.read_text(encoding="utf-8") == description.urdf_xml:
@@ -178,7 +178,7 @@ def _sensor_lines(setup: RobotSetup) -> list[str]:
 
 
 def _bus_of(setup: RobotSetup, node: str) -> str:
-    """Return the bus prefix of a node's address in the plant file, "" for the main bus."""
+    """Return the bus prefix of a node's address in the plant file; "" for the main bus."""
     bus = next(name for name, bus in setup.buses.items() if node in bus.nodes)
     return "" if bus == MAIN_BUS else f"{bus}:"
 

@@ -24,13 +24,13 @@ _MODULE: Final = "canopen_control.ros.bridge"
 
 
 def bridge_command(name: str, arguments: Sequence[str]) -> list[str]:
-    """Return the module and the arguments that run the ROS bridge of a robot."""
+    """Return the module and arguments that run the ROS bridge of a robot."""
     return [_MODULE, "--name", name, *arguments]
 
 
 @contextlib.contextmanager
 def prepared_bridge(name: str, arguments: Sequence[str]) -> Iterator[Child]:
-    """Start the ROS bridge process before the robot; the process ends with the context. CanopenError."""
+    """Start the ROS bridge process before the robot, and end it with the context; CanopenError on failure."""
     command = bridge_command(name, arguments)
     child = spawn(
         [*MODULE, *command],

@@ -33,7 +33,7 @@ _CAP_IPC_LOCK: Final = 14
 
 
 class RealTime:
-    """Real-time settings of the calling thread: a `priority` of SCHED_FIFO or None, a fixed `cpu` or None.
+    """Real-time settings of the calling thread: a `priority` for SCHED_FIFO or None, a fixed `cpu` or None.
 
     ConfigError if the kernel refuses a setting. `text` describes the settings, "" without any; `pin` must be called to
     bind the thread to the `cpu`.
@@ -104,7 +104,7 @@ class RealTime:
         self._undo.callback(os.sched_setscheduler, 0, *before)
 
     def _lock_memory(self, priority: int) -> None:
-        """Lock all present and future pages in memory; ConfigError if a limit could make a later allocation fail."""
+        """Lock all current and future pages in memory; ConfigError if a limit could make a later allocation fail."""
         import ctypes
         import resource
 
@@ -122,7 +122,7 @@ class RealTime:
 
 
 def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver], *, by_hand: bool) -> None:
-    """Exclude existing objects from garbage collection; with `by_hand` collect only after cycles."""
+    """Exclude existing objects from garbage collection; with `by_hand`, collect only after cycles."""
     gc.collect()
     gc.freeze()
     undo.callback(gc.unfreeze)
@@ -134,7 +134,7 @@ def keep_garbage_small(undo: contextlib.ExitStack, observers: list[RobotObserver
 
 
 class _Collector(RobotObserver):
-    """Observer that collects garbage every `_COLLECT_NS`, after a cycle."""
+    """Observer that collects garbage after a cycle, every `_COLLECT_NS`."""
 
     _next_collection = 0
 
@@ -152,7 +152,7 @@ def _may_lock_all() -> bool:
 
 
 def _refused(request: str, error: OSError, priority: int) -> ConfigError:
-    """Return the error about a refused setting, with the commands that allow the setting."""
+    """Return the error for a refused setting, with the commands that permit it."""
     import pwd
 
     if os.geteuid() == 0:
@@ -168,7 +168,7 @@ def _refused(request: str, error: OSError, priority: int) -> ConfigError:
 
 
 def keep_awake(undo: contextlib.ExitStack, device: str = LATENCY_DEVICE) -> str:
-    """Keep all processors out of idle states (PM QoS) until `undo` is closed; return the reason of a failure or "".
+    """Keep all processors out of idle states (PM QoS) until `undo` is closed; return the reason for a failure, or "".
 
     An idle processor enters a sleep state, and leaving that state takes 1 to 200 us on real processors, 20 to 40 us on
     virtual processors, at every timer and every frame. While the file `/dev/cpu_dma_latency` is open and contains 0,

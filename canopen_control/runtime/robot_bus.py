@@ -1,4 +1,4 @@
-"""CAN bus of a robot: the port, the NMT master's network, traffic counters, and the SYNC of another producer."""
+"""CAN bus of a robot: port, NMT master network, traffic counters, and SYNC from another producer."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ class SyncTask(Protocol):
 
     @property
     def sender(self) -> str:
-        """Name of the SYNC producer in messages."""
+        """Name of the SYNC producer for messages."""
 
     @property
     def correction(self) -> str:
-        """Message text: the effect of a missing SYNC, and the remedy."""
+        """Clause for messages: the effect of a missing SYNC, and the remedy."""
 
     def start(self, period_us: int) -> None:
-        """Start sending SYNC every `period_us`, or restart; BusError on failure."""
+        """Start or restart sending SYNC every `period_us`; BusError on failure."""
 
     def adjust(self, period_us: int) -> None:
         """Change the period of the running task without an extra SYNC; BusError on failure."""
@@ -78,13 +78,13 @@ class _Excess:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the measurements so far."""
+        """Discard all measurements."""
         self._count = self._next_check = self._minimum = 0
         self._before: int | None = None
         self._excesses: list[int] = []
 
     def receive_sync(self, now: int) -> int | None:
-        """Evaluate a SYNC received at `now`; return the excess of the period in ns when known, else None."""
+        """Process a SYNC received at `now`; return the excess of the period in ns once known, else None."""
         if not self._count:
             self._next_check = self._minimum = now
         self._count += 1
@@ -114,13 +114,13 @@ class NodeSync:
     )
 
     def start(self, period_us: int) -> None:
-        """Do nothing, since the configuration of the node enables SYNC (0x1005, 0x1006)."""
+        """Do nothing; the configuration of the node enables SYNC (0x1005, 0x1006)."""
 
     def adjust(self, period_us: int) -> None:
-        """Do nothing, since the period is set in the node."""
+        """Do nothing; the period is set in the node."""
 
     def close(self) -> None:
-        """Do nothing, since the node continues to send SYNC."""
+        """Do nothing; the node continues to send SYNC."""
 
 
 class ExternalSync:
@@ -216,7 +216,7 @@ def is_simulated(channel: str) -> bool:
 
 
 class RobotBus:
-    """CAN bus of a robot, which passes frames between port and network; a port error closes the bus.
+    """CAN bus of a robot: passes frames between port and network; a port error closes the bus.
 
     If `watched`, the reactor reads each frame when it is received, else at the next edge of the cycle: while all nodes
     are ready and no answer is awaited, no frame has an effect before the edge, and a wake-up of the process costs more
@@ -275,7 +275,7 @@ class RobotBus:
         return self._followed is not None
 
     def unserved_syncs(self) -> int:
-        """Return the number of SYNCs since the last call for which no cycle was executed."""
+        """Return the number of SYNCs since the last call that were not followed by a cycle."""
         if self._followed is None:
             return 0
         syncs, self._syncs = self._followed.count - self._syncs, self._followed.count
@@ -287,7 +287,7 @@ class RobotBus:
         return self.config.master.sync_words(by_kernel=self._by_kernel)
 
     def why_no_kernel_sync(self) -> str | None:
-        """Return the reason why the kernel cannot send SYNC on this SocketCAN interface, None if possible."""
+        """Return why the kernel cannot send SYNC on this SocketCAN interface, or None if it can."""
         return KernelSync(parse_channel(self.channel).name, ()).why_not()
 
     def leave_sync_to_kernel(self, lead: Callable[[int], None] | None) -> None:
@@ -308,13 +308,13 @@ class RobotBus:
         self.network.hear_sync(sync.receive_sync)
 
     def join(self) -> None:
-        """Open the channel; until `open`, only boot-up messages are evaluated. BusError on failure."""
+        """Open the channel; until `open`, only boot-up messages are processed. BusError on failure."""
         if self.port is None:
             self.port = open_port(self.channel, label="master")
             self._reactor.add_reader(self.port.fileno(), self._note_boot_ups)
 
     def open(self) -> None:
-        """Start processing received frames, after opening the channel if necessary; BusError on failure."""
+        """Start processing received frames, opening the channel first if necessary; BusError on failure."""
         self.join()
         if self.port is None:
             return
@@ -326,13 +326,13 @@ class RobotBus:
         self.watch()
 
     def watch(self) -> None:
-        """Read frames in the reactor on reception, not at cycle edges."""
+        """Read frames in the reactor as they arrive, not at cycle edges."""
         self.watched = True
         if self.port is not None:
             self._reactor.add_reader(self.port.fileno(), self.receive)
 
     def rest_or_watch(self) -> None:
-        """Read frames at cycle edges if no answer is awaited, else on reception."""
+        """Read frames at cycle edges while no answer is awaited, otherwise as they arrive."""
         rests = self._may_rest and self._followed is None and not self.network.waits
         if rests is not self.watched:
             return
@@ -343,13 +343,13 @@ class RobotBus:
             self._reactor.remove_reader(self.port.fileno())
 
     def _take(self) -> bytes:
-        """Return the waiting records to send; if these request answers, watch the port."""
+        """Return the pending records to send; if they request answers, watch the port."""
         if not self.watched and self.network.waits:
             self.watch()
         return self.network.take()
 
     def _note_boot_ups(self) -> None:
-        """Discard received frames, but note boot-up messages; a port error closes the bus."""
+        """Discard received frames except boot-up messages, which are recorded; a port error closes the bus."""
         try:
             records = b"" if self.port is None else self.port.receive()
         except BusError as error:
@@ -410,7 +410,7 @@ class RobotBus:
         self._sent_sync(now)
 
     def send_cycle(self, now: int) -> None:
-        """Send waiting frames and the due RPDOs, followed by SYNC if this process sends SYNC last."""
+        """Send pending frames and the due RPDOs, followed by SYNC if this process sends it last."""
         network = self.network
         with_sync = self._synchronous and self._sync_with_rpdos
         records = network.cycle(sync=with_sync)
@@ -424,7 +424,7 @@ class RobotBus:
             network.synced(now)
 
     def catch_up(self) -> None:
-        """Process all frames waiting at the port, after the process was late."""
+        """Process all frames waiting at the port after a delay of the process."""
         for _ in range(_BACKLOG):
             port = self.port
             before = port.stats.rx if port is not None else 0
@@ -433,12 +433,12 @@ class RobotBus:
                 return
 
     def send_waiting(self) -> None:
-        """Send waiting frames (NMT, SDO), but no process data."""
+        """Send pending frames (NMT, SDO), but no process data."""
         self.network.changed()
         self._send(self._take())
 
     def release_nodes(self) -> None:
-        """Reset the communication of the nodes, if allowed, to end the monitoring of the master's heartbeat."""
+        """Reset the communication of the nodes, if permitted, to end their monitoring of the master's heartbeat."""
         for node in self.network.nodes.values():
             # CiA 301, 7.3.2.2.1: a reset communication restores 0x1000 to 0x1FFF, and so the heartbeat consumer
             if node.config.boot.reset_communication:
@@ -488,7 +488,7 @@ class RobotBus:
         self._on_lost(error)
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Report a bus event; pass a failure (bus-off, interface down) or recovery to the network."""
+        """Report a bus event; pass a failure (bus-off, interface down) or a recovery to the network."""
         now = self._reactor.now()
         kind = event.kind.value.replace("-", "_")
         level = Level.INFO if kind in ("up", "error_active") else Level.WARNING
@@ -501,7 +501,7 @@ class RobotBus:
             self.network.bus_back(now)
 
     def _report_lost(self, lost: int, now: int) -> None:
-        """Report lost frames with the reason, at most once a second, and after the recovery of a failed bus."""
+        """Report lost frames with the reason, at most once a second and after a failed bus has recovered."""
         if now - self._loss_reported_at < _WINDOW_NS or self._failed:
             return
         kind, why = ("bus_queue_full", "the send queue was full") if not self._failed_meanwhile else _LOST_BY_FAILURE

@@ -1,4 +1,4 @@
-"""Clocks of a robot: the controllers' time, which can be paused in a simulation, and the Unix time of stamps.
+"""Clocks of a robot: the controllers' time, which a simulation can pause, and Unix time for stamps.
 
 The time of a simulated robot without buses advances by one period per cycle. While the simulation is paused, the time
 does not advance, nothing moves and no command times out; `step` executes a number of cycles with the present commands.
@@ -36,7 +36,7 @@ class WallClock:
         self._unix = time.time_ns if unix is None else unix
         self.offset_ns = self._unix() - now()
         self.look_at = 0
-        """Monotonic time at which `look` is due again."""
+        """Monotonic time at which `look` is next due."""
         # the offset before the clock was set back, and the time until which this offset is used
         self._before: tuple[int, int] | None = None
 
@@ -45,14 +45,14 @@ class WallClock:
         self.offset_ns, self._follows = offset_ns, False
 
     def look(self, now: int) -> int:
-        """Call `follow` if due, ten times a second; return a clock step in ns, 0 without a step."""
+        """Call `follow` if due, ten times a second; return a clock step in ns, or 0."""
         if now < self.look_at:
             return 0
         self.look_at = now + _LOOK_NS
         return self.follow()
 
     def follow(self) -> int:
-        """Adjust the offset to the system clock; return a step of that clock in ns (negative: set back), else 0."""
+        """Adjust the offset to the system clock; return a step of that clock in ns (negative: set back), or 0."""
         if not self._follows:
             return 0
         before = self._now()
@@ -68,7 +68,7 @@ class WallClock:
         return moved if abs(moved) >= _STEP_NS else 0
 
     def made_at(self, unix_ns: int) -> int:
-        """Convert a Unix stamp to monotonic time, also a stamp from before the system clock was set back."""
+        """Convert a Unix stamp to monotonic time, including stamps from before the system clock was set back."""
         now = self._now()
         created_ns = unix_ns - self.offset_ns
         if created_ns > now and self._before is not None:
@@ -89,10 +89,10 @@ def step_words(moved_ns: int) -> str:
 
 
 class StepRequest(Protocol):
-    """Request for simulation steps, which is notified when the steps are complete."""
+    """Request for simulation steps; notified when the steps are complete."""
 
     def settle(self, error: str | None) -> None:
-        """Handle the completion of the steps, or the reason `error` for incomplete steps."""
+        """Handle the completion of the steps, or their failure for the reason `error`."""
         ...
 
 
@@ -112,7 +112,7 @@ class RobotClock:
         self._request: StepRequest | None = None
 
     def now(self) -> int:
-        """Return the present time of controllers and commands."""
+        """Return the current time for controllers and commands."""
         return self.edge if self.paused or self._resumed else self._reactor.now() - self.stood_ns
 
     def of(self, now: int) -> int:
@@ -121,7 +121,7 @@ class RobotClock:
 
     @property
     def hint(self) -> str | None:
-        """Sentence that the simulation is paused, with the command to resume; None if running."""
+        """Sentence with the resume command while the simulation is paused, else None."""
         return "the simulation is paused; resume it: canopen-control world play" if self.paused else None
 
     # -- requests of users
@@ -137,7 +137,7 @@ class RobotClock:
             self.paused, self._resumed, self._steps = False, True, 0
 
     def step(self, count: int, request: StepRequest) -> None:
-        """Execute `count` cycles while paused; `request` is notified after the last cycle, or if replaced."""
+        """Execute `count` cycles while paused; `request` is notified after the last cycle, or when replaced."""
         self._end("the steps were replaced by another request")
         self._steps, self._request = count, request
 
@@ -153,7 +153,7 @@ class RobotClock:
     # -- the cycle
 
     def take(self, edge: int) -> bool:
-        """Advance the clock at an edge of the pacer; return whether a cycle must be executed."""
+        """Advance the clock at an edge of the pacer; return whether to execute a cycle."""
         if self.paused:
             return self.take_step(edge)
         if self._resumed:
@@ -172,6 +172,6 @@ class RobotClock:
         return True
 
     def report_steps(self) -> None:
-        """Notify the pending step request if the last step is done."""
+        """Notify the pending step request after the last step."""
         if not self._steps:
             self._end(None)

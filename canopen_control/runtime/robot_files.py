@@ -1,4 +1,4 @@
-"""Search for a robot's files in a folder, a bundled robot, a ROS package or a launch file, or by single options.
+"""Search for a robot's files: in a folder, bundled robot, ROS package or launch file, or by single options.
 
 A simulated or mocked robot without drives on a bus needs no bus.yml. A bus without controllers needs only a bus.yml:
 its folder has neither a ros2_controllers.yaml nor a description. In a ROS package the files are in `config` or
@@ -42,7 +42,7 @@ _YES, _NO = frozenset({"true", "1", "yes", "on"}), frozenset({"false", "0", "no"
 
 @dataclass(frozen=True, slots=True)
 class AskedHardware:
-    """Hardware options among the user's NAME:=VALUE, by the conventions of ros2_canopen's launch files.
+    """Hardware options among the user's NAME:=VALUE arguments, as in ros2_canopen's launch files.
 
     `channel` is the value of an argument such as can_interface_name:=can0, `real` of use_real_hardware:=true, `world`
     is the file in world:=hall.sdf; "" or None without such an argument. `channel_word`, `real_word` and `world_word`
@@ -58,7 +58,7 @@ class AskedHardware:
     world_word: str = ""
 
     def channels(self, can: Sequence[str], buses: Collection[str]) -> list[str]:
-        """Return the `--can` options, or the channel of the argument; RobotConfigError for a contradiction."""
+        """Return the `--can` options, or the channel in the argument; RobotConfigError for contradictory values."""
         if not self.channel:
             return list(can)
         if can:
@@ -73,7 +73,7 @@ class AskedHardware:
         return [self.channel]
 
     def is_real(self, *, option: bool) -> bool:
-        """Return whether real drives are requested by `--real` or an argument; RobotConfigError for a contradiction."""
+        """Whether `--real` or an argument requests real drives; RobotConfigError if they contradict each other."""
         if option and self.real is False:
             raise RobotConfigError(f"{self.real_word} contradicts --real; omit one of them")
         return option or bool(self.real)
@@ -104,19 +104,19 @@ def asked_hardware(words: Mapping[str, str]) -> AskedHardware:
 
 
 def _sdf_file(value: str) -> str:
-    """Return the Gazebo world file in an argument's value (hall.sdf, "-r hall.sdf"), "" if there is none."""
+    """Return the Gazebo world file in an argument's value (hall.sdf, "-r hall.sdf"), or ""."""
     return next((word for word in value.split() if word.lower().endswith(SDF_SUFFIXES)), "")
 
 
 def _names_channel(name: str, value: str) -> bool:
-    """Whether an argument selects the channel of a bus, by the name (can_interface_name) or the value (can0)."""
+    """Whether an argument selects the channel of a bus, by name (can_interface_name) or by value (can0)."""
     parts = set(name.lower().split("_"))
     named = bool(parts & _CAN_WORDS) and parts <= _CAN_WORDS | _CHANNEL_WORDS
     return bool(_CHANNEL_VALUE.fullmatch(value)) or (named and value.lower() not in _YES | _NO)
 
 
 def _requests_real(name: str, value: str) -> bool | None:
-    """Return whether an argument such as use_real_hardware:=true requests real drives; None for other arguments."""
+    """Whether an argument such as use_real_hardware:=true requests real drives; None for other arguments."""
     parts, word = set(name.lower().split("_")), value.strip().lower()
     if word == "real":
         return True
@@ -169,7 +169,7 @@ class RobotFiles:
 
     @property
     def bus_alone(self) -> bool:
-        """Whether the robot consists of a bus without controllers and description."""
+        """Whether the robot is a bus without controllers and description."""
         return self.controllers == self.description == self.bus
 
     @property
@@ -187,7 +187,7 @@ def find_robot(
     arguments: Iterable[str] = (),
     launch: str | None = None,
 ) -> RobotFiles:
-    """Find the files of a robot; options take precedence over the folder. RobotConfigError lists all missing files.
+    """Find the files of a robot; options override the folder. RobotConfigError lists all missing files.
 
     `arguments` are NAME:=VALUE for xacro. A ROS launch file adds some, and files that no option and no folder provides.
     """
@@ -235,7 +235,7 @@ def find_robot(
 
 
 def _bus_of_description(described: Path, words: Mapping[str, str]) -> Path:
-    """Return the bus.yml named by a hardware plugin (`bus_config` of ros2_canopen), Path() without such a file.
+    """Return the bus.yml that a hardware plugin names (`bus_config` of ros2_canopen), or Path().
 
     Errors in the description are ignored here, and reported when the robot is read.
     """
@@ -304,7 +304,7 @@ def _not_launched(
 
 
 def _refuse_ineffective(idle: Iterable[str]) -> None:
-    """Raise RobotConfigError for an ineffective argument whose name seems to select real or virtual drives."""
+    """Raise RobotConfigError for an ineffective argument that appears to select real or virtual drives."""
     for word in idle:
         if set(word.partition(":=")[0].lower().split("_")) & (_FAKE_WORDS | {"hardware"}):
             raise RobotConfigError(
@@ -314,7 +314,7 @@ def _refuse_ineffective(idle: Iterable[str]) -> None:
 
 
 def xacro_arguments(words: Iterable[str]) -> dict[str, str]:
-    """Split arguments NAME:=VALUE; the last value of a name counts. RobotConfigError for any other form."""
+    """Split arguments NAME:=VALUE; the last value of a name applies. RobotConfigError for any other form."""
     arguments = {}
     for word in words:
         name, is_pair, value = word.partition(":=")
@@ -366,7 +366,7 @@ def _folder(config: str) -> Path:
 
 
 def find_launch(text: str) -> Path:
-    """Return the launch file for an existing path or PACKAGE/FILE in a ROS package; any other path is unchanged."""
+    """Return the launch file for an existing path or PACKAGE/FILE in a ROS package; other paths are unchanged."""
     path = Path(text).expanduser()
     package, _, rest = text.partition("/")
     inside = () if path.is_file() else (package_folder / rest for package_folder in installed_packages(package))
@@ -374,7 +374,7 @@ def find_launch(text: str) -> Path:
 
 
 def _launched(launch: str | None, words: dict[str, str], obeyed: AbstractSet[str]) -> Launched | None:
-    """Read a launch file with the user's arguments; None without a launch file."""
+    """Read a launch file with the user's arguments; None if the robot has no launch file."""
     if launch is None:
         return None
     from canopen_control.runtime.launch_file import launched_robot  # most robots are run without
@@ -390,7 +390,7 @@ def _find_file(
     missing: list[str],
     launched: Path | None = None,
 ) -> Path:
-    """Return one file: from the option, the folder or the launch file; otherwise add a text to `missing`."""
+    """Return a file from the option, the folder or the launch file, or add a text to `missing`."""
     count = len(missing)
     file = _find_own_file(path, folder, names, option, missing)
     if file == Path() and launched is not None and launched.is_file():
@@ -432,7 +432,7 @@ def _is_default(controllers: str | None, description: str | None, launched: Laun
 
 
 def _is_alone(folder: Path | None) -> bool:
-    """Whether a folder has only a bus.yml, without controllers and description.
+    """Whether a folder has a bus.yml, but neither controllers nor description.
 
     For a folder below `config` of a package, a description directly in the package's `urdf` does not count.
     """
@@ -461,7 +461,7 @@ def _places(folder: Path, *, described: bool) -> list[Path]:
 
 
 def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
-    """Return a hint about suitable files elsewhere in the package, "" for none."""
+    """Return a hint about suitable files elsewhere in the package, or ""."""
     if names is _DESCRIPTIONS:
         roots = [place for place in _places(folder, described=True) if place.name == "urdf"]
         folders = [path for root in roots for pattern in _DESCRIPTIONS for path in root.glob(f"*/{pattern}")]
@@ -473,7 +473,7 @@ def _elsewhere(folder: Path, names: str | Sequence[str]) -> str:
 
 
 def _is_bus(path: Path) -> bool:
-    """Whether a file looks like a bus.yml, because a line contains `node_id:`."""
+    """Whether a file looks like a bus.yml, because one of its lines contains `node_id:`."""
     try:
         return path.is_file() and bool(re.search(r"(?m)^\s+node_id\s*:", path.read_text(encoding="utf-8")[:_LOOKED_AT]))
     except (OSError, UnicodeDecodeError):
@@ -485,19 +485,19 @@ def _listed(paths: Sequence[Path]) -> str:
 
 
 def _name(folder: Path) -> str:
-    """Return the name of a robot: the folder name, or the parent's name for a folder `config`."""
+    """Return the name of a robot: that of the folder, or of its parent if the folder is `config`."""
     return folder.parent.name if folder.name == "config" else folder.name
 
 
 def _irregular(paths: Iterable[Path]) -> Iterator[str]:
-    """Yield an error text for every path that is not a regular file; opening a pipe or a device could block."""
+    """Yield an error text for every path that is not a regular file, since opening a pipe or a device could block."""
     for path in paths:
         if path != Path() and path.exists() and not path.is_file():
             yield f"{path} is {'a folder' if path.is_dir() else 'a pipe or a device'}, not a file"
 
 
 def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
-    """Find the files bus_NAME.yml of further buses, by NAME, without copies such as bus_template.yml."""
+    """Find the files bus_NAME.yml of further buses by NAME, ignoring copies such as bus_template.yml."""
     files = {path.stem.removeprefix("bus_"): path for path in sorted(folder.glob("bus_*.yml"))}
     buses = {name: path for name, path in files.items() if name.lower().rpartition("_")[2] not in _COPIES}
     for name, path in buses.items():
@@ -509,6 +509,6 @@ def _more_buses(folder: Path, missing: list[str]) -> dict[str, Path]:
 
 
 def _safe(name: str) -> str:
-    """Replace characters that are not allowed in socket names, and limit the name to 32 characters."""
+    """Replace characters that socket names do not allow, and limit the name to 32 characters."""
     cleaned = "".join(letter if letter.isalnum() or letter in "_-" else "_" for letter in name if letter.isascii())
     return cleaned[:32] or "robot"

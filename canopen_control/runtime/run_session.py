@@ -1,4 +1,4 @@
-"""Run of a robot in this process, from start to end: core, API, child processes and signals.
+"""Run of a robot in this process from start to end: core, API, child processes and signals.
 
 `close` always ends all child processes and removes sockets and locks. At the end, the drives are ramped down and
 disabled, then the client processes are ended, then the virtual drives.
@@ -61,7 +61,7 @@ _SWING_STEPS = 80  # eight seconds per cycle: 0.2 rad/s at most
 
 
 class DemoMotion:
-    """Demo motion: velocities, twists or positions that a controller executes alternately in both directions."""
+    """Demo motion: velocities, twists or positions that a controller executes in alternating directions."""
 
     def __init__(self, robot: RobotCore, controller: str) -> None:
         self._robot, self._controller = robot, controller
@@ -92,7 +92,7 @@ class DemoMotion:
         self._step += 1
 
     def _values(self) -> list[float]:
-        """Return the command values of the present step; [] for a controller that the demo cannot move."""
+        """Return the command values of the current step; [] for a controller that the demo cannot use."""
         controller = self._robot.manager.get(self._controller)
         if controller.topic is None:  # the controller accepts goals
             return []
@@ -127,7 +127,7 @@ class ProgramErrors:
         self._reported: set[str] = set()
 
     def __call__(self, error: BaseException) -> None:
-        """Report an exception, unless one from the same place in the code was reported before."""
+        """Report an exception, unless one from the same place in the code has already been reported."""
         if os.environ.get("CANOPEN_CONTROL_DEBUG"):
             traceback.print_exception(error, file=sys.stderr)
         place = _place_of(error)
@@ -156,7 +156,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """Options of a robot's run; `duration` is in s, None for no limit.
+    """Options of a robot's run; `duration` is in s, None without a limit.
 
     `drives` starts virtual drives where the channel allows that; `like` is their personality. With `physics` they move
     the robot in a physics simulation, in the world file `world` if given; else `plant` is their plant file, if any.
@@ -231,7 +231,7 @@ class RunSession(RobotObserver):
         self.robot.observers.append(self)
 
     def start(self) -> None:
-        """Start the child processes, then the robot when these are ready; CanopenError on failure."""
+        """Start the child processes, then the robot once they are ready; CanopenError on failure."""
         if self.realtime.text:
             self.robot.report(Event(self.reactor.now(), "realtime", "", self.realtime.text))
         self.robot.latch.report(self.reactor.now())
@@ -254,7 +254,7 @@ class RunSession(RobotObserver):
         self.robot.fail(text)
 
     def children_ready(self, tries: int = _HEARING_TRIES) -> None:
-        """Boot the nodes when all virtual drives have sent their boot-up messages, or after `tries` checks."""
+        """Boot the nodes once all virtual drives have sent their boot-up messages, or after `tries` checks."""
         if self.robot.has_heard(self.supervisor.driven) or not tries:
             self._begin()
         else:

@@ -1,4 +1,4 @@
-"""Configuration of a robot, read from its files and checked before any channel is opened.
+"""Configuration of a robot, read from its files and checked before a channel is opened.
 
 All errors that can be detected before the first frame are reported here (exit code 2); the three files are also
 compared with each other.
@@ -47,7 +47,7 @@ BUS_NAME = MAIN_BUS
 
 
 def unit_quirks(bus: BusConfig, name: str) -> list[str]:
-    """Return virtual-drive quirks for a node whose velocity unit is not one position unit per s.
+    """Return the virtual-drive quirks for a node whose velocity unit is not one position unit per s.
 
     The unit follows from the scales in bus.yml. No quirk is needed if the EDS gives the velocity unit (0x60A9).
     """
@@ -108,7 +108,7 @@ class RobotSetup:
 
     @property
     def notices(self) -> Iterator[tuple[str, Level, str]]:
-        """Notes and warnings about the files, as kind, level and text of the events at the start."""
+        """Notes and warnings about the files, as kind, level and text of events at the start."""
         yield from (("note", Level.INFO, text) for text in self.notes)
         yield from (("doubt", Level.WARNING, text) for text in self.uncertainties)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
@@ -121,29 +121,29 @@ class RobotSetup:
 
     @property
     def kinds(self) -> list[PluginKind]:
-        """Kinds of the hardware plugins, in the order of the <ros2_control> tags."""
+        """Kinds of hardware plugins, in the order of the <ros2_control> tags."""
         tags, real = self.description.hardware, self.on_drives
         return [kind_of(self.description, tag, mock=self.mock, real=real) for tag in tags]
 
     @property
     def joined(self) -> Mapping[str, BusConfig]:
-        """Buses that a run uses; none if plugins simulate or mock the complete robot."""
+        """Buses that a run uses; empty if plugins simulate or mock the whole robot."""
         return self.buses if self.files.bus_alone or PluginKind.CANOPEN in self.kinds else {}
 
     @property
     def bus(self) -> BusConfig:
-        """The bus of bus.yml; all other buses have the same SYNC period."""
+        """Bus in bus.yml; all other buses have the same SYNC period."""
         return self.buses[BUS_NAME]
 
     @property
     def runs(self) -> str:
-        """Names of the started controllers, or of the nodes of a bus without controllers, as a text."""
+        """Names of the started controllers as text; for a bus without controllers, names of the nodes."""
         nodes = [name for bus in self.buses.values() for name in bus.nodes]
         return ", ".join(nodes if self.files.bus_alone else self.to_activate)
 
     @property
     def sync_notes(self) -> Iterator[str]:
-        """Notes about SYNC by the kernel, or about jerks that a late SYNC of this process causes."""
+        """Notes about SYNC by the kernel, or about jerks caused by a late SYNC of this process."""
         for name, choice in self.sync.items() if not self.mock else ():
             if choice.sender is SyncSender.KERNEL:
                 yield choice.words
@@ -158,7 +158,7 @@ class RobotSetup:
 
     @property
     def phase_ns(self) -> int:
-        """Delay of the cycle after a followed SYNC in ns: an eighth of a period, or half with `sync_order: last`."""
+        """Delay of the cycle after the followed SYNC, in ns: an eighth of a period, or half with `sync_order: last`."""
         followed = (self.buses[name] for name, choice in self.sync.items() if choice.sender in _OTHERS)
         closely = any(bus.master.follows_closely for bus in followed)
         return self.cycle_ns // (8 if closely else 2)
@@ -252,7 +252,7 @@ def _contents(
 
 
 def _unplaced(buses: Mapping[str, BusConfig], can: Sequence[str]) -> tuple[str, ...]:
-    """Return the buses for which neither `--can` nor bus.yml gives a channel."""
+    """Return the buses whose channel neither `--can` nor bus.yml gives."""
     named = {name_and_channel(text)[0] or BUS_NAME for text in can}
     return tuple(name for name, bus in buses.items() if name not in named and not bus.master.channel)
 
@@ -314,7 +314,7 @@ def _sim_time(control: ControllersFile, kinds: Sequence[PluginKind]) -> list[str
 
 
 def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
-    """Return error texts about several buses: different SYNC periods, or a node name used twice."""
+    """Return error texts about contradictions between buses: SYNC periods that differ, node names used twice."""
     owner: dict[str, str] = {}
     first = next(iter(buses.values()), None)
     differing = [
@@ -335,7 +335,7 @@ def clashes_of(buses: Mapping[str, BusConfig]) -> list[str]:
 def _require_bus(
     files: RobotFiles, buses: Mapping[str, BusConfig], description: UrdfDescription, *, mock: bool, real: bool
 ) -> None:
-    """Raise RobotConfigError if the description has CANopen drives but there is no bus.yml."""
+    """Raise RobotConfigError if the description has CANopen drives but bus.yml is missing."""
     for tag in () if buses else description.hardware:
         if kind_of(description, tag, mock=mock, real=real) is PluginKind.CANOPEN:
             raise RobotConfigError(
@@ -361,7 +361,7 @@ def _choose_sync(
 
 
 def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, str], *, mock: bool) -> None:
-    """Raise RobotConfigError for `--kernel-sync` if a bus has no SYNC or is not a SocketCAN interface."""
+    """Raise RobotConfigError for `--kernel-sync` if a bus does not use SYNC or is not a SocketCAN interface."""
     if mock or not buses:
         raise RobotConfigError("--kernel-sync: there is no bus; omit the option")
     for name, config in buses.items():
@@ -375,7 +375,7 @@ def _require_kernel_sync(buses: Mapping[str, BusConfig], channels: Mapping[str, 
 
 
 def _channels(name: str, buses: Mapping[str, BusConfig], can: Sequence[str]) -> dict[str, str]:
-    """Return the channel of each bus: by `--can`, else by bus.yml, else a local bus with the robot's name."""
+    """Return the channel of each bus: by `--can`, else by bus.yml, else a local bus named after the robot."""
     channels = {
         bus_name: bus.master.channel
         or (f"local:{name}" if bus_name == BUS_NAME else f"local:{f'{name}_{bus_name}'[:32]}")

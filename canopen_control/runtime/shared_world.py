@@ -1,4 +1,4 @@
-"""Several robots in one physics world, with one process for all virtual drives and one process per robot.
+"""Several robots in one physics world: one process for all virtual drives, and one process per robot.
 
 Each robot runs as with `run ROBOT --as NAME --no-drives`, on its own buses, with all functions of a single robot. If
 the process of a robot ends, only the drives of that robot stop, as after the loss of an NMT master. At the end the
@@ -45,7 +45,7 @@ _SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @dataclass(frozen=True)
 class SharedRobot:
-    """Robot in a shared world, with the command-line `arguments` for the process of the robot."""
+    """Robot in a shared world; `arguments` are the command line of the robot's process."""
 
     setup: RobotSetup
     arguments: tuple[str, ...]
@@ -56,7 +56,7 @@ class SharedRobot:
 
 
 def read_shared(world: Path) -> list[SharedRobot]:
-    """Return the robots of a world file; ConfigError lists the errors of all robots with their lines."""
+    """Return the robots of a world file; ConfigError lists the errors of all robots by line."""
     require_physics()
     description = read_world_description(world)
     if not description.robots and world.suffix.lower() in SDF_SUFFIXES:
@@ -80,7 +80,7 @@ def read_shared(world: Path) -> list[SharedRobot]:
 
 
 def _read(start: RobotStart, world: Path) -> SharedRobot:
-    """Read one robot of a world file, from a folder next to that file or as found by `find_robot`."""
+    """Read one robot of a world file, from a folder next to it or as found by `find_robot`."""
     folder = world.parent / start.robot
     config = str(folder) if folder.is_dir() else start.robot
     words = [f"{name}:={value}" for name, value in start.arguments.items()]
@@ -122,7 +122,7 @@ class SharedRun:
         self._refused = self._ending = False
 
     def run(self) -> None:
-        """Run until all robots have ended; ConfigError if the drives refuse their files, else CanopenError."""
+        """Run until all robots have ended; ConfigError if the drives refuse their files, CanopenError otherwise."""
         try:
             self._reactor.handle_signals(dict.fromkeys(_SIGNALS, self._end))
             self._start_drives()

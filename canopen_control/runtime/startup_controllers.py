@@ -37,7 +37,7 @@ def load_controller(setup: RobotSetup, manager: ControllerManager, name: str, *,
 
 
 def configure_controller(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Configure a loaded controller, after that also the fallback controllers; ControlError or ConfigError."""
+    """Configure a loaded controller and then its fallback controllers; ControlError or ConfigError."""
     manager.configure(name)
     loaded, config = manager.states, setup.controllers.controllers.get(name)
     for fallback in () if config is None else config.fallbacks:
@@ -54,7 +54,7 @@ def switch_controllers(
     strict: bool,
     check: Callable[[Iterable[Controller]], None],
 ) -> None:
-    """Switch controllers, after loading and configuring new controllers; `check` may refuse the activation.
+    """Switch controllers; new ones are loaded and configured first. `check` may refuse the activation.
 
     Without `strict`, unknown names are reported and left out. ControlError or ConfigError if the switch fails; then
     newly loaded controllers are unloaded again.
@@ -78,7 +78,7 @@ def switch_controllers(
 
 
 def require_active(setup: RobotSetup, manager: ControllerManager, name: str) -> None:
-    """Raise ControlError with the activating command if a controller of the file is not active."""
+    """Raise ControlError, with the command to activate it, if a controller of the file is not active."""
     state = manager.states.get(name, UNLOADED)
     if name in setup.controllers.controllers and state != ControllerState.ACTIVE.value:
         options = [f"--deactivate {' '.join(in_the_way)}"] if (in_the_way := _conflicting(setup, manager, name)) else []
@@ -103,7 +103,7 @@ def _conflicting(setup: RobotSetup, manager: ControllerManager, name: str) -> li
 
 
 def prepare_controllers(setup: RobotSetup, manager: ControllerManager, registry: InterfaceRegistry) -> None:
-    """Load and configure the controllers to activate at the start; the ConfigError names the file."""
+    """Load and configure the controllers to activate at the start; a ConfigError names the file."""
     owners: dict[str, str] = {}
     for name in setup.to_activate:
         try:

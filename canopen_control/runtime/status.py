@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Readings(NamedTuple):
-    """Snapshot of the robot's state, used for both the status and the state samples."""
+    """Snapshot of the robot's state for the status and the state samples."""
 
     state: str
     hint: str | None
@@ -40,7 +40,7 @@ class Readings(NamedTuple):
 
 
 def readings_of(robot: RobotCore) -> Readings:
-    """Return the robot's present state: cycle times, nodes, joints and controllers."""
+    """Return the robot's current state: cycle times, nodes, joints and controllers."""
     state, hint = robot.state_and_hint
     hint = robot.cycle.clock.hint or hint
     nodes = robot.node_readings.at(robot.reactor.now())
@@ -48,7 +48,7 @@ def readings_of(robot: RobotCore) -> Readings:
 
 
 def status_message(robot: RobotCore, readings: Readings | None = None) -> Status:
-    """Return the status of a robot, as in `status --json`; `readings` is the present snapshot, if available."""
+    """Return the status of a robot, as in `status --json`; `readings` is an existing snapshot, if any."""
     read = readings_of(robot) if readings is None else readings
     return Status(
         robot=robot.setup.name,
@@ -78,7 +78,7 @@ def status_message(robot: RobotCore, readings: Readings | None = None) -> Status
 
 
 def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSample:
-    """Return a sample of the state stream; `readings` is the present snapshot, if available."""
+    """Return a sample of the state stream; `readings` is an existing snapshot, if any."""
     read = readings_of(robot) if readings is None else readings
     return StateSample(
         time=(robot.reactor.now() + robot.wall_offset_ns) / 1e9,
@@ -99,7 +99,7 @@ def state_sample(robot: RobotCore, readings: Readings | None = None) -> StateSam
 
 
 def simulated_seconds(robot: RobotCore) -> float | None:
-    """Return the simulated time in s, for `/clock`; None if nothing is simulated."""
+    """Return the simulated time in s for `/clock`, or None if nothing is simulated."""
     if robot.in_virtual_time:
         return robot.reactor.now() / 1e9
     times = (component.simulated_ns for component in robot.registry.components)
@@ -107,7 +107,7 @@ def simulated_seconds(robot: RobotCore) -> float | None:
 
 
 def simulated_epoch(robot: RobotCore) -> float | None:
-    """Return the Unix time in s that corresponds to the simulated time 0; None if nothing is simulated."""
+    """Return the Unix time in s at which the simulated time was 0, or None if nothing is simulated."""
     if robot.in_virtual_time:
         return robot.wall_offset_ns / 1e9
     clock = robot.cycle.clock
@@ -178,7 +178,7 @@ def _buses(robot: RobotCore) -> dict[str, BusTraffic]:
 
 
 def _joints(robot: RobotCore) -> dict[str, JointReading]:
-    """Return states, command and tracking errors of all joints; None replaces values that are not finite."""
+    """Return states, commands and tracking errors of all joints; None replaces values that are not finite."""
     joints: dict[str, dict[str, float | None]] = {}
     for state in robot.registry.state_interfaces:
         joints.setdefault(state.joint, {})[state.interface] = finite(state.value)

@@ -64,19 +64,19 @@ _VERBS_MAIN: Final = "canopen_control.cli.main"
 
 
 class SupervisedRun(Protocol):
-    """Run of a robot, notified when all child processes are ready or a child has failed."""
+    """Run of a robot, notified when all child processes are ready or one has failed."""
 
     def children_ready(self) -> None:
-        """Start the robot, since all child processes are ready."""
+        """Start the robot; all child processes are ready."""
         ...
 
     def child_failed(self, text: str) -> None:
-        """End the run, since a child process failed; `text` is the reason."""
+        """End the run because a child process failed; `text` is the reason."""
         ...
 
 
 class _Restartable(NamedTuple):
-    """Child process to be restarted after its end: name, restart policy, and start function."""
+    """Child process that is restarted when it ends: name, restart policy, and start function."""
 
     name: str
     restarts: Restarts
@@ -111,7 +111,7 @@ class Supervisor:
         """Names of child processes that have ended unexpectedly, with the consequence, until restarted."""
 
     def start_drives(self, setup: RobotSetup, plant: Path | None = None, *, like: str = "") -> None:
-        """Start virtual drives for all nodes in bus.yml, in child processes or, for an in-process bus, in this one.
+        """Start virtual drives for all nodes in bus.yml, in child processes or, on an in-process bus, in this process.
 
         With a `plant` file, all drives run in one process, since they move the same simulated robot. `like` is the
         personality of the drives.
@@ -157,7 +157,7 @@ class Supervisor:
             self._restartable[child] = _Restartable(name, restarts, partial(start, restarts=restarts))
 
     def _watch_answers(self, child: Child, silence: Silence) -> None:
-        """Kill a client whose liveness reports have stopped, else check again later."""
+        """Kill a client that no longer sends liveness reports; otherwise check again later."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -172,7 +172,7 @@ class Supervisor:
         child.kill()
 
     def _restart(self, name: str, restarts: Restarts, start_client: Callable[[], None]) -> None:
-        """Report the end of a client, and schedule a restart if the policy allows that."""
+        """Report the end of a client, and schedule a restart if the policy permits."""
 
         def start() -> None:
             if self._over:
@@ -191,7 +191,7 @@ class Supervisor:
             self._reactor.call_later(DELAY_NS, start)
 
     def start_recorder(self, buses: Mapping[str, str], restarts: Restarts | None = None) -> None:
-        """Start the flight recorder on `buses` {name: channel}; a failure is only reported.
+        """Start the flight recorder on `buses` {name: channel}; a failure is reported and nothing more.
 
         With `restarts`, the recorder is restarted after its end.
         """
@@ -226,7 +226,7 @@ class Supervisor:
         self._check_ready()
 
     def _continue_without_ready(self, child: Child) -> None:
-        """Stop waiting for a child; for the process of all drives, wait for its error message first."""
+        """Stop waiting for a child; if it simulates all drives, wait for its error message first."""
         if child.heard_at is not None or self._world is None or child is not self._world[0]:
             self._stop_waiting_for(child)
 
@@ -250,7 +250,7 @@ class Supervisor:
             self._run.children_ready()
 
     def _fail_late(self, child: Child, run: SupervisedRun) -> None:
-        """Fail the run, since a drive process is not ready in time."""
+        """Fail the run because a drive process is not ready in time."""
         self._stop_waiting()
         seconds = (_READY_NS + _READY_EACH_NS * len(self._drives)) / 1e9
         last_output = " | ".join(child.last_lines()[-3:]) or "nothing yet"
@@ -271,7 +271,7 @@ class Supervisor:
         self._awaited.clear()
 
     def _listen_to_recorder(self, child: Child) -> None:
-        """Report when the recorder becomes silent, and when it continues."""
+        """Report when the recorder stops responding, and when it continues."""
         if child not in self._clients:
             return
         now = self._reactor.now()
@@ -285,7 +285,7 @@ class Supervisor:
         self._reactor.call_later(_LOOK_NS, partial(self._listen_to_recorder, child))
 
     def end_clients(self) -> None:
-        """End the client processes, without later restarts; a second call does nothing."""
+        """End the client processes and do not restart them; a second call does nothing."""
         self._over = True
         self._end(self._clients)
 
@@ -306,7 +306,7 @@ class Supervisor:
 
     @property
     def driven(self) -> list[str]:
-        """Names of nodes with a virtual drive in a child process."""
+        """Names of the nodes with a virtual drive in a child process."""
         if self._world is not None and self._world[0] in self._drives:
             return list(self._world[1])
         return [child.name.removeprefix(_DRIVE) for child in self._drives]
@@ -334,7 +334,7 @@ class Supervisor:
             self._drives.append(self._start_module(arguments, f"{_DRIVE}{node.name}", reports=True))
 
     def _spawn_world(self, setup: RobotSetup, plant: Path) -> None:
-        """Start all virtual drives of a robot in one process, which simulates the robot by the file `plant`."""
+        """Start all virtual drives of a robot in one process, which simulates the robot from the file `plant`."""
         nodes = [(bus, node) for bus in setup.buses.values() for node in bus.nodes.values()]
         if len(setup.buses) > 1:
             arguments = ["canopen_control", "drive", "--buses", str(write_buses(plant.parent, [(setup, plant)]))]
@@ -387,7 +387,7 @@ class Supervisor:
         inherit_stdout: bool = False,
         reports: bool = False,
     ) -> Child:
-        """Start a child process with `argv`, or before any bus is joined by a fork that runs `main`."""
+        """Start a child process with `argv`, or, before any bus is joined, by a fork that runs `main`."""
         log_dir = None if inherit_stdout else state_dir(self._name)
         child = spawn(
             argv,
@@ -401,14 +401,14 @@ class Supervisor:
         return self._supervised(child)
 
     def _supervised(self, child: Child) -> Child:
-        """Supervise the end of a child process, and remove the inherited processor binding."""
+        """Watch a child process for its end, and remove the inherited processor binding."""
         if self._realtime is not None:
             self._realtime.release(child.pid)
         child.watch(self._reactor, lambda returncode, lines: self._on_exit(child, returncode, lines))
         return child
 
     def _on_exit(self, child: Child, returncode: int, lines: list[str]) -> None:
-        """Report the unexpected end of a child process, and restart the child if the policy allows that."""
+        """Report the unexpected end of a child process, and restart it if the policy permits."""
         if self._ending or child not in (*self._drives, *self._clients):
             return
         child.unwatch_ready(self._reactor)
@@ -445,7 +445,7 @@ def hosts_virtual_drives(setup: RobotSetup) -> bool:
 
 
 class Silence:
-    """Duration of a child's silence, counted only while this process is on time; times are in monotonic ns."""
+    """Duration of a child's silence, counted only while this process runs on time; times are in monotonic ns."""
 
     def __init__(self, now: int) -> None:
         self._checked_at, self._heard_at = now, -1
@@ -469,7 +469,7 @@ class Restarts:
         self._times: deque[int] = deque(maxlen=MAX_RESTARTS)
 
     def died(self, now: int) -> str:
-        """Count an unexpected end; return the decision about a restart as text, and set `given_up` if negative."""
+        """Count an unexpected end; return the restart decision as text, and set `given_up` if it is negative."""
         if len(self._times) == MAX_RESTARTS and now - self._times[0] < WINDOW_NS:
             self.given_up = True
             return f"it is not restarted, because it was restarted {MAX_RESTARTS} times within a minute"

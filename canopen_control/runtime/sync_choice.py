@@ -57,7 +57,7 @@ def cyclic_axes(config: BusConfig, description: UrdfDescription) -> list[CyclicA
 
 
 def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tuple[str, int]]:
-    """Return node name and axis number of every prismatic joint that a drive on the bus moves."""
+    """Return node name and axis number of every prismatic joint moved by a drive on the bus."""
     return frozenset(
         (node.name, axis_number(joint))
         for tag in description.hardware
@@ -69,7 +69,7 @@ def linear_axes(config: BusConfig, description: UrdfDescription) -> frozenset[tu
 
 
 def joint_words(axes: Sequence[CyclicAxis]) -> str:
-    """Return the first three names of joints, and the number of further joints, as a text."""
+    """Return up to three names of joints, and the number of further joints, as text."""
     joints = list(dict.fromkeys(axis.joint for axis in axes))
     return ", ".join(joints[:_NAMED]) + (f" and {len(joints) - _NAMED} more" if len(joints) > _NAMED else "")
 
@@ -89,13 +89,13 @@ def _axes(config: BusConfig, joint: ControlJoint) -> Iterator[CyclicAxis]:
 
 
 def axis_number(joint: ControlJoint) -> int:
-    """Return the axis number of a joint in a multi-axis drive, 0 if not given."""
+    """Return the axis number of a joint in a multi-axis drive; 0 if not given."""
     text = joint.parameters.get("axis", joint.parameters.get("channel", "0")).strip()
     return int(text) if text.isdigit() and int(text) < objects.AXES else 0
 
 
 def node_of(config: BusConfig, joint: ControlJoint) -> NodeConfig | None:
-    """Return the node that moves a joint, by `device_name` or `node_id`; None if the node is on another bus."""
+    """Return the node that moves a joint, by `device_name` or `node_id`; None if it is on another bus."""
     name, node_id = joint.parameters.get("device_name"), joint.parameters.get("node_id", "").strip()
     if name is not None:
         return config.nodes.get(name)
@@ -113,7 +113,7 @@ class SyncSender(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class SyncChoice:
-    """SYNC producer of a bus; `why` is the reason for the choice, `joints` names joints that are timed by SYNC."""
+    """SYNC producer of a bus; `why` is the reason for the choice, `joints` are the joints timed by SYNC."""
 
     sender: SyncSender
     why: str = ""
@@ -121,7 +121,7 @@ class SyncChoice:
 
     @property
     def words(self) -> str:
-        """Sentence about the SYNC producer and the reason."""
+        """Sentence with the SYNC producer and the reason."""
         if self.sender is SyncSender.NONE:
             return "no device sends SYNC"
         by = (
@@ -133,7 +133,7 @@ class SyncChoice:
 
     @property
     def hint(self) -> str:
-        """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not affected."""
+        """Sentence about jerks caused by a late SYNC of this process, with the remedy; "" if not applicable."""
         if self.sender is not SyncSender.PROGRAM or not self.joints:
             return ""
         return f"{self.words}; {self.joints} time their motion by it, and what is late is heard: {_REMEDY}"
@@ -175,7 +175,7 @@ def _no_interface(channel: str) -> str | None:
 
 
 def _reason_against(config: BusConfig, axes: Sequence[CyclicAxis]) -> str | None:
-    """Return why `auto` does not let the kernel send SYNC, None without a reason."""
+    """Return why `auto` does not let the kernel send SYNC, or None if it does."""
     if not axes:
         return "no joint is commanded in CSP or CSV"
     if config.master.sync_order == "last":
