@@ -1,4 +1,4 @@
-"""Base class of all controllers, with the types that controllers share.
+"""Base class of all controllers, and the types that controllers share.
 
 A controller only reads and writes `value` of the interfaces it received at activation; it reads no clock, sends nothing
 and never blocks. A command that is not finite or has the wrong size is refused with a ControlError and counted: it is
@@ -78,14 +78,14 @@ ALL_STATES: Final = "*"
 
 
 class WheelGeometrySource(Protocol):
-    """Provider of wheel dimensions in m from the robot description; None means an unknown dimension."""
+    """Source of wheel dimensions in m from the robot description; None means unknown."""
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance in m between the left and the right wheel joints; None if it is unknown."""
+        """Return the distance in m between the left and right wheel joints, or None if unknown."""
         ...
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the common radius in m of the wheels at these joints; None if it is unknown."""
+        """Return the common radius in m of the wheels at these joints, or None if unknown."""
         ...
 
 
@@ -177,7 +177,7 @@ def twist_axes_of(controller: Controller) -> tuple[str, ...]:
 
 
 def sample_type_of(controller: Controller) -> type[Sample] | None:
-    """Return the type of a controller's samples, or None for a controller without samples."""
+    """Return the type of a controller's samples, or None if it publishes none."""
     return controller.sample_type or controller.tells
 
 
@@ -202,7 +202,7 @@ class Controller:
     """Dataclasses of nested parameters, by their heading in the documentation."""
     is_broadcaster: ClassVar[bool] = False
     is_base: ClassVar[bool] = False
-    """Whether the joints move one vehicle base: they stop together, and no CLI verb moves one of them alone."""
+    """Whether the joints move one vehicle base: they stop together, and no CLI command moves one of them alone."""
     moves_joints: ClassVar[bool] = True
     """Whether the controller moves joints; others, such as broadcasters, run beside the controller that does."""
     twist_axes: ClassVar[tuple[str, ...]] = ()
@@ -245,7 +245,7 @@ class Controller:
         self.cycle_rate = 100
         """Rate of the control cycle in Hz, set by the manager."""
         self.notices: list[ControllerEvent] = []
-        """Reported events; after loading, the manager's list, which all controllers share."""
+        """Reported events; after loading, the list of the manager, which all controllers share."""
 
     # ----------------------------------------------------------------------------------------------------- hooks
 
@@ -254,7 +254,7 @@ class Controller:
         self.update_rate = params.read(self.reads).update_rate
 
     def on_set(self, params: Params) -> None:
-        """Apply changed `settable` parameters, in any state; raise ConfigError, with no change, for invalid values.
+        """Apply changed `settable` parameters in any state; raise ConfigError, with no change, for invalid values.
 
         An override reads all of them, as `on_configure` does, before it changes anything.
         """
@@ -282,7 +282,7 @@ class Controller:
         return ()
 
     def on_activate(self, commands: list[CommandInterface], states: list[StateInterface], now: int) -> None:
-        """Store the claimed interfaces; `now` is in ns. An override calls this method first."""
+        """Store the claimed interfaces; `now` is in ns. An override must call this method first."""
         del now
         self.commands, self.states = commands, states
 
@@ -319,7 +319,7 @@ class Controller:
         return None
 
     def wheel_base(self) -> DriveGeometry | None:
-        """Return the wheel geometry that a configured controller assumes; None for a controller without wheels."""
+        """Return the wheel geometry that a configured controller assumes, or None if it moves no wheels."""
         return None
 
     def dead_reckoning(self, ahead: float) -> tuple[float, float, float] | None:  # noqa: ARG002 - of a base
@@ -342,7 +342,7 @@ class Controller:
         return ControlError(f"{self.name} {reason}")
 
     def checked(self, values: Sequence[object], names: Sequence[str]) -> None:
-        """Raise ControlError unless the controller is active and there is one finite number for each name."""
+        """Raise ControlError unless the controller is active and each name has one finite number."""
         if self.state is not ControllerState.ACTIVE:
             raise self.refusal(f"is {self.state.value}; activate it before commanding it")
         if len(values) != len(names):

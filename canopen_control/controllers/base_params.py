@@ -90,7 +90,7 @@ class BaseParams(CommonParams):
     )
 
     def mistakes(self) -> Iterator[tuple[bool, str]]:
-        """Yield pairs of a flag, True for a failed check, and the error text; the base class has no checks."""
+        """Yield pairs of a flag, True for a failed check, and the error text; the base class checks nothing."""
         return iter(())
 
     def frame_ids(self, namespace: str = "") -> tuple[str, str]:

@@ -114,7 +114,7 @@ class BatteryParams(CommonParams):
         return (self.sensor_name,) if self.sensor_name else self.batteries
 
     def measured(self, battery: str) -> list[str]:
-        """Return the state interface for each of `QUANTITIES` of a battery; "" marks quantities that are not read."""
+        """Return the state interface for each of `QUANTITIES` of a battery; "" if a quantity is not read."""
         if self.sensor_name:
             return [f"{battery}/voltage", *[""] * (len(QUANTITIES) - 1)]
         first, *others = QUANTITIES
@@ -288,7 +288,7 @@ class ForceTorqueParams(SensorParams):
 
 @dataclass(frozen=True)
 class PoseTransform:
-    """Parameters of the transform that a pose broadcaster publishes: an enable flag and the child frame."""
+    """Transform that a pose broadcaster publishes: an enable flag and the child frame."""
 
     enable: bool = setting(True, help="whether to publish the pose as a transform on `/tf` too")
     child_frame_id: str = setting("", help="child frame of the transform; empty: `pose_name`")
@@ -314,7 +314,7 @@ class PoseParams(CommonParams):
 
     @property
     def names(self) -> list[str]:
-        """The seven state interfaces of the pose, in the order of `POSE`."""
+        """Seven state interfaces of the pose, in the order of `POSE`."""
         if self.pose_name:
             return [f"{self.pose_name}/{key}" for key in POSE]
         return [self.interface_names[key] for key in POSE]
@@ -352,7 +352,7 @@ _IMU: Final = (
 
 
 class SensorBroadcaster(Controller):
-    """Base class of broadcasters of a fixed list of state interfaces, in which "" marks an absent interface."""
+    """Base class of broadcasters of a fixed list of state interfaces, in which "" marks a missing interface."""
 
     is_broadcaster: ClassVar[bool] = True
 
@@ -608,7 +608,7 @@ class StateParams(CommonParams):
 
 
 class _StateBroadcaster(Controller):
-    """Base class of broadcasters of selected state interfaces, by default of the interfaces `chosen`."""
+    """Base class of broadcasters of selected state interfaces, by default those in `chosen`."""
 
     title: ClassVar[str] = "GPIO and diagnostics"
     reads: ClassVar[type[StateParams]] = StateParams

@@ -1,4 +1,4 @@
-"""Controllers of ros2_canopen that offer the services of one CANopen node or drive.
+"""ros2_canopen controllers that offer the services of one CANopen node or drive.
 
 Rules (canopen_ros2_controllers): the parameter is `joint`; topics and services have the controller's name. Upstream
 passes each request through interfaces that a hardware component polls in its cycle. Here the controllers claim no

@@ -61,17 +61,17 @@ States = Sequence["StateInterface"]
 
 
 class Limited(metaclass=ABCMeta):
-    """Base class of limiters for commands that are limited together; `enforce` runs only if `passes` is False."""
+    """Base class of limiters for commands that are limited together; `enforce` is needed only if `passes` is False."""
 
     __slots__ = ()
 
     def passes(self, period: float) -> bool:  # noqa: ARG002 - the verb of all of them
-        """Return True if a short check shows that all commands are within the limits; else `enforce` must run."""
+        """Return True if a quick check shows that all commands are within the limits; else `enforce` must run."""
         return False
 
     @abstractmethod
     def enforce(self, period: float, clock: float) -> str | None:
-        """Clamp the commands to the limits, and return a report of newly limited commands, else None.
+        """Clamp the commands to the limits; return a report of newly limited commands, or None.
 
         `clock` is the sum of all periods up to and including this cycle, in s.
         """
@@ -154,7 +154,7 @@ class JointCommands(Limited):
     def _limit_text(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
-        """Return a report of the limits that changed the command, or None within `QUIET_S` of another limit."""
+        """Return a report of the limits that changed the command, or None within `QUIET_S` of another report."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None
@@ -210,7 +210,7 @@ class JointCommands(Limited):
 
 
 class JointPosition(JointCommands):
-    """Limiter of a joint that has one position command and no soft limits, with a short check."""
+    """Limiter of a joint with one position command and no soft limits; uses a quick check."""
 
     __slots__ = ("_before", "_command", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -245,7 +245,7 @@ class JointPosition(JointCommands):
 
 
 class JointVelocity(JointCommands):
-    """Limiter of a joint that has one velocity command and no soft limits, with a short check."""
+    """Limiter of a joint with one velocity command and no soft limits; uses a quick check."""
 
     __slots__ = ("_before", "_command", "_here", "_high", "_low", "_rate", "_slope", "_speed")
 
@@ -308,7 +308,7 @@ class JointSeveral(Limited):
 
 
 class PlainCommand(Limited):
-    """Limiter of a command outside `QUANTITIES`, which applies only the bounds of the command interface."""
+    """Limiter of a command outside `QUANTITIES`; applies only the bounds of the command interface."""
 
     __slots__ = ("_command", "_limited_at")
 
@@ -374,7 +374,7 @@ class CommandLimits:
                 self._limited.append(limited_joint(joint, limits, limitable, states))
 
     def enforce(self, period: float) -> str | None:
-        """Limit all commands; `period` is in s. Return a report of newly limited commands, else None."""
+        """Limit all commands; `period` is in s. Return a report of newly limited commands, or None."""
         self._clock = clock = self._clock + period
         judged = period > 0.0
         texts: list[str] | None = None
@@ -421,6 +421,6 @@ def _smaller(info: InterfaceInfo) -> float:
 
 
 def _accelerations(info: InterfaceInfo) -> tuple[float, float]:
-    """Return the maximum acceleration and deceleration from `max` and |`min`|; a single bound is used for both."""
+    """Return the maximum acceleration and deceleration from `max` and |`min`|; a single bound applies to both."""
     faster, slower = info.maximum, abs(info.minimum)
     return (faster if math.isfinite(faster) else slower), (slower if math.isfinite(slower) else faster)

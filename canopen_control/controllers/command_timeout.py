@@ -1,4 +1,4 @@
-"""Timeout of a controller's command, with the source of the command and the reason of its end.
+"""Timeout of a controller's command, with the source of the command and the reason for its end.
 
 A velocity or effort command that is not renewed expires after the timeout of the YAML file or, without one, after
 `DEFAULT_LIFE_S`; an explicit timeout of 0 means unlimited, which is upstream's default. A position command does not

@@ -1,4 +1,4 @@
-"""Reader of ros2_controllers.yaml files, in every layout in use by ROS 1 and ROS 2.
+"""Reader of ros2_controllers.yaml files in all layouts of ROS 1 and ROS 2.
 
 A controller's type is in the controller_manager's block or in the controller's own block, with `ros__parameters` (ROS
 2) or without (ROS 1). Blocks may be named `/name`, `/ns/name` or `/**`, or be nested in namespaces, each with the
@@ -37,7 +37,7 @@ _WILDCARDS: Final = ("*", "**")
 
 @dataclass(frozen=True)
 class ControllerConfig:
-    """Configuration of one controller in the file; `type` is "" if absent.
+    """Configuration of one controller in the file; `type` is "" if missing.
 
     `line` is the line of the type. `fallbacks` are the controllers that replace this controller when it fails,
     `node_options` the arguments of its ROS node. `namespace` and `block_line` are those of the parameter block; `ros1`
@@ -77,7 +77,7 @@ class ControllersFile:
 
 @dataclass(frozen=True)
 class ManagerParams:
-    """Parameters of the controller_manager, including parameters that have no effect in this package.
+    """Parameters of the controller_manager, including those that have no effect in this package.
 
     Parameters that do not apply to one process with one thread are accepted, without effect.
     """
@@ -120,7 +120,7 @@ _IGNORED: Final = (
     "hardware_synchronization.",
     "hardware_components_initial_state.",
 )
-"""Groups of controller_manager parameters that are accepted and not read."""
+"""Groups of controller_manager parameters that are accepted but not read."""
 
 _INITIAL_STATES: Final = frozenset(
     {"hardware_components_initial_state.unconfigured", "hardware_components_initial_state.inactive"}
@@ -132,7 +132,7 @@ FOREIGN: Final = {
     "hardware_interface": "the joints are taken from the description",
     "generic_hw_control_loop": "bus.yml and update_rate determine the cycle",
 }
-"""Blocks of ROS 1 files that belong to no controller, with the reason why they have no effect."""
+"""Blocks of ROS 1 files that do not belong to a controller, with the reason why they have no effect."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class _Block:
 
 @dataclass(frozen=True)
 class _Declared:
-    """Controller that is declared in the controller_manager block.
+    """Controller declared in the controller_manager block.
 
     Besides its type, the block may contain `further` parameters, parameter files, fallbacks and node options.
     """
@@ -215,7 +215,7 @@ def _with_variables(text: str, variables: Mapping[str, str]) -> str:
 
 
 def _variables_in(text: str) -> list[tuple[str, int]]:
-    """Return the variables without a value, as pairs of name and first line, without duplicates."""
+    """Return the variables without a value as pairs of name and first line, without duplicates."""
     lines = enumerate(LINE_END.split(text), 1)
     uses = [(match[0], number) for number, line in lines for match in _VARIABLE.finditer(line.partition("#")[0])]
     return list({name: (name, number) for name, number in reversed(uses)}.values())[::-1]
@@ -232,7 +232,7 @@ def _pairs(node: Node) -> dict[str, tuple[Node, Node]]:
 
 
 def _collect(node: Node, blocks: dict[str, _Block], namespace: str = "") -> None:
-    """Collect the parameter blocks of all layouts by controller name; warn about blocks without a controller."""
+    """Collect the parameter blocks of all layouts by controller name; warn of blocks without a controller."""
     for key, value in node.pairs():
         above, _, name = key.text.rstrip("/").rpartition("/")
         inner = value.get(PARAMETERS)
@@ -257,7 +257,7 @@ def _nested(node: Node) -> Node:
 
 
 def is_within(pattern: str, namespace: str) -> bool:
-    """Return whether the namespace of a parameter block applies to a node's namespace.
+    """Return whether the namespace of a parameter block includes a node's namespace.
 
     The pattern may contain the wildcards of rcl; a namespace with `*` matches every pattern.
     """
@@ -268,7 +268,7 @@ def is_within(pattern: str, namespace: str) -> bool:
 
 
 def _is_namespace(name: str, value: Node) -> bool:
-    """Return whether a block contains only mappings and no type, which means that its name is a namespace."""
+    """Return whether a block has only mappings and no type, so that its name is a namespace."""
     below = {node.kind for _, node in value.items()}
     return value.kind == "mapping" and value.get("type") is None and below == {"mapping"} and name != MANAGER_SECTION
 
@@ -279,7 +279,7 @@ def _add(blocks: dict[str, _Block], name: str, block: _Block) -> None:
 
 
 def _manager(flat: Node, root: Node) -> tuple[dict[str, _Declared], ManagerParams]:
-    """Return the controllers that the manager's block declares, and the parameters of the manager."""
+    """Return the controllers declared in the manager's block, and the parameters of the manager."""
     own: dict[str, tuple[Node, Node]] = {}
     pairs = _pairs(flat)
     declared: dict[str, _Declared] = {}

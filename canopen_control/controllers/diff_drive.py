@@ -1,4 +1,4 @@
-"""Diff drive controller, which converts twists to wheel speeds and wheel motion to odometry.
+"""Diff drive controller: converts twists to wheel speeds, and wheel motion to odometry.
 
 Kinematics (ros2_controllers jazzy): (v -+ w * separation / 2) / radius is written to every wheel of a side. Nothing is
 written before the first command; when the timeout has passed since the activation, zeros are written. A
@@ -84,7 +84,7 @@ class Odometry(PlanarPose):
         self._angular.clear()
 
     def update_position(self, left: float, right: float, now: int) -> bool:
-        """Integrate the wheel angles in rad; return False for the baseline or too short a time step."""
+        """Integrate the wheel angles in rad; return False for the baseline or if the time step is too short."""
         if not self.started:
             self.begin(left, right, now)
             return False
@@ -100,7 +100,7 @@ class Odometry(PlanarPose):
         return self._step(step_left, step_right, dt, now)
 
     def update_velocity(self, left: float, right: float, now: int) -> bool:
-        """Integrate the wheel velocities in rad/s; return False for the baseline or too short a time step."""
+        """Integrate the wheel velocities in rad/s; return False for the baseline or if the time step is too short."""
         if not self.started:
             self.begin(0.0, 0.0, now)
             return False
@@ -141,7 +141,7 @@ def wheel_velocities(
 
 
 class DiffDriveController(MobileBase):
-    """Controller of a differential drive base, which is commanded by twists.
+    """Controller of a differential drive base that is commanded by twists.
 
     The odometry is published at `publish_rate`, and the limited twist on `~/cmd_vel_out` if the parameters enable it.
     """

@@ -1,4 +1,4 @@
-"""Parameters of the diff drive controller, by the names of all ROS distributions.
+"""Parameters of the diff drive controller, with the names of all ROS distributions.
 
 The names are those of Jazzy; names of noetic and humble are translated, with one warning each. Limits in the file are
 applied unless `has_*_limits` is false, as in jazzy but not in noetic and humble. `min_acceleration`, which jazzy
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SwitchedLimits(TwistAxisLimits):
-    """Limits of `linear.x` or `angular.z`; a false `has_*_limits` disables its group, nan a single limit."""
+    """Limits of `linear.x` or `angular.z`; a false `has_*_limits` disables its group, nan disables one limit."""
 
     has_velocity_limits: bool = setting(True, help="whether to apply the velocity limits")
     has_acceleration_limits: bool = setting(True, help="whether to apply the acceleration limits")
@@ -105,7 +105,7 @@ class DiffDriveParams(PrefixedParams):
 
     @property
     def frozen(self) -> tuple[str, ...]:
-        """Twist axes whose speed a jerk limit of 0 keeps constant."""
+        """Twist axes whose speed is kept constant by a jerk limit of 0."""
         axes = {"linear.x": self.linear, "angular.z": self.angular}
         return tuple(name for name, axis in axes.items() if axis.freezes)
 
@@ -122,7 +122,7 @@ RENAMES: Final = {
     "allow_multiple_cmd_vel_publishers": "",
     "publish_wheel_joint_controller_state": "",
 }
-"""Names of noetic and humble, mapped to those of jazzy; "" marks parameters without effect."""
+"""Names in noetic and humble, mapped to those of jazzy; "" marks parameters without effect."""
 
 
 def read_params(

@@ -44,7 +44,7 @@ class ForwardCommandController(Controller):
 
     @property
     def timed_out(self) -> bool:
-        """Whether the last command has expired without a newer command."""
+        """Whether the last command has expired and was not replaced."""
         return self._timed_out
 
     def on_configure(self, params: Params) -> None:
@@ -152,7 +152,7 @@ class MultiInterfaceForwardCommandController(ForwardCommandController):
 
 
 class _JointGroupController(ForwardCommandController):
-    """Base class of forward command controllers whose type determines the interface."""
+    """Base class of forward command controllers whose interface depends on the type."""
 
     title: ClassVar[str] = "Group controllers: the name of the type contains the interface"
     fixed_interface = VELOCITY
@@ -183,7 +183,7 @@ _GAINS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup")
 
 
 class _JointController(ForwardCommandController):
-    """Base class of the ROS 1 controllers of one joint, whose type determines the interface."""
+    """Base class of the ROS 1 controllers of one joint whose interface depends on the type."""
 
     title: ClassVar[str] = "One joint, as in ROS 1"
     fixed_interface = VELOCITY

@@ -40,7 +40,7 @@ _LIST: Final = ".interfaces"
 
 @dataclass(frozen=True)
 class GpioParams(CommonParams):
-    """Parameters of gpio_controllers/GpioCommandController, with safe values of outputs.
+    """Parameters of gpio_controllers/GpioCommandController, including safe values of outputs.
 
     `command_timeout` is in s, see the module `command_timeout` for its default and 0. The keys of the interface lists
     are "<gpio>.interfaces", those of the safe values "<gpio>.<interface>"; `kept_outputs` are "<gpio>/<interface>".
@@ -93,11 +93,11 @@ class GpioParams(CommonParams):
 
     @property
     def unnamed_gpios(self) -> list[str]:
-        """GPIOs without selected state interfaces, of which all state interfaces are published."""
+        """GPIOs without selected state interfaces; all their state interfaces are published."""
         return [gpio for gpio in self.gpios if not self.state_interfaces.get(gpio + _LIST)]
 
     def safe_value(self, output: str, hardware: float | None) -> float:
-        """Return the value of an output after the end of its commands; nan keeps it, `hardware` is the default."""
+        """Return the value of an output after its commands have ended; nan keeps it, `hardware` is the default."""
         default = 0.0 if hardware is None else hardware
         return math.nan if output in self.kept_outputs else self.safe_values.get(_dotted(output), default)
 
@@ -208,7 +208,7 @@ class GpioCommandController(Controller):
         self.life.end()
 
     def on_deactivate(self, now: int) -> None:
-        """Set the commanded outputs to their safe values, which apply after the release too."""
+        """Set the commanded outputs to their safe values, which also apply after the release."""
         for command, safe in zip(self.commands, self._safe, strict=True):
             command.release_value = safe
         self.forget(now)
@@ -252,7 +252,7 @@ class GpioCommandController(Controller):
         self.life.give(now)
 
     def is_standstill(self, values: Sequence[float]) -> bool:
-        """Return whether the end of the commands would change no output."""
+        """Return whether no output would change when the commands end."""
         del values
         pairs = zip(self._values, self._safe, strict=True)
         return all(math.isnan(value) or math.isnan(safe) or value == safe for value, safe in pairs)

@@ -1,4 +1,4 @@
-"""Gripper action controllers, which move a gripper with limited effort, and detect success or a stall.
+"""Gripper action controllers: move a gripper with limited effort, and detect success or a stall.
 
 Rules (gripper_controllers and parallel_gripper_controller, Jazzy): a goal is reached within `goal_tolerance`, and ends
 as stalled if the joint has not moved for `stall_timeout`, which is a success with `allow_stalling`. After a success the
@@ -118,7 +118,7 @@ def read_params(params: Params, name: str, cls: type[P]) -> P:
 
 
 def _with_gains(cls: type[P], joint: str) -> type[P]:
-    """Return a parameter class with a section `gains.<joint>`, if the class has gains."""
+    """Return a parameter class with a section `gains.<joint>` if the class has gains."""
     if not issubclass(cls, EffortGripperParams):
         return cls
     loop = ("loop", LoopGains, setting(LoopGains(), key=f"gains.{joint}", section=True))
@@ -126,7 +126,7 @@ def _with_gains(cls: type[P], joint: str) -> type[P]:
 
 
 class PositionGripperActionController(Controller):
-    """Controller that moves a gripper by position commands; `goal` is the active goal, else None."""
+    """Controller that moves a gripper by position commands; `goal` is the active goal, or None."""
 
     title: ClassVar[str] = "Gripper, commanded by position"
     sample_type: ClassVar[type[Sample] | None] = GripperSample
@@ -218,7 +218,7 @@ class PositionGripperActionController(Controller):
             raise self.refusal(f"cannot send {position:g}: {problem}; nothing was applied")
 
     def _report_unlimited(self, goal: GripperGoal) -> None:
-        """Report once that the effort of a goal has no effect, because no interface limits the effort."""
+        """Report once that the effort of a goal has no effect because no interface limits the effort."""
         if goal.max_effort and not self._is_limited:
             self._is_limited = True
             text = "the max_effort of goals has no effect: set max_effort_interface, or limit the drive (0x6072)"
@@ -313,7 +313,7 @@ class ParallelGripperActionController(PositionGripperActionController):
 
 
 class EffortGripperActionController(PositionGripperActionController):
-    """Controller that moves a gripper by effort commands of a position loop."""
+    """Controller that moves a gripper by the effort commands of a position loop."""
 
     title: ClassVar[str] = "Gripper, commanded by effort"
     reads: ClassVar[type[GripperParams]] = EffortGripperParams

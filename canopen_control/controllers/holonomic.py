@@ -42,7 +42,7 @@ HOLONOMIC: Final = ("linear.x", "linear.y", "angular.z")
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class HolonomicBase(MobileBase):
-    """Base class of controllers with omni or mecanum wheels; `wheels` are the kinematics with the pose."""
+    """Base class of controllers with omni or mecanum wheels; `wheels` are the kinematics including the pose."""
 
     twist_axes: ClassVar[tuple[str, ...]] = HOLONOMIC
     references: ClassVar[tuple[str, ...]] = ("linear/x", "linear/y", "angular/z")

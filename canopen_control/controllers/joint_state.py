@@ -1,4 +1,4 @@
-"""Joint state broadcaster, which publishes the measured states of all joints.
+"""Joint state broadcaster: publishes the measured states of all joints.
 
 Rules (ros2_controllers jazzy): `names` are the joints of a JointState message, whose arrays have the same length; the
 value of a missing interface is unknown. With a description only its movable joints are included, in alphabetical order;

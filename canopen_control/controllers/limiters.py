@@ -90,7 +90,7 @@ class RateLaw:
             raise ValueError("Invalid second derivative limits")
 
     def limit(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Apply all limits to `v`; `v0` is the last limited value, `v1` the value before, `dt` is in s."""
+        """Apply all limits to `v`; `v0` is the last limited value, `v1` the one before; `dt` is in s."""
         if self._has_j:
             v = self.limit_jerk(v, v0, v1, dt)
         if self._has_a:
@@ -98,13 +98,13 @@ class RateLaw:
         return self.limit_velocity(v) if self._has_v else v
 
     def limit_velocity(self, v: float) -> float:
-        """Return `v`, clamped to the velocity limits."""
+        """Return `v` clamped to the velocity limits."""
         if not self._has_v:
             return v
         return self._min_v if v < self._min_v else self._max_v if v > self._max_v else v
 
     def limit_acceleration(self, v: float, v0: float, dt: float) -> float:
-        """Return `v`, with its step from the last value `v0` clamped to the acceleration limits; `dt` is in s."""
+        """Return `v` with its step from the last value `v0` clamped to the acceleration limits; `dt` is in s."""
         if not self._has_a:
             return v
         step = v - v0
@@ -113,7 +113,7 @@ class RateLaw:
         return v0 + (low if step < low else high if step > high else step)
 
     def limit_jerk(self, v: float, v0: float, v1: float, dt: float) -> float:
-        """Return `v`, with the change of its step clamped to the jerk limits while the step grows; `dt` is in s."""
+        """Return `v` with the change of its step clamped to the jerk limits while the step grows; `dt` is in s."""
         if not self._has_j:
             return v
         dv, dv0 = v - v0, v0 - v1
@@ -196,7 +196,7 @@ NEAR: Final = 0.002  # rad or m outside the range within which a velocity may st
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class JointLimiter:
-    """Limiter for the commands of one joint; `before` has the previous commands, nan after `reset`."""
+    """Limiter of the commands of one joint; `before` has the previous commands, nan after `reset`."""
 
     def __init__(self, limits: HardLimits) -> None:
         self.limits = limits
@@ -227,7 +227,7 @@ class JointLimiter:
         return limited
 
     def _begin(self, actual: list[float], desired: list[float]) -> None:
-        """Without previous commands, start from the measured state or else from the desired values."""
+        """If previous commands are missing, start from the measured state or else from the desired values."""
         before = self.before
         for limited in before:
             if limited == limited:  # is not nan
@@ -284,7 +284,7 @@ class JointLimiter:
         self._low, self._high = low, high
 
     def _may_not_move(self, target: float, here: float) -> bool:
-        """Return whether the joint is far outside its range, or slightly outside and commanded further out."""
+        """Return whether the joint is far outside its range, or slightly outside and commanded farther out."""
         low, high = self.limits.min_position, self.limits.max_position
         if low <= here <= high:
             return False
@@ -419,7 +419,7 @@ class PointLimiter:
         self._places = self._speeds = False  # whether the desired point has positions and velocities
 
     def enforce(self, actual: Point, desired: Point, period: float) -> bool:
-        """Clamp the desired point in place, and return whether a value was changed; `period` is in s.
+        """Clamp the desired point in place and return whether a value was changed; `period` is in s.
 
         Nothing is done without the actual positions of all joints, or without desired positions or velocities of all
         joints.
@@ -504,7 +504,7 @@ class PointLimiter:
             self._positions[joint] = here + speed * period + 0.5 * acceleration * period * period
 
     def _look_ahead(self, joint: int, here: float, period: float) -> None:
-        """Request braking of all joints if a joint could no longer stop before the end of its range."""
+        """Request braking of all joints if a joint could otherwise not stop before the end of its range."""
         limits = self.limits[joint]
         if self._speeds and not self._places:
             target = here + self._velocities[joint] * period

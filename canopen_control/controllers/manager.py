@@ -71,7 +71,7 @@ _NO_TRAJECTORIES: Final = "is not a joint trajectory controller"
 def _command(
     controller: Controller, values: Sequence[float] | Mapping[str, float], now: int, stamp: int | None
 ) -> None:
-    """Pass a command to a controller; raise ControlError if the controller does not accept this kind of command."""
+    """Pass a command to a controller; raise ControlError if it does not accept this kind of command."""
     if isinstance(values, Mapping):
         if not isinstance(controller, TakesNamedValues):
             raise controller.refusal("accepts no values by interface name; give one value for each interface, in order")
@@ -83,7 +83,7 @@ def _command(
 
 
 def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
-    """Pass a goal to a controller; raise ControlError if the controller does not accept this kind of goal."""
+    """Pass a goal to a controller; raise ControlError if it does not accept this kind of goal."""
     if isinstance(goal, GripperGoal):
         if not isinstance(controller, Grips):
             raise controller.refusal("is not a gripper action controller")
@@ -95,10 +95,10 @@ def _send_goal(controller: Controller, goal: AnyGoal, now: int) -> None:
 
 
 class CommandLimiter(Protocol):
-    """Limiter of all commands of a cycle, such as `CommandLimits` or the speed cap of a preflight check."""
+    """Limiter of all commands of a cycle, such as `CommandLimits` or the speed limit of a preflight check."""
 
     def enforce(self, period: float) -> str | None:
-        """Limit all commands, and return a report of newly limited commands, else None; `period` is in s."""
+        """Limit all commands; return a report of newly limited commands, or None. `period` is in s."""
 
 
 class ControllerManager:
@@ -201,28 +201,28 @@ class ControllerManager:
         self._node_options.pop(name, None)
 
     def get(self, name: str) -> Controller:
-        """Return a loaded controller; raise UnknownName, with the nearest name, if there is none."""
+        """Return a loaded controller; raise UnknownName, with the nearest name, if it is not loaded."""
         controller = self._controllers.get(name)
         if controller is None:
             raise UnknownName(f"no controller {name!r} is loaded{nearest(name, self._controllers)}")
         return controller
 
     def follower(self, name: str) -> FollowsTrajectories:
-        """Return a trajectory controller by name; raise ControlError for another type."""
+        """Return a trajectory controller by name; raise ControlError if it has another type."""
         controller = self.get(name)
         if not isinstance(controller, FollowsTrajectories):
             raise ControlError(f"{name} {_NO_TRAJECTORIES}")
         return controller
 
     def base(self, name: str) -> HasOdometry:
-        """Return a controller with odometry by name; raise ControlError for another type."""
+        """Return a controller with odometry by name; raise ControlError if it has another type."""
         controller = self.get(name)
         if not isinstance(controller, HasOdometry):
             raise ControlError(f"{name} has no odometry; it is not a base controller")
         return controller
 
     def loops(self, name: str, action: str) -> ClosesLoops:
-        """Return a PID controller by name; raise ControlError, with `action` in its text, for another type."""
+        """Return a PID controller by name; raise ControlError, which mentions `action`, if it has another type."""
         controller = self.get(name)
         if not isinstance(controller, ClosesLoops):
             raise ControlError(f"{name} {action}; it is not a PID controller")
@@ -263,7 +263,7 @@ class ControllerManager:
     # -------------------------------------------------------------------------------------------------- parameters
 
     def parameters(self, name: str) -> Parameters:
-        """Return the parameters of a controller, or those in its file before it is configured."""
+        """Return the parameters of a controller; before it is configured, those in its file."""
         controller, params = self.get(name), self._params[name]
         if params.source is None:
             return given_in(params)
@@ -301,7 +301,7 @@ class ControllerManager:
         return self._switcher.switch(activate, deactivate, self.running.now if now is None else now, strict=strict)
 
     def leave_out(self, names: Sequence[str]) -> None:
-        """Report unknown controller names that a best-effort switch has ignored."""
+        """Report unknown controller names that a best-effort switch ignored."""
         self._report(
             "left_out",
             "",
@@ -309,7 +309,7 @@ class ControllerManager:
         )
 
     def deactivate_using(self, component: HardwareComponent, reason: str, now: int | None = None) -> Names:
-        """Deactivate the controllers of a failed component, and the controllers chained to them; return their names.
+        """Deactivate the controllers of a failed component, and those chained to them; return their names.
 
         Broadcasters continue with the states of the other components.
         """
@@ -346,7 +346,7 @@ class ControllerManager:
         source: str = "",
         holder: object = None,
     ) -> None:
-        """Pass a command to a controller; raise ControlError for a refusal, NotEnabled without enabled drives.
+        """Pass a command to a controller; raise ControlError if refused, NotEnabled if the drives are not enabled.
 
         `values` are all values, or some by interface names; times are in ns. `source` names the sender; the command
         ends with the connection `holder`, unless it commands standstill. A refusal is reported once, until a command is
@@ -367,7 +367,7 @@ class ControllerManager:
         controller.life.source, controller.life.holder = source, holder
 
     def _pass(self, controller: Controller, command: Callable[[], None], source: str) -> None:
-        """Pass a command to a controller with enabled drives by `command`, and report the first refusal."""
+        """Pass a command to a controller with enabled drives through `command`, and report the first refusal."""
         name = controller.name
         try:
             self._require_enabled(controller)
@@ -378,7 +378,7 @@ class ControllerManager:
         self._reported_refusals.discard(name)
 
     def report_refusal(self, name: str, error: ControlError, source: str) -> None:
-        """Report the first refusal of a command since the controller last accepted a command."""
+        """Report the first command refused since the controller last accepted one."""
         if name not in self._reported_refusals and not isinstance(error, NotYetEnabled):
             self._reported_refusals.add(name)
             self._report("refused", name, f"{error} (from {source or 'not named'}; reported once)")

@@ -1,4 +1,4 @@
-"""Base class of vehicle controllers, which convert twists to wheel commands, and wheel motion to odometry.
+"""Base class of vehicle controllers: convert twists to wheel commands, and wheel motion to odometry.
 
 Each update uses the newest twist, or zero if the newest twist is older than the timeout, limits it against the last two
 limited twists (so that a timeout brakes along the ramp), updates the odometry, and writes the commands. When another
@@ -44,7 +44,7 @@ _STEPS: Final = 2  # previous steps that the limits of acceleration and jerk dep
 
 
 class LimitedTwist:
-    """Requested and limited twist, by axis in m/s and rad/s; the requested twist may be nan (none)."""
+    """Requested and limited twist, by axis in m/s and rad/s; the requested twist is nan if none is requested."""
 
     def __init__(self, axes: Sequence[str]) -> None:
         self._axes = tuple(axes)
@@ -81,7 +81,7 @@ class LimitedTwist:
         self._limiter.enforce(self._actual, self.limited, period)
 
     def step(self) -> None:
-        """Record the limited twist as the last step of the history."""
+        """Record the limited twist as the latest step of the history."""
         self._limiter.step(self._actual, self.limited)
         self._quiet = 0 if any(self.desired) or any(self.limited) else self._quiet + 1
 
@@ -129,7 +129,7 @@ class OdometryPublication:
         self._next = _AT_ONCE
 
     def is_due(self, now: int) -> bool:
-        """Return whether a publication is due at `now` (ns); if so, count the publication and schedule the next.
+        """Return whether a publication is due at `now` (ns); if so, count it and schedule the next one.
 
         The schedule is a fixed grid; missed publications are not made up for.
         """
@@ -148,7 +148,7 @@ class OdometryPublication:
             self._limited[index] = limited[index]
 
     def sample(self, time: float, params: BaseParams, limited: bool) -> OdometrySample | None:
-        """Return the last publication with the configured frames; None before the first publication.
+        """Return the last publication with the configured frames, or None before the first publication.
 
         `time` is in Unix seconds; with `limited`, the limited twist is included.
         """
@@ -175,9 +175,9 @@ class OdometryPublication:
 BASELINE: Final = -1.0
 """Return value of `elapsed` for the first step."""
 TOO_SHORT: Final = 0.0
-"""Return value of `elapsed` for a time step that is added to the next step."""
+"""Return value of `elapsed` for a time step that is too short and is added to the next step."""
 ONE_UPDATE: Final = "one_update"
-"""Kind of the event that reports a timeout of 0, with which a twist applies for a single update."""
+"""Kind of the event that reports a timeout of 0, with which a twist applies to a single update."""
 _NEVER: Final = -1
 _REQUIRED: Final = (("compute_commands",), ("velocities",), ("advance", "follow"))  # one method of each group
 
@@ -199,11 +199,11 @@ class MobileBase(Controller):
     references: ClassVar[tuple[str, ...]] = ("linear", "angular")
     timeout_key: ClassVar[str] = "cmd_vel_timeout"
     zero_is_never: ClassVar[bool] = False
-    """Whether a timeout of 0 is unlimited; otherwise a twist then applies for a single update, as upstream."""
+    """Whether a timeout of 0 means unlimited; otherwise a twist then applies to a single update, as upstream."""
     by_twist_alone: ClassVar[bool] = False
     """Whether the commands are velocities that depend only on the twist."""
     waits_for_a_twist: ClassVar[bool] = False
-    """Whether the base neither updates the odometry nor publishes before the first twist."""
+    """Whether the base neither updates nor publishes the odometry before the first twist."""
 
     def __init__(self, name: str, type_name: str, pose: PlanarPose) -> None:
         super().__init__(name, type_name)
@@ -222,7 +222,7 @@ class MobileBase(Controller):
         self._reset(0)
 
     def _require_methods(self) -> None:
-        """Raise TypeError if a subclass lacks a required method, because `abc` does not check compiled classes."""
+        """Raise TypeError if a subclass lacks a required method, since `abc` does not check compiled classes."""
         kind = type(self)
         for names in _REQUIRED:
             if all(getattr(kind, name) is getattr(MobileBase, name) for name in names):
@@ -239,7 +239,7 @@ class MobileBase(Controller):
         publish_rate: float = 0.0,
         open_loop: bool = False,
     ) -> None:
-        """Apply the common parameters of all bases at configuration; `commands` is the number of commands."""
+        """Apply the parameters common to all bases at configuration; `commands` is the number of commands."""
         self._open_loop = open_loop
         self.apply_parameters(params, timeout, limits)
         self.update_rate, self.publish_rate = params.update_rate, publish_rate
@@ -276,7 +276,7 @@ class MobileBase(Controller):
         """
 
     def integrate_command(self, dt: float) -> None:
-        """Integrate the limited twist over `dt` s into the pose, for odometry in open loop."""
+        """Integrate the limited twist over `dt` s into the pose, for open-loop odometry."""
         limited = self.limited
         left = limited[1] if len(limited) > 2 else 0.0
         self.pose.shift(limited[0] * dt, left * dt, limited[-1] * dt)
@@ -286,7 +286,7 @@ class MobileBase(Controller):
         """Return the current velocities: forward and to the left in m/s, yaw rate in rad/s."""
 
     def follow(self, now: int) -> bool:
-        """Update the odometry; return False if wheel states are needed but unknown. `now` is in ns."""
+        """Update the odometry; return False if required wheel states are unknown. `now` is in ns."""
         if not (self._open_loop or self.states_known()):
             return False
         dt = self.elapsed(now)
@@ -346,7 +346,7 @@ class MobileBase(Controller):
         return self._odometry_params.frame_ids(namespace)
 
     def set_odometry(self, x: float, y: float, heading: float) -> None:
-        """Set the pose of the odometry, in m and rad; raise ControlError while inactive or for nan or infinity."""
+        """Set the pose of the odometry, in m and rad; ControlError while inactive, or for nan or infinity."""
         if self.state is not ControllerState.ACTIVE:
             raise ControlError(f"{self.name} is {self.state.value}; activate it before setting its odometry")
         if not all(map(math.isfinite, (x, y, heading))):
@@ -367,7 +367,7 @@ class MobileBase(Controller):
         return self._publication.sample(self.published(wall_offset_ns), self._odometry_params, limited)
 
     def snapshot(self) -> None:
-        """Copy pose, velocities and limited twist for the publication; an override calls this method first."""
+        """Copy pose, velocities and limited twist for publication; an override must call this method first."""
         self._publication.store(self.pose, self.velocities(), self.limited)
 
     # ----------------------------------------------------------------------------------------------------- lifecycle
@@ -381,7 +381,7 @@ class MobileBase(Controller):
         self._reset(now)
 
     def on_deactivate(self, now: int) -> None:
-        """Stop the wheels at once, with the deceleration of the drives; position commands stay."""
+        """Stop the wheels at once, with the deceleration of the drives; position commands are kept."""
         super().on_deactivate(now)
         self._reset(now)
 
@@ -408,7 +408,7 @@ class MobileBase(Controller):
     # ------------------------------------------------------------------------------------------------------- command
 
     def set_command(self, values: Sequence[float], now: int, stamp: int | None = None) -> None:
-        """Store a twist in m/s and rad/s; a twist that is older than the timeout is refused.
+        """Store a twist in m/s and rad/s; a twist older than the timeout is refused.
 
         `stamp` is the creation time in ns; 0 or None stands for `now`. A stamp in the future, from a clock that is
         ahead, also counts as `now`, because it must not extend the timeout.
@@ -474,7 +474,7 @@ class MobileBase(Controller):
             self._brake()
 
     def _follow_chain(self) -> bool:
-        """Use the claimed reference interfaces as requested twist; return False if none is claimed."""
+        """Use the claimed reference interfaces as the requested twist; return False if none is claimed."""
         for reference in self._references:
             if reference.owner is not None:
                 break
@@ -492,7 +492,7 @@ class MobileBase(Controller):
         self.braking = True
 
     def _rest(self, now: int) -> ReturnType:
-        """Update the odometry before the first twist; missing feedback is not an error."""
+        """Update the odometry before the first twist; here missing feedback is not an error."""
         fill(self.limited, 0.0)
         zero_targets(self.commands)
         if self.follow(now):
@@ -502,7 +502,7 @@ class MobileBase(Controller):
         return OK
 
     def _without_feedback(self) -> ReturnType:
-        """Wait at standstill if a drive is disabled, else report the missing feedback and return ERROR."""
+        """Wait at standstill if a drive is disabled; otherwise report the missing feedback and return ERROR."""
         if all(command.enabled for command in self.commands):
             unknown = [state.name for state in self.states if not math.isfinite(state.value)]
             self.report("feedback", f"{', '.join(unknown)} has no finite value")
@@ -517,7 +517,7 @@ class MobileBase(Controller):
             self.snapshot()
 
     def _write(self, *, is_standstill: bool) -> None:
-        """Write the commands for the limited twist; if a value is out of range of its drive, stop all wheels.
+        """Write the commands for the limited twist; if a value is outside its drive's range, stop all wheels.
 
         `is_standstill` means that the limited twist is zero, so that no command needs to be computed if the commands
         are velocities.
@@ -537,7 +537,7 @@ class MobileBase(Controller):
         self._too_fast = False
 
     def _stop_wheels(self, target: float) -> None:
-        """Stop all wheels because `target` is out of range of a drive, and report the first time."""
+        """Stop all wheels because `target` is outside a drive's range; report the first occurrence."""
         zero_targets(self.commands)
         if not self._too_fast:
             self._too_fast = True

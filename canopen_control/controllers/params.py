@@ -44,7 +44,7 @@ class Params:
 
     @classmethod
     def of(cls, values: Mapping[str, Any], name: str = "parameters") -> Params:
-        """Return parameters made from a nested or dotted mapping of Python values."""
+        """Return parameters from a nested or dotted mapping of Python values."""
         problems = Problems(name, strict=False)
         return cls(flattened(_plain_node(values, "", problems)), name)
 
@@ -73,7 +73,7 @@ class Params:
         return typing.cast("T", value)
 
     def changed(self, values: Mapping[str, PlainValue]) -> Params:
-        """Return a copy in which some parameters have other values, by dotted name; the file is unchanged."""
+        """Return a copy with other values for some parameters, by dotted name; the file is unchanged."""
         changes = Params.of(values, self.name)
         return Params(changes.flat.over(self.flat), self.name, self.shared)
 
@@ -83,7 +83,7 @@ class Params:
         return [str(warning) for problems in self.files for warning in problems.warnings]
 
     def line(self, name: str) -> int:
-        """Return the line of a parameter by its dotted name, 0 for an absent parameter."""
+        """Return the line of a parameter by its dotted name; 0 if missing."""
         key = self.flat.keys().get(name)
         return 0 if key is None else key.line
 
@@ -108,7 +108,7 @@ class Params:
 
 
 def warn_ineffective(params: Node, value: object) -> None:
-    """Add a warning for each parameter in the file that has no effect, if its value is not the default."""
+    """Add a warning for each parameter in the file that has no effect, unless it has its default value."""
     keys, cls = params.keys(), type(value)
     for name, why in getattr(cls, "INEFFECTIVE", {}).items():
         if name in keys and getattr(value, name) != getattr(cls, name):
@@ -116,7 +116,7 @@ def warn_ineffective(params: Node, value: object) -> None:
 
 
 def _gathered(flat: Node, cls: type[Any]) -> Node:
-    """Return the parameters with the keys of each section of `cls` nested below the name of the section."""
+    """Return the parameters with the keys of each section of `cls` nested below the section's name."""
     names = [str(field.metadata["key"]) for field in dataclasses.fields(cls) if field.metadata.get("section")]
     pairs = {key.text: (key, value) for key, value in flat.pairs()}
     for name in names:
@@ -156,7 +156,7 @@ def _plain_node(value: Any, where: str, problems: Problems) -> Node:  # noqa: AN
 
 
 def flattened(node: Node) -> Node:
-    """Return a mapping from dotted names to values; the last of duplicate names is used, with a warning."""
+    """Return a mapping from dotted names to values; for duplicate names the last value applies, with a warning."""
     pairs: dict[str, tuple[Node, Node]] = {}
 
     def add(prefix: str, mapping: Node) -> None:
@@ -232,7 +232,7 @@ class ForwardParams(GroupParams):
 
 @dataclass(frozen=True)
 class SingleParams(CommonParams):
-    """Parameters of the ROS 1 controllers of one joint; their `pid` is ignored, because drives have their own loops."""
+    """Parameters of the ROS 1 controllers of one joint; `pid` is ignored because drives have their own loops."""
 
     joint: str = setting("", help="name of the joint")
     command_timeout: float | None = setting(None, low=0.0, high=1e9, help=COMMAND_TIMEOUT_HELP)
@@ -271,7 +271,7 @@ class BroadcasterParams(CommonParams):
 
 @dataclass(frozen=True)
 class LoopGains:
-    """Gains of a PID loop, by the names of control_toolbox; contradictory gains raise ValueError.
+    """Gains of a PID loop with the names of control_toolbox; contradictory gains raise ValueError.
 
     Contradictory are limits that exclude each other, and a back calculation whose time constant is neither given nor
     follows from the gains: upstream then computes nan.
@@ -436,7 +436,7 @@ def read_pid_params(params: Params, name: str) -> PidParams:
 
 
 def _with_dof_gains(dofs: tuple[str, ...]) -> type[PidParams]:
-    """Return a parameter class that has a section of gains for each degree of freedom."""
+    """Return a parameter class with a section of gains for each degree of freedom."""
     fields: list[tuple[str, Any, Any]] = [
         (f"gains_{index}", DofGains, setting(DofGains(), key=f"gains.{dof}", section=True))
         for index, dof in enumerate(dofs)

@@ -89,7 +89,7 @@ class Pid:
             self.integral = 0.0
 
     def compute(self, error: float, dt: float) -> float:
-        """Return the command for an error, `dt` s after the previous step; the rate is derived from the last error.
+        """Return the command for an error, `dt` s after the previous step; its rate is derived from the last error.
 
         If `dt` is 0, nothing changes; a negative `dt` raises ValueError; an error that is not finite results in nan.
         """
@@ -149,7 +149,7 @@ class Pid:
 
 
 def _quotient(a: float, b: float) -> float:
-    """Return a / b as in IEEE 754, because a time constant of 0 must not raise an exception in the cycle."""
+    """Return a / b as in IEEE 754, since a time constant of 0 must not raise an exception in the cycle."""
     if b:
         return a / b
     return math.copysign(math.inf, a) * math.copysign(1.0, b) if a else math.nan

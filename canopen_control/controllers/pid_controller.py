@@ -1,4 +1,4 @@
-"""PID controller of positions or velocities, which commands velocities, accelerations or efforts.
+"""PID controller of positions or velocities: commands velocities, accelerations or efforts.
 
 Rules (ros2_controllers jazzy, pid_controller/PidController): the reference is the last message, or that of the
 controller that claims `NAME/DOF/INTERFACE` (chaining); a second interface, the derivative, gives the loop the rate of
@@ -59,7 +59,7 @@ class _Dof:
             self.reference_rate.value = 0.0
 
     def step(self, period: float, feed_forward: bool) -> float:
-        """Compute the command of one cycle; nan without a reference or a state. `period` is in s."""
+        """Compute the command of one cycle; nan if reference or state is missing. `period` is in s."""
         reference = self.reference.value
         measured = math.nan if self.state is None else self.state.value
         self.error = shortest_angular_distance(measured, reference) if self.wraps else reference - measured
@@ -77,7 +77,7 @@ class _Dof:
 
 
 class PidController(Controller):
-    """Controller with a PID loop per degree of freedom; `feed_forward` adds scaled references to the outputs."""
+    """Controller with one PID loop per degree of freedom; `feed_forward` adds scaled references to the outputs."""
 
     title: ClassVar[str] = "PID"
     reads: ClassVar[type[PidParams]] = PidParams
@@ -301,7 +301,7 @@ class PidController(Controller):
             self._exported[index].value = self.states[index].value
 
     def _turn(self, index: int, enabled: bool) -> None:
-        """Reset a degree of freedom after its drive was enabled or disabled, and update its references."""
+        """Reset a degree of freedom when its drive is enabled or disabled, and update its references."""
         dof = self._dofs[index]
         self._follows[index] = dof.reference.enabled = enabled
         if dof.reference_rate is not None:

@@ -1,4 +1,4 @@
-"""Planar pose that is integrated from velocities (dead reckoning), and rolling mean of velocities.
+"""Planar pose integrated from velocities (dead reckoning), and rolling mean of velocities.
 
 Rules (ros2_controllers jazzy): the path of a step is an exact arc, or a straight line if the turn is below `STRAIGHT`.
 Headings are never wrapped. Units are m, rad and s.
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 MIN_DT: Final = 1e-4
 """Minimum time step in s for computing a velocity, which would be noise in shorter steps."""
 STRAIGHT: Final = 1e-6
-"""Minimum turn in rad from which a step is an arc; below, the radius is numerically infinite."""
+"""Minimum turn in rad for which a step is an arc; below, the radius is numerically infinite."""
 
 
 def quotient(dividend: float, divisor: float) -> float:
-    """Divide as IEEE 754 does: division by zero gives an infinity with the correct sign, 0 / 0 gives nan."""
+    """Divide as in IEEE 754: division by zero gives an infinity with the correct sign, 0 / 0 gives nan."""
     if divisor != 0.0:
         return dividend / divisor
     if dividend == 0.0 or math.isnan(dividend):
@@ -42,7 +42,7 @@ class RollingMean:
         self._at = self._count = 0
 
     def add(self, value: float) -> None:
-        """Add a value, which replaces the oldest value once there are `size` values."""
+        """Add a value; the oldest value is dropped once there are `size` values."""
         at = self._at
         self._values[at] = value
         at += 1
@@ -52,7 +52,7 @@ class RollingMean:
 
     @property
     def mean(self) -> float:
-        """Mean of the values, 0.0 without values."""
+        """Mean of the values; 0.0 if empty."""
         return sum(self._values[: self._count]) / self._count if self._count else 0.0
 
 

@@ -46,7 +46,7 @@ class TakesNamedValues(Protocol):
     """Controller that accepts values for some of its command interfaces, by name."""
 
     def set_named(self, values: Mapping[str, float], now: int) -> None:
-        """Store values by interface name, all or none; interfaces without a value are unchanged."""
+        """Store values by interface name, all or none; other interfaces are unchanged."""
         ...
 
 
@@ -59,14 +59,14 @@ class FollowsTrajectories(Protocol):
         ...
 
     def cancel_goal(self, why: str | None = None, only: TrajectoryGoal | None = None) -> None:
-        """Cancel the active trajectory; with `only`, if it belongs to this goal. `why` is reported.
+        """Cancel the active trajectory; with `only`, cancel it only if it belongs to this goal. `why` is reported.
 
         Raises ControlError if there is nothing to cancel.
         """
         ...
 
     def trajectory_at(self, t: int) -> TrajectoryAt:
-        """Return the state of the active trajectory at `t`, in ns; `known` is False without a trajectory."""
+        """Return the state of the active trajectory at `t`, in ns; `known` is False if no trajectory is active."""
         ...
 
     def set_speed_scaling(self, factor: float) -> None:
@@ -86,7 +86,7 @@ class Grips(Protocol):
         ...
 
     def cancel_grip(self, why: str | None = None, only: GripperGoal | None = None) -> None:
-        """Cancel the active goal; with `only`, if this goal is active. `why` is reported."""
+        """Cancel the active goal; with `only`, cancel it only if it is this goal. `why` is reported."""
         ...
 
 
@@ -108,5 +108,5 @@ class ClosesLoops(Protocol):
         ...
 
     def set_measured_states(self, values: Sequence[float], now: int) -> None:
-        """Store measured states; raise ControlError if the controller reads state interfaces. `now` is in ns."""
+        """Store measured states; ControlError if the controller reads state interfaces. `now` is in ns."""
         ...

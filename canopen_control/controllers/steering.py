@@ -1,4 +1,4 @@
-"""Steering controllers, which convert twists to speeds of traction wheels and angles of steered wheels.
+"""Steering controllers: convert twists to speeds of traction wheels and angles of steered wheels.
 
 Rules (ros2_controllers jazzy): odometry is updated and published in every update, with or without a twist. Without a
 twist traction is 0 and the steered wheels keep their angle; a commanded zero twist steers them straight. In closed loop
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringController(MobileBase):
-    """Base class of controllers of bases with traction and steered wheels; `kinematics` contains the pose."""
+    """Base class of controllers with traction and steered wheels; `kinematics` contains the pose."""
 
     topic: ClassVar[str | None] = "reference"
     sample_type: ClassVar[type[Sample] | None] = SteeringSample
@@ -183,6 +183,6 @@ class AckermannSteeringController(SteeringController):
         return settings
 
     def _report_size(self, text: str) -> None:
-        """Report, only at configuration, a dimension that is taken from the description."""
+        """Report, at configuration only, a dimension that is taken from the description."""
         if self.state is ControllerState.UNCONFIGURED:
             self.report("parameter", text)

@@ -25,7 +25,7 @@ _MOST_OFF: Final = 1.5608  # deviation of the steering in rad from which the spe
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SteeringKinematics(PlanarPose):
-    """Kinematics and odometry of a bicycle, the base class of the other steering kinematics.
+    """Kinematics and odometry of a bicycle; base class of the other steering kinematics.
 
     `linear` (m/s) and `angular` (rad/s) are means over the last `window` steps, `angle` is the measured steering angle.
     `traction` and `steering` are the wheel commands that `command` computes. `fits` selects how the speed of a base
@@ -71,11 +71,11 @@ class SteeringKinematics(PlanarPose):
     # ------------------------------------------------------------------------------------------------- wheel layout
 
     def measured_angle(self, steering: Sequence[float]) -> float:
-        """Return the steering angle at the centre line, from the angles of the steered wheels."""
+        """Return the steering angle at the centre line from the angles of the steered wheels."""
         return steering[0]
 
     def measured_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the forward speed of the base in m/s, from the speeds of the traction wheels in rad/s."""
+        """Return the forward speed of the base in m/s from the speeds of the traction wheels in rad/s."""
         del angle
         return self.radius * traction[0]
 
@@ -85,7 +85,7 @@ class SteeringKinematics(PlanarPose):
         self.traction[0] = speed
 
     def set_steering(self, angle: float, curve: float) -> None:
-        """Distribute a steering angle over the steered wheels; `curve` is the angle in use."""
+        """Distribute a steering angle over the steered wheels; `curve` is the current angle."""
         del curve
         self.steering[0] = angle
 
@@ -162,7 +162,7 @@ class SteeringKinematics(PlanarPose):
             self.traction[index] = self.traction[index] / fastest * most if math.isfinite(fastest) else 0.0
 
     def share(self, speed: float, angle: float) -> None:
-        """Distribute a speed in rad/s over the right and the left traction wheel, for steering angle `angle`."""
+        """Distribute a speed in rad/s over the right and left traction wheel, for steering angle `angle`."""
         if abs(angle) < _STRAIGHT:
             self.traction[0] = self.traction[1] = speed
             return
@@ -171,7 +171,7 @@ class SteeringKinematics(PlanarPose):
         self.traction[1] = speed * quotient(curve - half, curve)
 
     def mean_speed(self, traction: Sequence[float], angle: float) -> float:
-        """Return the speed midway between two traction wheels in m/s, from their speeds in rad/s."""
+        """Return the speed midway between two traction wheels in m/s from their speeds in rad/s."""
         right, left = traction[0], traction[1]
         if self.fits:
             lean = self.traction_track / 2.0 * math.tan(angle) / self.wheelbase
@@ -201,7 +201,7 @@ class AckermannKinematics(TricycleKinematics):
     steering_count: ClassVar[int] = 2
 
     def measured_angle(self, steering: Sequence[float]) -> float:
-        """Return the mean of the centre line angles that follow from the two steered wheels."""
+        """Return the mean of the centre line angles derived from the two steered wheels."""
         length, half = self.wheelbase, self.steering_track / 2.0
         right, left = math.tan(steering[0]), math.tan(steering[1])
         by_right = math.atan(quotient(length * right, length - half * right))

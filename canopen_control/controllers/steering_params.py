@@ -85,17 +85,17 @@ class SteeringParams(BaseParams):
 
     @property
     def limits(self) -> tuple[TwistAxisLimits, ...]:
-        """Limits of the twist axes; empty, because upstream's steering controllers have no limits."""
+        """Limits of the twist axes; empty, since upstream's steering controllers have no limits."""
         return ()
 
     @property
     def traction_states(self) -> tuple[str, ...]:
-        """Joints with the traction feedback; by default the traction joints."""
+        """Joints with traction feedback; by default the traction joints."""
         return self.traction_joints_state_names or self.traction_joints_names
 
     @property
     def steering_states(self) -> tuple[str, ...]:
-        """Joints with the steering feedback; by default the steering joints."""
+        """Joints with steering feedback; by default the steering joints."""
         return self.steering_joints_state_names or self.steering_joints_names
 
     def fitted_kinematics(self) -> SteeringKinematics:
@@ -184,7 +184,7 @@ def read_params(params: Params, cls: type[SteeringParams]) -> SteeringParams:
 
 
 def _renames(params: Params, cls: type[SteeringParams]) -> dict[str, str]:
-    """Return the new names of humble's parameters for front and rear wheels; "" marks parameters without effect."""
+    """Return the new names of humble's parameters for front and rear wheels; "" if without effect."""
     node = params.flat.get("front_steering")
     by_front = node is None or node.text.lower() != "false"
     fields = cls.__dataclass_fields__
@@ -229,7 +229,7 @@ class Ros1AckermannParams(BicycleParams):
         return self.linear, TwistAxisLimits()
 
     def as_bicycle(self) -> Ros1AckermannParams:
-        """Return a copy with the joint names and dimensions of a bicycle; multipliers are applied."""
+        """Return a copy with the joint names and dimensions of a bicycle, with multipliers applied."""
         return replace(
             self,
             traction_joints_names=(self.rear_wheel,),
@@ -270,7 +270,7 @@ def is_ros1(params: Params) -> bool:
 def read_ros1(
     params: Params, geometry: WheelGeometrySource | None = None, report: Callable[[str], object] = lambda _: None
 ) -> Ros1AckermannParams:
-    """Convert the parameters of ROS 1's controller to a bicycle, without checks for contradictions.
+    """Convert the parameters of ROS 1's controller to those of a bicycle, without checks for contradictions.
 
     Missing dimensions are taken from the `geometry` of the description; `report` is called for each.
     """

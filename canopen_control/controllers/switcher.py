@@ -1,4 +1,4 @@
-"""Switches of controllers, chains of controllers, and the update loop of the active controllers.
+"""Switches and chains of controllers, and the update loop of the active controllers.
 
 Rules (ros2_control jazzy): in a switch, the leaving controllers stop and release their interfaces, the hardware changes
 its modes, the entering controllers claim theirs and start; if one of these fails, all controllers of the request are
@@ -75,7 +75,7 @@ class Rate:
 
 
 class InterfaceGroup:
-    """Command interfaces that are enabled and stopped together; `enabled` is the state of the last cycle."""
+    """Command interfaces that are enabled and stopped together; `enabled` is their state in the last cycle."""
 
     __slots__ = ("enabled", "ends")
 
@@ -84,7 +84,7 @@ class InterfaceGroup:
         self.enabled = self.follows()
 
     def follows(self) -> bool:
-        """Return whether the interfaces are enabled, except interfaces that a user has excluded."""
+        """Return whether the interfaces are enabled, ignoring interfaces that a user has excluded."""
         following = not self.ends
         for interface in self.ends:
             if interface.enabled:
@@ -95,7 +95,7 @@ class InterfaceGroup:
 
 
 class ActiveController:
-    """Active controller with its rate and the interface groups that it commands, directly or through a chain."""
+    """Active controller, with its rate and the interface groups that it commands, directly or through a chain."""
 
     __slots__ = ("controller", "parts", "rate")
 
@@ -105,7 +105,7 @@ class ActiveController:
 
     @property
     def is_broadcaster(self) -> bool:
-        """Whether the controller is a broadcaster without commands, which runs after the RPDOs of the cycle."""
+        """Whether the controller is a broadcaster without commands, which runs after the cycle's RPDOs."""
         return self.controller.is_broadcaster and not self.controller.commands
 
     @property
@@ -125,7 +125,7 @@ class ActiveController:
             part.enabled = part.enabled or were_enabled.issuperset(part.ends)
 
     def forget(self, now: int, interfaces: Ends | None = None, why: str = "") -> None:
-        """Clear the controller's commands, all or only for `interfaces`; `why` is a clause with the reason."""
+        """Clear the controller's commands, all of them or those of `interfaces`; `why` is a clause with the reason."""
         if interfaces is not None:
             self.controller.forget_some(interfaces, now)
             return
@@ -164,7 +164,7 @@ def joints_of(controller: Controller, among: Sequence[Controller]) -> list[str]:
 
 
 def in_order(controllers: Sequence[Controller]) -> list[Controller]:
-    """Sort controllers stably, so that each precedes the controllers that it commands or reads."""
+    """Sort controllers stably so that each precedes the controllers that it commands or reads."""
     done: list[Controller] = []
 
     def add(controller: Controller, pending: tuple[Controller, ...]) -> None:
@@ -197,7 +197,7 @@ def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[Comman
 
 
 def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list[Controller]:
-    """Return the failed controllers and all active controllers chained to them, above or below, in update order."""
+    """Return the failed controllers and all active controllers chained to them, in update order."""
     group = [controller for controller in failed if controller in active]
     grew = True
     while grew:
@@ -224,7 +224,7 @@ def users_of(failed: Sequence[Controller], active: Sequence[Controller]) -> list
 
 @dataclass(frozen=True)
 class SwitchPlan:
-    """Plan of a switch request: controllers to activate and deactivate, in order.
+    """Plan of a switch request: controllers to activate and to deactivate, in order.
 
     `switches` are the mode switches of the hardware: component, interfaces to start, interfaces to stop.
     """
@@ -242,7 +242,7 @@ def plan_switch(
     *,
     strict: bool,
 ) -> SwitchPlan:
-    """Check a switch request, and return its plan; nothing is changed.
+    """Check a switch request and return its plan, without changing anything.
 
     Raises ControlError, InterfaceConflict or UnknownInterface if the request is refused.
     """
@@ -407,7 +407,7 @@ class UpdateLoop:
         return tuple(slot.controller for slot in self._order)
 
     def samples(self, wall_offset_ns: int) -> Samples:
-        """Return the last samples by controller name; a controller whose `sample` fails is added to `failed`."""
+        """Return the last samples by controller name; a controller whose `sample` raises is added to `failed`."""
         samples: Samples = {}
         for controller in self.controllers:
             try:
@@ -477,7 +477,7 @@ class UpdateLoop:
         return {slot.controller.life.holder for slot in self._commanding} - {None}
 
     def slot_of(self, controller: Controller) -> ActiveController | None:
-        """Return the entry of a controller, or None if the controller is not active."""
+        """Return the entry of a controller, or None if it is not active."""
         return next((slot for slot in self._order if slot.controller is controller), None)
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
@@ -565,7 +565,7 @@ class Switcher:
         )
 
     def drop(self, controllers: Sequence[Controller], reason: str, now: int) -> list[str]:
-        """Deactivate controllers and all controllers chained to them, without checks; return the names."""
+        """Deactivate controllers and all controllers chained to them, without checks; return their names."""
         group = users_of(controllers, self._running.controllers)
         for controller in group:
             self._stop(controller, now, "error", reason)

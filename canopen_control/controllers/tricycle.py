@@ -1,4 +1,4 @@
-"""Tricycle controller, which converts twists to the speed and angle of one wheel that is driven and steered.
+"""Tricycle controller: converts twists to the speed and angle of one wheel that is driven and steered.
 
 Names, defaults and limits are those of ros2_controllers' tricycle_controller, whose timeout is in ms. While the wheel
 is far from its commanded angle it turns slowly, and both joints have their own limits. Different from upstream: minimum
@@ -186,7 +186,7 @@ class TricycleController(MobileBase):
         self._set_limits()
         self._commanded, self._actual = [0.0, NAN], [0.0, NAN]
         self._published: tuple[float, float] | None = None
-        """Commanded speed in rad/s and angle in rad, as of the last publication of the odometry."""
+        """Commanded speed in rad/s and angle in rad at the last publication of the odometry."""
 
     def wheel_base(self) -> DriveGeometry:
         params = self.params

@@ -54,7 +54,7 @@ TYPES: Final = {
     "canopen_control/GpioBroadcaster": f"{_ROOT}.broadcasters:GpioBroadcaster",
     "canopen_control/DiagnosticsBroadcaster": f"{_ROOT}.broadcasters:DiagnosticsBroadcaster",
 }
-"""Classes of the controller types, as `module:class`; single joint types and joint_state_controller are of ROS 1."""
+"""Classes of the controller types as `module:class`; types of one joint and joint_state_controller are from ROS 1."""
 
 
 def is_broadcaster(type_name: str) -> bool:

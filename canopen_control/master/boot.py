@@ -1,4 +1,4 @@
-"""Boot of a node by the NMT master (CiA 302-2, boot slave), as a generator that yields requests.
+"""Boot of a node by the NMT master (CiA 302-2, boot slave): a generator that yields requests.
 
 `boot` yields requests (`requests.py`) and receives their results, or `SdoAbort` and `SdoTimeout` as exceptions;
 `BootTask` executes the requests without blocking. A failure is a `BootError` with the letter of the standard
@@ -169,7 +169,7 @@ def _identify(
 
 
 def _is_running(plan: NodePlan) -> Generator[Request, Answer, bool]:
-    """Return whether a node that must not be reset is OPERATIONAL (CiA 302-2, "check node state"); BootError E or F."""
+    """Whether a node that must not be reset is OPERATIONAL (CiA 302-2, "check node state"); BootError E or F."""
     yield NextStep("keep alive")
     timeout = plan.supervision_ns or STATE_NS
     state = yield AwaitHeartbeat(timeout)
@@ -203,7 +203,7 @@ def _check_software(plan: NodePlan, transfers: BootTransfers) -> Generator[Reque
 
 
 def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> Generator[Request, Answer, int | None]:
-    """Read modes and actual values of a drive; unless `running`, disable the drive and clear its target velocity."""
+    """Read modes and actual values of a drive; unless `running`, disable it and clear its target velocity."""
     modes: int | None = None
     sent = {(mapped.index, mapped.subindex) for layout in plan.rpdos for mapped in layout.objects}
     for offset in plan.axes:
@@ -228,7 +228,7 @@ def _prepare_drive(plan: NodePlan, transfers: BootTransfers, running: bool) -> G
 
 
 def _leave_running(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Compare the configuration of a running node, and report differences as a warning (letter L of CiA 302-2).
+    """Compare the configuration of a running node; differences are a warning (letter L of CiA 302-2).
 
     Missing supervision parameters are written nevertheless; a difference in a used PDO is a BootError.
     """
@@ -264,7 +264,7 @@ def _configure(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, A
 
 
 def _await_heartbeat(plan: NodePlan) -> Generator[Request, Answer, None]:
-    """Wait for a heartbeat or guarding answer before the node is started; BootError K if there is none."""
+    """Wait for a heartbeat or guarding response before the node is started; BootError K if none arrives."""
     yield NextStep("heartbeat")
     # CiA 302-2, error status K: error control did not start
     if plan.supervision_ns and not (yield AwaitState(plan.supervision_ns)):
@@ -288,7 +288,7 @@ def _start(plan: NodePlan) -> Generator[Request, Answer, None]:
 def _read_optional(
     plan: NodePlan, letter: str, transfers: BootTransfers, index: int, subindex: int, *, signed: bool = False
 ) -> Generator[Request, Answer, int | None]:
-    """Read an optional number; None if the node refuses, BootError with `letter` without a valid answer."""
+    """Read an optional number; None if the node refuses, BootError with `letter` if the response is invalid."""
     try:
         return (yield from transfers.number(index, subindex, signed=signed))
     except (SdoTimeout, SdoLengthError) as error:
@@ -321,7 +321,7 @@ _WAITS = (AwaitBootUp, AwaitState, AwaitHeartbeat)
 
 @dataclass(frozen=True, slots=True)
 class FinishedStep:
-    """Completed step of a boot, with duration and error."""
+    """Completed step of a boot, with its duration and error."""
 
     name: str
     seconds: float
@@ -359,7 +359,7 @@ class BootTask:
 
     @property
     def done(self) -> bool:
-        """Whether the boot has ended, with or without success."""
+        """Whether the boot has ended, successfully or not."""
         return self.result is not None or self.error is not None
 
     @property
@@ -371,7 +371,7 @@ class BootTask:
         return isinstance(self._waiting, AwaitBootUp)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`; 0 means at once, for a TPDO; None means that no tick is needed."""
+        """Return the time of the next `tick`; 0 means at once (after a TPDO), None that no tick is needed."""
         if self._accepts_tpdos:
             return 0
         return self._deadline if isinstance(self._waiting, _WAITS) else None
@@ -382,7 +382,7 @@ class BootTask:
             self._answer(True, now)
 
     def heartbeat(self, state: NmtState | None, now: int) -> None:
-        """Handle a heartbeat or guarding answer, which may end the current wait."""
+        """Handle a heartbeat or guarding response, which may end the current wait."""
         waiting = self._waiting
         if isinstance(waiting, AwaitHeartbeat) and state is not None:
             self._answer(state, now)
@@ -407,7 +407,7 @@ class BootTask:
             self._answer(None if request.is_write else request.data, now)
 
     def cancel(self) -> None:
-        """Cancel the boot; answers to pending SDO requests are ignored."""
+        """Cancel the boot; responses to pending SDO requests are ignored."""
         self._generator.close()
         self._waiting = None
         self._transfer = None
@@ -422,7 +422,7 @@ class BootTask:
         self._resume(now, lambda: self._generator.send(value))
 
     def _resume(self, now: int, advance: Callable[[], Request]) -> None:
-        """Resume the generator by calling `advance`; continue until the next wait or the end of the generator."""
+        """Resume the generator with `advance`, and continue until the next wait or the end of the generator."""
         self._waiting = None
         try:
             request = advance()

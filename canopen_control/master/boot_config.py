@@ -1,4 +1,4 @@
-"""Configuration of a node during its boot by reading, comparing, writing and verifying objects (CiA 302-2).
+"""Configuration of a node during its boot: reading, comparing, writing and verifying objects (CiA 302-2).
 
 Values that the node already has are not written, and written values are read back. If the node then has another value,
 the boot fails for communication objects and 0x6007; for objects of the drive (such as a ramp that the drive limits)
@@ -55,7 +55,7 @@ _FIRST_OBJECT = 0x1000  # smaller indexes are data types, mapped as dummy entrie
 
 
 def read_outputs(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, None]:
-    """Read the initial values of objects in RPDOs, except those that move an axis, into `transfers.presets`.
+    """Read the initial values of RPDO objects into `transfers.presets`, except objects that move an axis.
 
     A refused object gets 0; BootError J without an answer.
     """
@@ -90,7 +90,7 @@ def read_signals(plan: NodePlan, transfers: BootTransfers) -> Generator[Request,
 def _read_value(
     plan: NodePlan, mapped: MappedObject, title: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, Value | None]:
-    """Read a mapped object; None if the node refuses, BootError J without an answer."""
+    """Read a mapped object; None if the node refuses, BootError J if it does not respond."""
     index, subindex = address_of(mapped)
     try:
         data = yield from transfers.try_read(index, subindex)
@@ -101,7 +101,7 @@ def _read_value(
 
 
 def value_of(mapped: MappedObject, data: bytes) -> Value | None:
-    """Decode SDO data to a value of a mapped object, None if the value does not fit into the mapping."""
+    """Decode SDO data to a value of a mapped object; None if the value does not fit into the mapping."""
     try:
         value = decode(data, mapped.data_type)
         PdoCodec((mapped,)).pack([value])
@@ -174,7 +174,7 @@ def check_expected(plan: NodePlan, transfers: BootTransfers) -> Generator[Reques
 
 
 def _fits_scale(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], int]) -> bool:
-    """Whether encoder, gear and feed factors in `values` result in the counts per revolution of bus.yml."""
+    """Whether encoder, gear and feed factors in `values` yield the counts per revolution of bus.yml."""
 
     def pair(index: int) -> tuple[int, int] | None:
         pair_values = values.get((index + offset, 1)), values.get((index + offset, 2))
@@ -190,7 +190,7 @@ def _fits_scale(plan: NodePlan, offset: int, values: Mapping[tuple[int, int], in
 
 
 def compare_only(plan: NodePlan, transfers: BootTransfers) -> Generator[Request, Answer, list[PlannedWrite]]:
-    """Return the writes that a running node would need, without writing anything."""
+    """Return the writes that a running node would need; nothing is written."""
     missing: list[PlannedWrite] = []
     for group in groups(plan.writes):
         current = yield from _held(group, transfers)
@@ -243,7 +243,7 @@ def _held(
 def _configure_object(
     plan: NodePlan, write: PlannedWrite, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Read, compare, write and verify one object; BootError J if an essential object keeps another value."""
+    """Read, compare, write and verify one object; BootError J if an essential object keeps a different value."""
     current = None
     if write.compare:
         current = yield from _present(plan, write, transfers)
@@ -315,7 +315,7 @@ def _is_supervision(write: PlannedWrite) -> bool:
 
 
 def _report_difference(plan: NodePlan, write: PlannedWrite, after: bytes, transfers: BootTransfers) -> None:
-    """Report an object that does not have the written value: BootError J for communication objects, else a warning."""
+    """Report an object that differs from the written value: BootError J for communication objects, else a warning."""
     text = f"{_what(write)} holds 0x{after[::-1].hex()} after 0x{write.data[::-1].hex()} was written"
     if (write.index < _FIRST_OWN and write.index != _EMCY) or axis_of(write.index)[0] == _ABORT_CONNECTION:
         raise boot_error(plan, "J", text)

@@ -37,7 +37,7 @@ _COB_ID = 1  # subindex of a communication record
 
 
 def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
-    """Group writes in order: the writes of a PDO in one list, every other write in a separate list."""
+    """Group writes in order: the writes of each PDO in one list, every other write in its own list."""
     by_pdo: list[list[PlannedWrite]] = []
     for pdo, of_pdo in groupby(writes, key=lambda write: write.pdo):
         members = list(of_pdo)
@@ -46,22 +46,22 @@ def groups(writes: Sequence[PlannedWrite]) -> list[list[PlannedWrite]]:
 
 
 def is_cob_id(write: PlannedWrite) -> bool:
-    """Whether a write is to the COB-ID of a PDO."""
+    """Whether a write changes the COB-ID of a PDO."""
     return write.pdo is not None and write.index == cob_id_of(write.pdo) and write.subindex == _COB_ID
 
 
 def cob_id_of(pdo: tuple[str, int]) -> int:
-    """Return the index of the communication record of a PDO, whose subindex 1 is the COB-ID."""
+    """Return the index of a PDO's communication record, whose subindex 1 is the COB-ID."""
     return COMMUNICATION[pdo[0]] + pdo[1] - 1
 
 
 def final_values(group: Sequence[PlannedWrite]) -> dict[tuple[int, int], PlannedWrite]:
-    """Return the last write to each address, which contains the final value."""
+    """Return the last write to each address, which has the final value."""
     return {write.address: write for write in group}
 
 
 def reads_of(group: Sequence[PlannedWrite]) -> list[tuple[int, int]]:
-    """Return the addresses of a group that are to be read and compared before writing."""
+    """Return the addresses of a group that must be read and compared before writing."""
     return [address for address, write in final_values(group).items() if write.compare]
 
 
@@ -94,7 +94,7 @@ def matches(write: PlannedWrite, current: bytes | None) -> bool:
 
 
 def needed(group: Sequence[PlannedWrite], current: Mapping[tuple[int, int], bytes | None]) -> list[PlannedWrite]:
-    """Return the writes of a group that are required, in order, for the `current` values; [] if nothing differs."""
+    """Return the writes of a group that the `current` values require, in order; [] if nothing differs."""
     final = final_values(group)
     different = {
         address for address, write in final.items() if not write.compare or not matches(write, current.get(address))
@@ -115,7 +115,7 @@ def _is_needed(
     different: set[tuple[int, int]],
     current: Mapping[tuple[int, int], bytes | None],
 ) -> bool:
-    """Whether a write is part of the sequence that makes a PDO invalid, changes it, and makes it valid again."""
+    """Whether a write belongs to the sequence that makes a PDO invalid, changes it, and makes it valid again."""
     if write.index != communication:
         # CiA 301, 7.5.2.36: number of objects 0, entries, number of objects
         return remap  # a mapping is always written completely: count 0, entries, count
@@ -155,7 +155,7 @@ class _Own:
 def release_cob_ids(
     grouped: Sequence[Sequence[PlannedWrite]], transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Make PDOs invalid that use a COB-ID planned for another PDO.
+    """Make all PDOs invalid that use a COB-ID planned for another PDO.
 
     Some devices, such as the maxon EPOS4, refuse to make a PDO valid if another valid PDO has the same COB-ID.
     """
@@ -209,7 +209,7 @@ def configure_pdo(
 
 
 def _keep_transmission(plan: NodePlan, refused: PlannedWrite, current: Held, transfers: BootTransfers) -> bool:
-    """Accept the transmission type of an RPDO that the node refuses to change.
+    """Accept the transmission type of an RPDO if the node refuses to change it.
 
     Return whether the refused write was such a transmission type.
     """
@@ -233,7 +233,7 @@ _Refusal = tuple["PlannedWrite", str]
 def _write_pdo(
     writes: Sequence[PlannedWrite], planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, _Refusal | None]:
-    """Write a PDO; return the refused write and the reason, None if the node accepted all writes.
+    """Write a PDO; return the refused write and the reason, or None if the node accepted all writes.
 
     Drives whose COB-IDs cannot be written accept the mapping while the PDO is valid: count 0, mapping, count (Elmo;
     ros-industrial/ros_canopen, issue 151). Other drives need an invalid PDO although their EDS declares the COB-ID
@@ -269,7 +269,7 @@ def _write_all(
     current: Held,
     transfers: BootTransfers,
 ) -> Generator[Request, Answer, _Refusal | None]:
-    """Execute writes in order; return the refused write and the reason, None if none was refused.
+    """Execute writes in order; return the refused write and the reason, or None.
 
     The refusal of an object that already has its `final` value is ignored; the result is verified afterwards.
     """
@@ -286,7 +286,7 @@ def _write_all(
 def _verify(
     planned: Sequence[PlannedWrite], current: Held, transfers: BootTransfers
 ) -> Generator[Request, Answer, str | None]:
-    """Read written values back; return a text about the first value that differs, None if all are as written."""
+    """Read written values back; return a text about the first value that differs, or None."""
     for address, write in final_values(planned).items():
         if current.get(address) is None:
             continue  # cannot be read
@@ -300,7 +300,7 @@ def _verify(
 def _use_own_or_disable(
     plan: NodePlan, planned: Sequence[PlannedWrite], current: Held, refusal: str, transfers: BootTransfers
 ) -> Generator[Request, Answer, None]:
-    """Use the node's own configuration of a refused PDO; BootError J if a needed PDO cannot work with it."""
+    """Use the node's own configuration of a refused PDO; BootError J if a required PDO cannot work with it."""
     pdo = planned[0].pdo or ("", 0)
     layout = _layout(plan, pdo)
     if layout is None:
@@ -347,14 +347,14 @@ def _use_own_or_disable(
 
 
 def _empty(pdo: tuple[str, int], transfers: BootTransfers) -> Generator[Request, Answer, bool]:
-    """Clear the mapping of a PDO; return whether the mapping is empty afterwards."""
+    """Clear the mapping of a PDO; return whether the mapping is now empty."""
     mapping = MAPPING[pdo[0]] + pdo[1] - 1
     yield from _try(transfers, mapping, 0, b"\0")
     return (yield from transfers.number(mapping)) == 0
 
 
 def _restore_own(pdo: tuple[str, int], current: Held, transfers: BootTransfers) -> Generator[Request, Answer, _Own]:
-    """Restore the former mapping of a PDO as far as the node accepts that, and return the PDO as read back."""
+    """Restore the previous mapping of a PDO as far as the node accepts it; return the PDO as read back."""
     communication, mapping = cob_id_of(pdo), MAPPING[pdo[0]] + pdo[1] - 1
     count = current.get((mapping, 0))
     if count is not None and (yield from transfers.held(mapping, 0)) != count:

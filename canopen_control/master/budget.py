@@ -30,7 +30,7 @@ _ON_REMOTE = (252, 253)  # sent on a remote frame only (CiA 301, 7.5.2.37)
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Frame with `length` data bytes, sent `per_cycle` times in a cycle; `cyclic` frames belong to the worst cycle."""
+    """Frame with `length` data bytes, sent `per_cycle` times per cycle; `cyclic` frames belong to the worst cycle."""
 
     name: str
     cob_id: int
@@ -40,7 +40,7 @@ class Share:
 
     @property
     def worst_bits(self) -> int:
-        """Length of the frame in bits, with the maximum number of stuff bits."""
+        """Length of the frame in bits, including the maximum number of stuff bits."""
         return bits_of(self.length)[1]
 
 
@@ -60,7 +60,7 @@ class Budget:
 
     @property
     def worst_bits(self) -> int:
-        """Number of bits in the worst cycle, with the maximum number of stuff bits."""
+        """Number of bits in the worst cycle, including the maximum number of stuff bits."""
         return sum(share.worst_bits for share in self.shares if share.cyclic)
 
     @property
@@ -81,7 +81,7 @@ class Budget:
 
 
 def bits_of(length: int) -> tuple[int, int]:
-    """Return the length of a frame in bits, without stuff bits and with the maximum number of stuff bits."""
+    """Return the length of a frame in bits: without stuff bits, and with the maximum number of stuff bits."""
     return FRAME_BITS + 8 * length, worst_case_bits(length)
 
 
@@ -112,7 +112,7 @@ def _shares(config: BusConfig, period_ns: int, unbounded: list[str]) -> Iterator
 
 
 def _tpdo(name: str, node: NodeConfig, layout: PlannedPdo, period_ns: int, unbounded: list[str]) -> Iterator[Share]:
-    """Yield a TPDO with its rate per cycle; a TPDO that is sent only on request is left out."""
+    """Yield a TPDO with its rate per cycle; a TPDO that is sent only on request is omitted."""
     kind, title = layout.transmission_type, f"TPDO {layout.number} of {name}"
     if kind in _ON_REMOTE:
         return

@@ -1,4 +1,4 @@
-"""Reader of bus.yml files, in the format of ros2_canopen, into frozen dataclasses.
+"""Reader of bus.yml files in the format of ros2_canopen, which it converts to frozen dataclasses.
 
 Two forms are accepted: with the sections `options`, `master`, `defaults` and `nodes`, or without `nodes`, where every
 other top-level key is a node. A node's own keys take precedence over `defaults` at every depth. All errors of a file
@@ -56,11 +56,11 @@ BUS_FOLDER = "@BUS_CONFIG_PATH@"  # replaced during the build of ros2_canopen; h
 
 
 class NotFound(ConfigError):
-    """Error for a file that is in none of the searched folders, which the message lists."""
+    """Error for a file that was not found; the message lists the searched folders."""
 
 
 class Sources:
-    """Files named by a bus.yml in `folder`; `issues` are the problems found in each EDS."""
+    """Files that a bus.yml in `folder` names; `issues` are the problems found in each EDS."""
 
     def __init__(self, folder: Path, dcf_path: str = "") -> None:
         self._folder, self._dcf_path = folder, dcf_path
@@ -73,7 +73,7 @@ class Sources:
         return os.path.expandvars(text.replace(BUS_FOLDER, str(self._folder)))
 
     def find(self, name: str, dcf_path: str = "") -> Path:
-        """Return the path of a named file; NotFound with the searched folders if there is none."""
+        """Return the path of a named file; NotFound, with the searched folders, if it does not exist."""
         path = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
         places = [folder / path for folder in [*folders, self._folder]]
@@ -140,12 +140,12 @@ class BusConfig:
     unreadable: dict[str, int] = field(default_factory=dict)
 
     def place(self, name: str, key: str) -> Node:
-        """Return the YAML node of a node's dotted key, such as `rpdo.1.mapping`, or of the nearest key above."""
+        """Return the YAML node of a node's dotted key, such as `rpdo.1.mapping`, or of the nearest parent key."""
         return _place(self.sections[name], key)
 
 
 def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False) -> BusConfig:
-    """Read a bus.yml with the files named there; BusConfigError with all errors.
+    """Read a bus.yml and the files that it names; BusConfigError lists all errors.
 
     With `peer_merge` the keys of `defaults` replace a node's own keys, as in ros2_canopen's generator;
     `allow_unsupervised` sets the key of this name for all nodes.
@@ -158,7 +158,7 @@ def read_bus(path: str | Path, *, peer_merge: bool = False, allow_unsupervised: 
 def inspect_bus(
     path: str | Path, *, peer_merge: bool = False, allow_unsupervised: bool = False
 ) -> tuple[BusConfig, Problems]:
-    """Read a bus.yml like `read_bus`, but return the readable part with all problems; a YAML syntax error is raised."""
+    """Read a bus.yml like `read_bus`, but return the readable part with all problems; YAML syntax errors are raised."""
     root = tree(path)
     reader = _Reader(Path(path), root, peer_merge, allow_unsupervised)
     config = reader.read()
@@ -261,7 +261,7 @@ class _Reader:
         return place.line if place is not None else 0
 
     def _nodes(self, master: MasterConfig) -> dict[str, tuple[NodeConfig, Node]]:
-        """Return the nodes of either form of the file, with `defaults` merged into each node."""
+        """Return the nodes from either form of the file, with `defaults` merged into each node."""
         section, defaults = self._root.get("nodes"), self._root.get("defaults")
         if section is not None:
             self._refuse_unknown_sections()
@@ -299,7 +299,7 @@ class _Reader:
                 place.error(f"unknown key {key!r}; write `{key}:` at the margin; it is indented too far")
 
     def _misnamed_nodes(self) -> Node | None:
-        """Report and return a section that contains nodes under a name other than `nodes`; None if there is none."""
+        """Report and return a section that contains nodes under a name other than `nodes`, or None."""
         for name, section in self._root.items():
             below = [child for _, child in section.items()]
             if name not in _SECTIONS and below and all(child.get("node_id") is not None for child in below):
@@ -345,7 +345,7 @@ class _Reader:
             owner.setdefault(node_id, name)
 
     def _check_cob_ids(self, nodes: dict[str, tuple[NodeConfig, Node]], plans: dict[str, NodePlan]) -> None:
-        """Report COB-IDs that two PDOs, or a PDO and a service, would both use."""
+        """Report COB-IDs that are used by two PDOs, or by a PDO and a service."""
         owner = {SYNC_COB_ID: "SYNC", _TIME_COB_ID: "TIME"}
         owner |= {cob_id(Service.EMCY, plan.node_id): f"EMCY of {name}" for name, plan in plans.items()}
         for name, plan in plans.items():
@@ -425,7 +425,7 @@ class _Reader:
         self._unused.setdefault(key, f"has no meaning here: {text}")
 
     def _downloads(self, config: NodeConfig, node: Node, od: ObjectDictionary) -> tuple[tuple[int, int, bytes], ...]:
-        """Return the SDO downloads of `configuration_file`; without this key, the ParameterValues of a DCF."""
+        """Return the SDO downloads of `configuration_file`, or without this key the ParameterValues of a DCF."""
         if not config.boot.configuration_file:
             return tuple(concise_of(od))
         place = node.get("configuration_file") or node
@@ -439,7 +439,7 @@ class _Reader:
 
 
 def _place(node: Node, key: str) -> Node:
-    """Return the YAML node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, or of the nearest key above."""
+    """Return the YAML node of a dotted key such as `rpdo.1.mapping` or `sdo[3]`, or of the nearest parent key."""
     place = node
     for part in key.replace("[", ".").replace("]", "").split("."):
         if part.isdigit() and (elements := place.elements()):

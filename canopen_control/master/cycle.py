@@ -1,4 +1,4 @@
-"""Process data of a bus: PDOs that are compiled once and exchanged in every cycle.
+"""Process data of a bus: PDOs, compiled once and exchanged in every cycle.
 
 Directions are from the device's view: a TPDO is received here, an RPDO is sent. During operation no object is looked up
 by index, a received frame costs one dictionary look-up and one unpack, and an object mapped into several RPDOs (such as
@@ -33,7 +33,7 @@ CYCLIC_SYNCHRONOUS = range(1, 241)  # transmission types of PDOs exchanged at SY
 
 
 class ReceivedPdo:
-    """TPDO of a node with the last received values, their time `stamp`, and counters of frames.
+    """TPDO of a node, with the last received values, their time `stamp`, and frame counters.
 
     `values` are the raw numbers in mapping order, initially zeros; `stamp` is -1 before the first frame. `every` is the
     number of SYNCs per transmission, 0 for an event-driven TPDO. While `expected` is set, `supervision.PdoWatch` counts
@@ -82,7 +82,7 @@ class ReceivedPdo:
         self.count = self.short = self.long = 0
 
     def receive(self, data: bytes, length: int, now: int) -> None:
-        """Decode a received frame; `data` has eight bytes, of which `length` were received.
+        """Decode a received frame; `data` has eight bytes, `length` of which were received.
 
         A frame that is too short only increments a counter.
         """
@@ -123,7 +123,7 @@ class ReceivedPdo:
         self.values = (*self.values[:position], value, *self.values[position + 1 :])
 
     def forget(self) -> None:
-        """Invalidate the received values, because the node was lost or has restarted."""
+        """Invalidate the received values when the node is lost or has restarted."""
         self.stamp = _NEVER
         self.expected = self.overdue = False
         self.silent = 0
@@ -144,16 +144,16 @@ class Input:
 
     @property
     def fresh(self) -> bool:
-        """Whether a frame was received since the node booted."""
+        """Whether a frame has been received since the node booted."""
         return self.pdo.stamp >= 0
 
     def age_ns(self, now: int) -> int | None:
-        """Return the age of the value in ns, None if no frame was received since the node booted."""
+        """Return the age of the value in ns, or None if no frame has been received since the node booted."""
         return now - self.pdo.stamp if self.pdo.stamp >= 0 else None
 
 
 class Output:
-    """Object in one or more RPDOs; `places` are these RPDOs, with the position of the object.
+    """Object in one or more RPDOs; `places` are these RPDOs, with the object's position in each.
 
     `driven` is set if the object moves an axis.
     """
@@ -172,7 +172,7 @@ class Output:
             pdo.repeated = pdo.changed = True
 
     def set(self, value: int) -> None:
-        """Set the raw number for the next frames, and mark the RPDOs as changed if the value differs."""
+        """Set the raw number for the next frames; if it differs, mark the RPDOs as changed."""
         if value != self.value:
             self.value = value
             for pdo, position in self.places:
@@ -264,7 +264,7 @@ class SentPdo:
 
 
 def _packer(codec: PdoCodec) -> Callable[..., bytes] | None:
-    """Return a function that packs a whole record at once, None if that is not possible for a mapping.
+    """Return a function that packs a whole record at once, or None if the mapping does not permit that.
 
     Records have the host's byte order, values are little-endian; a mapping with objects that are not whole bytes cannot
     be packed this way.
@@ -294,7 +294,7 @@ class ProcessImage:
     def add_tpdo(
         self, node_id: int, cob_id: int, objects: Sequence[MappedObject], transmission_type: int = 255
     ) -> ReceivedPdo:
-        """Add a TPDO of a node; an object mapped by several TPDOs is read from the first one added."""
+        """Add a TPDO of a node; an object in several TPDOs is read from the first one added."""
         pdo = ReceivedPdo(cob_id, objects, transmission_type)
         self.inputs[cob_id] = pdo
         for position, mapped in enumerate(objects):
@@ -310,7 +310,7 @@ class ProcessImage:
         *,
         deadline: int = 0,
     ) -> SentPdo:
-        """Add an RPDO of a node; an object that several RPDOs map has one value in all of them.
+        """Add an RPDO of a node; an object in several RPDOs has the same value in all of them.
 
         `deadline` is the number of cycles without the RPDO after which the node sends EMCY 0x8250, 0 for never. The
         RPDO is repeated in half that time, so that neither a late cycle nor one lost frame causes the error.
@@ -322,7 +322,7 @@ class ProcessImage:
         return pdo
 
     def outputs_of(self, node_id: int, objects: Sequence[MappedObject]) -> list[Output]:
-        """Return the outputs for objects of a node, creating missing ones."""
+        """Return the outputs for objects of a node; missing ones are created."""
         return [self._outputs.setdefault((node_id, mapped.index, mapped.subindex), Output()) for mapped in objects]
 
     def preset(self, node_id: int, values: Mapping[tuple[int, int], Value]) -> None:
@@ -342,18 +342,18 @@ class ProcessImage:
         return self._of_axes.get((node_id, index, subindex)) or self._outputs.get((node_id, index, subindex))
 
     def share(self, node_id: int, address: tuple[int, int], copy: tuple[int, int]) -> None:
-        """Use the input and output of the object at `address` for `copy` too; do nothing if no PDO maps the object."""
+        """Use the input and output of the object at `address` for `copy` too; no effect if no PDO maps the object."""
         if (present := self._inputs.get((node_id, *address))) is not None:
             self._inputs[node_id, *copy] = present
         if (output := self._outputs.get((node_id, *address))) is not None:
             self._outputs[node_id, *copy] = output
 
     def put_before(self, node_id: int, index: int, output: Output) -> None:
-        """Make `output()` return the given output for object `index`; the RPDOs are unchanged."""
+        """Make `output()` return the given output for object `index`; RPDOs are unchanged."""
         self._of_axes[node_id, index, 0] = output
 
     def collect(self, sync: bytes = b"") -> bytes:
-        """Return the frame records of one cycle: the RPDOs that are due, then the record `sync`."""
+        """Collect the frame records of one cycle: the RPDOs that are due, then the record `sync`."""
         records, cycle = self._records, self._cycle + 1
         self._cycle, idle_since = cycle, cycle - self.refresh
         records.clear()
@@ -401,12 +401,12 @@ class AxisControlword(Output):
 
     @property
     def counts(self) -> bool:
-        """Whether the enabling bits of the axis count, because the axis is not in a fault."""
+        """Whether the axis' enabling bits are used, because the axis is not in a fault."""
         status = self.statusword
         return status is None or not status.fresh or status.value & _FAULT_MASK not in _FAULTS
 
     def drive(self) -> None:
-        """Mark the controlword as moving an axis, so that the RPDOs of the device's controlword are sent."""
+        """Mark the controlword as moving an axis, so that the RPDOs with the device's controlword are sent."""
         self.driven = True
         self.whole.drive()
 

@@ -59,7 +59,7 @@ class Core(FrameListener, Protocol):
 
 
 class DirectBus:
-    """Port of a bus with blocking calls for SDO, NMT and LSS services.
+    """Port of a bus, with blocking calls for SDO, NMT and LSS services.
 
     `states` are the last NMT states shown by boot-ups, heartbeats or guarding answers, by node id. `timeout_s` is the
     timeout of an SDO answer. `listeners` receive every frame. Every call raises BusError when the bus is lost.
@@ -95,7 +95,7 @@ class DirectBus:
         self.close()
 
     def close(self) -> None:
-        """Send the last frames, then close the port; a second call does nothing."""
+        """Send the remaining frames, then close the port; a second call does nothing."""
         try:
             deadline = time.monotonic() + FLUSH_S
             while (self.port.wants_write or self.port.stats.queued) and time.monotonic() < deadline:
@@ -108,12 +108,12 @@ class DirectBus:
     # -- SDO
 
     def read(self, node_id: int, index: int, subindex: int = 0, *, block: bool = False) -> bytes:
-        """Upload an object by SDO; SdoAbort, SdoTimeout or another RemoteProtocolError if that fails."""
+        """Upload an object by SDO; SdoAbort, SdoTimeout or another RemoteProtocolError on failure."""
         client = self.client(node_id)
         return self._transfer(client, client.read(index, subindex, block=block, now=time.monotonic_ns()))
 
     def write(self, node_id: int, index: int, subindex: int, data: bytes, *, block: bool | None = None) -> None:
-        """Download an object by SDO; if `block` is None, the length selects the transfer. Raises errors as `read`."""
+        """Download an object by SDO; if `block` is None, the length selects the transfer. Errors as for `read`."""
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
@@ -135,7 +135,7 @@ class DirectBus:
         return answers
 
     def client(self, node_id: int) -> SdoClient:
-        """Return the SDO client of a node, always the same, so that late answers are recognised."""
+        """Return the SDO client of a node, which is created once so that late responses are recognised."""
         client = self._clients.get(node_id)
         if client is None:
             client = SdoClient(node_id, timeout_ns=round(self.timeout_s * 1e9), retries=self.retries)
@@ -155,7 +155,7 @@ class DirectBus:
         return request.data
 
     def _error(self, request: SdoRequest) -> CanopenError | None:
-        """Return the error of a request; a timeout becomes BusError on a bus that is down, SdoStopped in STOPPED."""
+        """Convert a request's error; a timeout becomes BusError on a bus that is down, SdoStopped in state STOPPED."""
         error = request.error
         if isinstance(error, SdoTimeout) and self._down:
             return BusError(f"{self._down}; node {error.node_id} could not be read")
@@ -164,7 +164,7 @@ class DirectBus:
         return error
 
     def _run(self, client: SdoClient, request: SdoRequest) -> None:
-        """Drive one SDO client until a request has ended, faster than `serve` by a third of a round trip."""
+        """Drive one SDO client until a request has ended, in about two thirds of the round trip of `serve`."""
         cores = (client,)
         now = time.monotonic_ns()
         while True:
@@ -183,7 +183,7 @@ class DirectBus:
     # -- NMT
 
     def command(self, command: NmtCommand, node_id: int, timeout_s: float) -> list[NmtConfirmed | NmtUnconfirmed]:
-        """Send an NMT command to a node (0: all nodes), and return the confirmations within `timeout_s`.
+        """Send an NMT command to a node (0: all nodes); return the confirmations received within `timeout_s`.
 
         Only heartbeats and boot-ups can confirm a command: a node that sends neither is returned as `NmtUnconfirmed`
         with state None, and is left out if the command is for all nodes.
@@ -199,13 +199,13 @@ class DirectBus:
         return sorted(events, key=lambda event: event.node_id)
 
     def listen(self, seconds: float) -> None:
-        """Receive frames for `seconds`, which updates `states`."""
+        """Receive frames for `seconds` and update `states`."""
         self.serve([], lambda: False, seconds)
 
     # -- LSS
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service, such as `lambda master: master.store()`; RemoteProtocolError if it fails.
+        """Run an LSS service, such as `lambda master: master.store()`; RemoteProtocolError on failure.
 
         `scan_s` is the timeout of each request during a scan, None for the default.
         """
@@ -221,7 +221,7 @@ class DirectBus:
     # -- the loop
 
     def serve(self, cores: Sequence[Core], done: Callable[[], bool], seconds: float | None = None) -> bool:
-        """Transfer frames of protocol cores until `done()` is True; return False if that takes more than `seconds`."""
+        """Transfer the frames of protocol cores until `done()` is True; return False if `seconds` pass before."""
         now = time.monotonic_ns()
         end = None if seconds is None else now + round(seconds * 1e9)
         while True:
@@ -274,7 +274,7 @@ class DirectBus:
                 self._down = event.text if event.kind is BusEventKind.DOWN else ""
 
     def _wait(self, nanoseconds: int | None) -> None:
-        """Wait until the port is readable or writable, at most for a time; None means no limit."""
+        """Wait until the port is readable or writable, at most for a given time; None waits indefinitely."""
         if self.port.wants_write != self._watches_writing:
             self._watches_writing = not self._watches_writing
             self._poll.modify(self._fd, select.POLLIN | select.POLLOUT if self._watches_writing else select.POLLIN)

@@ -39,7 +39,7 @@ class Level(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Event at `time` in monotonic ns; `node` is the name in bus.yml or "" for the bus itself.
+    """Event at `time` in monotonic ns; `node` is the name in bus.yml, or "" for the bus itself.
 
     `controller` is the name of the controller concerned, "" for none. `details` is the reported fault, so that programs
     need not parse the text. `count` is the number of occurrences since the time `since`.
@@ -57,7 +57,7 @@ class Event:
 
     @property
     def sentence(self) -> str:
-        """Text of the event, with the number of occurrences if more than one."""
+        """Text of the event, with the number of occurrences if there are several."""
         if self.count < 2:
             return self.text
         if self.since is None:
@@ -70,13 +70,13 @@ def _span(seconds: float) -> str:
 
 
 def _few(event: Event) -> int:
-    """Return the number of occurrences of an event that are reported individually."""
+    """Return how many occurrences of an event are reported individually."""
     good_news = event.level is Level.INFO and not event.kind.startswith(_MACHINES)
     return FEW if good_news or event.kind in _ACTS else 1
 
 
 class _Repeated:
-    """Series of equal events with the newest occurrence, its counts and the end of the current window."""
+    """Series of equal events: the latest occurrence, its counts and the end of the current window."""
 
     __slots__ = ("count", "event", "reported", "since", "until", "window_ns")
 
@@ -87,14 +87,14 @@ class _Repeated:
         self.until = event.time + self.window_ns
 
     def sum(self) -> Event:
-        """Return one event for all occurrences, with the total count."""
+        """Combine all occurrences into one event with the total count."""
         if self.count == self.event.count:
             return self.event
         return replace(self.event, count=self.count, since=self.since, details=None)
 
 
 class EventLog:
-    """Log of events: the first occurrence of an event is reported at once, repetitions as a summary.
+    """Log of events: the first occurrence of an event is reported at once, repetitions are summarised.
 
     Events are equal if kind, node and text are equal except for numbers. `add` returns the events to report at once:
     the first occurrence, or the first `FEW` of deliberate actions and of information. Further occurrences are counted,
@@ -115,7 +115,7 @@ class EventLog:
 
     @property
     def recent(self) -> list[Event]:
-        """Newest events, oldest first; a series of equal events is one event with a count."""
+        """Latest events, oldest first; a series of equal events is one event with a count."""
         return [repeated.sum() for repeated in self._recent]
 
     def add(self, event: Event) -> list[Event]:
@@ -146,7 +146,7 @@ class EventLog:
         return self._report(events)
 
     def flush(self) -> list[Event]:
-        """Return all pending summaries, at the end of a run."""
+        """Return all pending summaries at the end of a run."""
         events = [repeated.sum() for repeated in self._open.values() if repeated.count > repeated.reported]
         self._open.clear()
         self.due = _NEVER
@@ -162,7 +162,7 @@ class EventLog:
         return [repeated.sum()]
 
     def _close_oldest(self) -> list[Event]:
-        """Remove the oldest series to limit their number; return the pending summary, if any."""
+        """Remove the oldest series to limit their number; return its pending summary, if any."""
         key = next(iter(self._open))
         repeated = self._open.pop(key)
         return [repeated.sum()] if repeated.count > repeated.reported else []
@@ -176,7 +176,7 @@ class EventLog:
         return events
 
     def take(self) -> list[Event]:
-        """Return and clear the events that were reported since the last call."""
+        """Return and clear the events reported since the last call."""
         events = list(self.waiting)
         self.waiting.clear()
         return events

@@ -1,4 +1,4 @@
-"""Keys of bus.yml as frozen dataclasses: the keys of ros2_canopen and those that this package adds.
+"""Keys of bus.yml as frozen dataclasses: those of ros2_canopen, and those that this package adds.
 
 Every key that ros2_canopen reads is here: it is either used, or listed in `UNUSED_MASTER` or `UNUSED_NODE` with what
 replaces it, and then reported once to the user. Times have the units of the format: us for SYNC, ms for heartbeats,
@@ -23,7 +23,7 @@ from canopen_control.yamlfile.convert import derived, part, setting
 DEFAULT_HEARTBEAT_MS = 100  # without a key in bus.yml, so that a lost node or master is always detected
 DEFAULT_BOOT_MS = 5000
 DRIVE_DRIVERS = ("Cia402", "MotionController")
-"""Parts of the names of ros2_canopen's drivers for drives, in current and former versions."""
+"""Parts of the names of ros2_canopen's drivers for drives, in current and earlier versions."""
 
 SCALES = ("scale_pos_to_dev", "scale_pos_from_dev", "scale_vel_to_dev", "scale_vel_from_dev")
 
@@ -142,7 +142,7 @@ class PdoConfig:
 
     @property
     def is_on(self) -> bool:
-        """Whether the PDO is used: `enabled`, and bit 31 of `cob_id` does not make it invalid (CiA 301, 7.5.2.35)."""
+        """Whether the PDO is used: `enabled`, and not made invalid by bit 31 of `cob_id` (CiA 301, 7.5.2.35)."""
         return self.enabled and not (isinstance(self.cob_id, int) and self.cob_id & INVALID_BIT)
 
 
@@ -214,7 +214,7 @@ class MasterConfig:
 
     @property
     def follows_closely(self) -> bool:
-        """Whether the cycle follows the SYNC of another producer after an eighth of a period, else after half."""
+        """Whether the cycle follows another producer's SYNC after an eighth of a period, else after half a period."""
         return self.sync_order != "last"
 
     def sync_words(self, *, by_kernel: bool | None = None) -> str:
@@ -236,7 +236,7 @@ _ANY = "; 0 accepts any"
 
 @dataclass(frozen=True)
 class IdentityKeys:
-    """EDS file, expected identity and firmware of the device."""
+    """EDS file of the device, and its expected identity and firmware."""
 
     dcf: str
     dcf_path: str = ""
@@ -282,13 +282,13 @@ class SupervisionKeys:
 
     @property
     def heartbeat_timeout_ns(self) -> int:
-        """Time in ns without a heartbeat after which the node counts as lost; 0 with node guarding."""
+        """Time in ns without a heartbeat after which the node is considered lost; 0 with node guarding."""
         return round(self.heartbeat_ms * self.multiplier * 1e6)
 
 
 @dataclass(frozen=True)
 class BootKeys:
-    """Boot options of a node and the objects written during boot."""
+    """Boot options of a node, and the objects written during boot."""
 
     enabled: bool = setting(True, key="boot")
     mandatory: bool | None = None
@@ -332,7 +332,7 @@ class UnitKeys:
     guesses: list[str] = field(default_factory=list)
 
     def with_scale(self, to_device: float) -> UnitKeys:
-        """Return a copy whose four scales are all derived from `to_device`, in device units per SI unit."""
+        """Return a copy with all four scales derived from `to_device`, in device units per SI unit."""
         back = 1 / to_device
         return replace(
             self,
@@ -375,7 +375,7 @@ class MotionKeys:
     transition_timeouts_ms: dict[int, int] = setting(factory=dict, low=1, high=600_000)
 
     def own_target(self, interface: str) -> tuple[int, int] | None:
-        """Return index and subindex of the configured target of a command interface, None for the mode's default."""
+        """Return index and subindex of a command interface's configured target, or None for the mode's default."""
         text = getattr(self, f"{interface}_target")
         if isinstance(text, int):
             return (text, 0) if 0 < text <= 0xFFFF else None
@@ -385,7 +385,7 @@ class MotionKeys:
 
 @dataclass(frozen=True)
 class SignalKeys:
-    """Signal of a device with its scale; None keeps the value of the device's profile.
+    """Signal of a device, with its scale; None keeps the value of the device's profile.
 
     The value is the raw number times `factor` plus `offset`; raw numbers in `invalid` are nan. `safe` is the value of
     an output after the loss of the master, `max_rate` the maximum rate of change of an input.

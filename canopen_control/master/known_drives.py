@@ -1,4 +1,4 @@
-"""Drives that are recognised by identity or EDS names, and the keys of bus.yml that they need.
+"""Known drives, recognised by identity or EDS names, and the keys of bus.yml that they need.
 
 The data is in the files of `eds/personalities`. A missing key is only proposed, with its source, and never applied.
 """
@@ -21,7 +21,7 @@ _INDEX: Final = re.compile(r"index: (0x[0-9A-Fa-f]+)")
 
 
 def known_drive(vendor: int, product: int, words: str) -> Personality | None:
-    """Return the personality of a device, by vendor id and product code (0: unknown), else by a name in the EDS.
+    """Return the personality of a device by vendor id and product code (0: unknown), else by a name in the EDS.
 
     A name in `words`, the text of the EDS, counts only if the personality or the device has no known vendor id.
     """
@@ -39,7 +39,7 @@ def known_drive(vendor: int, product: int, words: str) -> Personality | None:
 def proposals(
     drive: Personality, sync_us: int, keys: Collection[str], written: Collection[int], commanded: Collection[str]
 ) -> Iterator[tuple[BusKey, str]]:
-    """Yield the keys of bus.yml that a drive needs and that are missing, each with the text to write.
+    """Yield the missing keys of bus.yml that a drive needs, each with the text to write.
 
     `written` are the indexes in the `sdo:` list. The mode of a command interface is proposed if the interface is in
     `commanded`.

@@ -1,4 +1,4 @@
-"""NMT master of a bus, without I/O, which processes received frames and supervises all nodes.
+"""NMT master of a bus, without I/O: processes received frames and supervises all nodes.
 
 A received frame is routed by one look-up of its identifier and never raises an error, whatever its content; unexpected
 frames are counted in `unknown`. TPDOs go straight to the process image, other frames to the `RemoteNode` of the sender.
@@ -55,7 +55,7 @@ class Evidence(enum.IntEnum):
 
 
 class _Sighting:
-    """Frames with one identifier; `examples` are texts about their contents."""
+    """Frames with one identifier; `examples` describe their contents."""
 
     __slots__ = ("count", "evidence", "examples", "what")
 
@@ -72,7 +72,7 @@ class SecondMasterDetector:
 
     def __init__(self, name: str, report: Callable[[Event], None], wake: Callable[[], None]) -> None:
         self.deadline: int | None = None
-        """Time at which `tick` reports, None if there is nothing to report."""
+        """Time of the next report by `tick`, or None if nothing is to be reported."""
         self._name, self._report, self._wake = name, report, wake
         self._sightings: dict[int, _Sighting] = {}
         self._reported = 0
@@ -80,7 +80,7 @@ class SecondMasterDetector:
         self._last = -_FORGET_NS
 
     def record(self, can_id: int, evidence: Evidence, title: str, now: int, example: str = "") -> None:
-        """Record a frame of another master or tool; `title` and `example` describe the frame."""
+        """Record a frame of another master or tool; `title` and `example` describe it."""
         if now - self._last >= _FORGET_NS:
             self._reported = 0
             self._sightings.clear()
@@ -96,7 +96,7 @@ class SecondMasterDetector:
             self._wake()
 
     def tick(self, now: int) -> None:
-        """Report the recorded frames when the deadline has passed."""
+        """Report the recorded frames once the deadline has passed."""
         if self.deadline is None or now < self.deadline:
             return
         self.deadline = None
@@ -122,11 +122,11 @@ class SecondMasterDetector:
             yield can_id, self._on_sdo(can_id, node)
 
     def on_rpdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return the handler for an RPDO of a node; only another master can have sent such a frame."""
+        """Return the handler for a node's RPDO; such a frame can only come from another master."""
         return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.who}")
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
-        """Count a SYNC of the kernel or of a node; a surplus is evidence of another SYNC producer."""
+        """Count a SYNC of the kernel or of a node; surplus SYNCs are evidence of another producer."""
         if late or now - self._sync_since >= _SYNCS * period_ns:  # frames that were read together show no rate
             self._sync_since, self._syncs = now, 0
         self._syncs += 1
@@ -137,7 +137,7 @@ class SecondMasterDetector:
         return lambda _data, _length, now: self.record(can_id, evidence, title, now)
 
     def _on_sdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
-        """Return the handler for SDO requests of other programs to a node; they count only while the node is ready."""
+        """Return the handler for SDO requests by other programs to a node; they count only while the node is ready."""
         title = f"SDO 0x{can_id:03X} to {node.who}"
         return lambda _data, _length, now: self.record(can_id, Evidence.SDO, title, now) if node.ready else None
 
@@ -188,7 +188,7 @@ class Network:
         self.sync = SyncProducer(overflow=config.master.sync_overflow)
         self.image = ProcessImage(refresh=max(1, REFRESH_NS // cycle_ns))
         self.outgoing: list[CanFrame] = []
-        """Frames that wait for `take`."""
+        """Frames waiting for `take`."""
         self.pdo_watch = PdoWatch(config.master.sync_period * 1000)
         self._since: int | None = None  # time at which no frame waited to be read, if the process is late
         self._pdo_owner: dict[ReceivedPdo, RemoteNode] = {}
@@ -219,7 +219,7 @@ class Network:
             self._handlers.setdefault(can_id, handler)
 
     def start(self, now: int) -> None:
-        """Send the master's boot-up and start the boot of every node with `boot: true`."""
+        """Send the master's boot-up message and start the boot of every node with `boot: true`."""
         self._producer.boot_up(now)
         self._producer.state = NmtState.OPERATIONAL
         self.outgoing.extend(self._producer.frames())
@@ -230,7 +230,7 @@ class Network:
 
     @property
     def waits(self) -> bool:
-        """Whether an answer is pending or a node is not ready, so that received frames must be processed at once."""
+        """Whether a response is pending or a node is not ready, so that received frames must be processed at once."""
         return self._guarding is not None or any(not node.ready or node.sdo.busy for node in self._by_id.values())
 
     @property
@@ -239,7 +239,7 @@ class Network:
         return self._handlers.keys()
 
     def receive(self, records: bytes, now: int, since: int | None = None) -> None:
-        """Process received records; a late process passes `since`: the frames arrived between `since` and `now`."""
+        """Process received records; `since` is given after a delay: the frames arrived between `since` and `now`."""
         self._since, stamp = since, now if since is None else since
         if records == self._last_records:
             if self._repeated is None:
@@ -313,7 +313,7 @@ class Network:
         return self.image.collect(self.sync_record() if sync else b"")
 
     def sync_record(self) -> bytes:
-        """Return the record of the next SYNC, b"" if the kernel or a node produces SYNC."""
+        """Return the record of the next SYNC, or b"" if the kernel or a node produces SYNC."""
         if self._sync_elsewhere:
             return b""
         if self._sync_record:
@@ -322,13 +322,13 @@ class Network:
         return RECORD.pack(frame.can_id, len(frame.data), frame.data)
 
     def synced(self, now: int) -> None:
-        """Check, after a SYNC was sent or received, whether the TPDOs for the previous SYNC were received."""
+        """Check, after a SYNC was sent or received, whether the TPDOs for the previous SYNC have arrived."""
         if changed := self.pdo_watch.sync(now):
             for pdo in changed:
                 self._pdo_owner[pdo].on_pdo(pdo, now)
 
     def hear_sync(self, on_sync: Callable[[int], None]) -> None:
-        """Stop producing SYNC, and call `on_sync(now)` for every SYNC received from another producer."""
+        """Stop producing SYNC, and call `on_sync(now)` for every SYNC of another producer."""
         self._sync_elsewhere = True
         can_id, period = self.sync.cob_id, self.config.master.sync_period * 1000
 
@@ -420,7 +420,7 @@ class Network:
             handlers.setdefault(sent.cob_id, self._foreign.on_rpdo(sent.cob_id, node))
 
     def lay_out(self, node: RemoteNode, result: BootResult) -> None:
-        """Set up the process data of a node as configured by the boot, with the initial values read from the node."""
+        """Set up a node's process data as configured by the boot, with the initial values read from the node."""
         self._last_records, self._repeated = b"", None  # the handlers and values change
         own = {(kind, layout.number): layout for kind, layout in result.adopted}
         for planned, received in zip(node.plan.tpdos, node.received, strict=True):
@@ -475,7 +475,7 @@ class Network:
             self._handlers[default] = on_default_identifier
 
     def _checked(self, node: RemoteNode, pdo: ReceivedPdo) -> Callable[[bytes, int, int], None]:
-        """Return a handler for a TPDO that also reports frames with a wrong length."""
+        """Return a handler for a TPDO that also reports frames of the wrong length."""
         right, receive = pdo.codec.length, pdo.receive
 
         def on_pdo(data: bytes, length: int, now: int) -> None:
@@ -486,15 +486,15 @@ class Network:
         return on_pdo
 
     def wake(self) -> None:
-        """Compute the time of the next `tick` again, after a deadline has changed."""
+        """Recalculate the time of the next `tick` after a deadline has changed."""
         self._stale = True
 
     def watch_heartbeat(self, node_id: int, timeout_ns: int) -> None:
-        """Monitor the heartbeat of a node from the next heartbeat on; 0 ends monitoring."""
+        """Monitor a node's heartbeat from the next heartbeat on; 0 ends monitoring."""
         self._consumer.watch(node_id, timeout_ns)
 
     def guard(self, node: RemoteNode, on: bool, now: int) -> None:
-        """Start or stop node guarding, if the plan of the node has guarding."""
+        """Start or stop node guarding if the node's plan has guarding."""
         if node.plan.guard is None:
             return
         if self._guarding is None:
@@ -506,7 +506,7 @@ class Network:
         self._stale = True
 
     def _supervise(self, now: int, since: int | None = None) -> bool:
-        """Pass events of heartbeat and guarding supervision to the nodes; return whether there were any."""
+        """Pass events of heartbeat and guarding supervision to the nodes; return whether any occurred."""
         events = self._consumer.events()
         happened = bool(events)
         for guarded in self._guarding.events() if self._guarding is not None else ():

@@ -1,4 +1,4 @@
-"""Reader of one node in bus.yml: merges `defaults`, converts the keys, and checks them against each other."""
+"""Reader of one node in bus.yml: merges `defaults`, converts the keys and checks their consistency."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _addable(key: str, section: Node, unused: Collection[str]) -> bool:
 
 
 def node_id_below(section: Node, key: str) -> Node | None:
-    """Return the `node_id` below a key of a section, which shows that the key is a node's name; None if absent."""
+    """Return the `node_id` below a key of a section, which shows that the key is a node's name, or None."""
     below = section.get(key)
     return below.get("node_id") if below is not None else None
 
@@ -85,7 +85,7 @@ _MODES: Final = {1: "position", 7: "position", 8: "position", 2: "velocity", 3: 
 
 
 def _suggestion(key: str, section: Node, keys: Collection[str], misnamed: Mapping[str, str]) -> str:
-    """Return the correct form of a misspelled or misplaced key, "" if none is known."""
+    """Return the correct form of a misspelled or misplaced key, or "" if none is known."""
     if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() in keys:
         return f"`{pdo[2]}:` under `{pdo[1].lower()}:`"
     suggestion, place = misnamed.get(key, ""), section.get(key)
@@ -114,7 +114,7 @@ def _at(place: Node, kind: str) -> Node:
 
 
 def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[str, tuple[Node, Node]]:
-    """Return the entries of the keys `tpdo1:`, `tpdo2:` … (or `rpdo1:` …), by PDO number."""
+    """Return the entries of the keys `tpdo1:`, `tpdo2:`, … (or `rpdo1:`, …) by PDO number."""
     numbered = {}
     for key, (place, value) in pairs.items():
         if (pdo := _PDO_KEY.fullmatch(key)) and pdo[1].lower() == kind:
@@ -123,7 +123,7 @@ def _numbered_pdos(pairs: Mapping[str, tuple[Node, Node]], kind: str) -> dict[st
 
 
 def _require_modes(motion: MotionKeys, node: Node) -> None:
-    """Report modes of operation that do not fit the command interface of their key, and invalid target objects."""
+    """Report modes of operation that do not match the command interface of their key, and invalid target objects."""
     for kind in ("position", "velocity", "effort", "torque"):
         number, key = getattr(motion, f"{kind}_mode"), f"{kind}_mode"
         served = "effort" if kind == "torque" else kind
@@ -180,7 +180,7 @@ def with_defaults(name: str, node: Node, defaults: Node | None, *, peer_merge: b
 
 
 def _peer_merged(node: Node, defaults: Node) -> Node:
-    """Merge as ros2_canopen's generator does: keys of `defaults` replace the node's own keys."""
+    """Merge like ros2_canopen's generator: keys of `defaults` replace the node's own keys."""
     if node.kind not in ("mapping", "null") or defaults.kind != "mapping":
         return node.over(defaults)
     pairs = {key.text: (key, value) for key, value in [*node.pairs(), *defaults.pairs()]}
@@ -221,7 +221,7 @@ _DRIVERS: Final = tuple(name.lower() for name in (*DRIVE_DRIVERS, "402", "Proxy"
 
 
 def _foreign_driver(node: Node) -> str:
-    """Return the `driver` of a node, with a warning, if ros2_canopen does not have this driver; otherwise ""."""
+    """Return the `driver` of a node, with a warning, if ros2_canopen does not have this driver, otherwise ""."""
     place = node.get("driver")
     driver = "" if place is None or not isinstance(place.value, str) else place.value
     if place is None or not driver or any(name in driver.lower() for name in _DRIVERS):
@@ -231,7 +231,7 @@ def _foreign_driver(node: Node) -> str:
 
 
 def node_config(name: str, node: Node, master: MasterConfig, options: FileOptions) -> tuple[NodeConfig, Node] | None:
-    """Convert and check the keys of a node; return them with the corrected section, None if they are unusable."""
+    """Convert and check the keys of a node; return them with the corrected section, or None if they are unusable."""
     ignored = tolerated(node, keys_of(NodeConfig), UNUSED_NODE, MISNAMED_NODE, _foreign_driver(node))
     node = _indented(_respelled(node))
     keys: NodeConfig | None = convert(node, NodeConfig, None, ignored=ignored)

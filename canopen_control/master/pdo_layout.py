@@ -1,4 +1,4 @@
-"""PDO layout of a bus, as a message for trace, monitor, exports and the API method `layout`.
+"""PDO layout of a bus as a message for trace, monitor, exports and the API method `layout`.
 
 The layout is taken from the plans by which the nodes are booted.
 """
@@ -103,7 +103,7 @@ def _objects(
 
 
 def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
-    """Return the scale of a device signal; None without a signal, or if objects of the device determine the scale."""
+    """Return the scale of a device signal, or None without a signal or if device objects determine the scale."""
     for signal in plan.signals.values():
         if signal.address == (mapped.index, mapped.subindex) and signal.bit is None and not signal.scales:
             own = signal.data_type in (None, mapped.data_type)
@@ -112,7 +112,7 @@ def _signal(plan: NodePlan, mapped: MappedObject) -> _Meaning | None:
 
 
 def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Collection[tuple[str, int]]) -> _Meaning:
-    """Return the scale of a drive object from bus.yml, or no scale if bus.yml does not define one."""
+    """Return the scale of a drive object in bus.yml, or no scale if bus.yml does not define one."""
     base, axis = objects.axis_of(mapped.index)
     quantity = _QUANTITIES.get(base) if plan.axes and not mapped.subindex else None
     if quantity is None or not _is_scaled(config, plan.name, axis, quantity.scale):
@@ -127,7 +127,7 @@ def _of_axis(config: BusConfig, plan: NodePlan, mapped: MappedObject, linear: Co
 
 
 def _is_scaled(config: BusConfig, node: str, axis: int, quantity: str) -> bool:
-    """Whether bus.yml sets the scale of a quantity of an axis; the defaults of ros2_canopen do not count."""
+    """Whether bus.yml sets the scale for a quantity of an axis; the defaults of ros2_canopen do not count."""
     units = config.nodes[node].units
     if units.counts_per_revolution is not None and quantity != "eff":
         return True

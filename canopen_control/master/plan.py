@@ -1,4 +1,4 @@
-"""Configuration plan of a node: SDO writes and PDO mappings, derived from bus.yml and the EDS.
+"""Configuration plan of a node: SDO writes and PDO mappings derived from bus.yml and EDS.
 
 All decisions are made before the first frame is sent; an object missing from the EDS, a value outside the range of its
 type, or a mapping of more than 64 bits is a configuration error, not a boot error.
@@ -132,7 +132,7 @@ class NodePlan:
 
     @property
     def supervision_ns(self) -> int:
-        """Time in ns after which a silent node counts as lost, by heartbeat or guarding; 0 without supervision."""
+        """Time in ns after which a silent node is considered lost, by heartbeat or guarding; 0 without supervision."""
         return self.heartbeat_timeout_ns or (self.guard[0] * self.guard[1] if self.guard else 0)
 
     def carried(self, pdos: Sequence[PlannedPdo]) -> set[tuple[int, int]]:
@@ -142,12 +142,12 @@ class NodePlan:
         return carried.union(*(shared.get(address, ()) for address in carried))
 
     def address(self, index: int, subindex: int = 0) -> tuple[int, int]:
-        """Convert the address of an axis object to its address in the device."""
+        """Convert an axis object's address to its address in the device."""
         return (index, subindex) if self.motors is None else self.motors.address(index, subindex)
 
 
 def plan_node(builder: PlanBuilder, master: MasterConfig, source: str) -> NodePlan:
-    """Plan the configuration of a node; after a call of `builder.complain` the plan must not be used.
+    """Plan the configuration of a node; the plan must not be used after a call of `builder.complain`.
 
     `source` is the name of the EDS for messages.
     """
@@ -228,7 +228,7 @@ def _guard(keys: SupervisionKeys) -> tuple[int, int]:
 
 
 def _motors(builder: PlanBuilder) -> MotorMap | None:
-    """Return the object map of a device with several motors in one object set (`motor_subindices`), else None."""
+    """Return the object map of a device whose motors share one object set (`motor_subindices`), or None."""
     subindices = builder.node.motion.motor_subindices
     if subindices is None:
         _warn_of_two_motors(builder)
@@ -258,7 +258,7 @@ def _of_axes(layouts: Sequence[PlannedPdo], motors: MotorMap | None) -> tuple[Pl
 
 
 def _warn_of_two_motors(builder: PlanBuilder) -> None:
-    """Warn of a drive that has two motors in subindexes of one object set, and name the key for such drives."""
+    """Warn of a drive with two motors in the subindices of one object set, and name the key for such drives."""
     motors = per_motor(builder.od)
     if not motors or any((builder.node.motion.own_target(name) or (0,))[0] in motors for name in _INTERFACES):
         return
@@ -277,7 +277,7 @@ def _warn_of_two_motors(builder: PlanBuilder) -> None:
 
 
 def _check_identity(builder: PlanBuilder) -> None:
-    """Warn if bus.yml and EDS differ in vendor id or product code, so that the EDS belongs to another device."""
+    """Warn if vendor id or product code differ between bus.yml and EDS, so that the EDS is for another device."""
     expected, device = builder.node.identity, builder.od.device
     for key, value, actual in (
         ("vendor_id", expected.vendor_id, device.vendor_number),
@@ -289,7 +289,7 @@ def _check_identity(builder: PlanBuilder) -> None:
 
 
 def _identity(node: NodeConfig, od: ObjectDictionary) -> NodeIdentity:
-    """Return the identity that the boot compares; the number 0 disables a comparison.
+    """Return the identity for the comparison during boot; the number 0 disables a comparison.
 
     Vendor id and product code are from bus.yml, else from the EDS; revision and serial number only from bus.yml. EDS
     values count only if the EDS has the entry of 0x1018: only the vendor id is mandatory there (CiA 301, 7.5.2.21),
@@ -429,7 +429,7 @@ def _plan_consumer(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_producer(builder: PlanBuilder) -> int:
-    """Plan the heartbeat producer time (0x1017); return the node's heartbeat period in ms, 0 without a heartbeat.
+    """Plan the heartbeat producer time (0x1017); return the node's heartbeat period in ms, or 0 without a heartbeat.
 
     A file may give another period than the default, but a period of 0 in a file is ignored, because a DCF lists every
     object with its default.
@@ -467,7 +467,7 @@ def _plan_producer(builder: PlanBuilder) -> int:
 
 
 def _plan_reactions(builder: PlanBuilder) -> None:
-    """Plan the reaction of the axes to the loss of the master: 0x6007 if the axis has it, else 0x1029:1 = stopped.
+    """Plan the axes' reaction to the loss of the master: 0x6007 if the axis has it, else 0x1029:1 = stopped.
 
     A value of 0x6007 in a file is kept unless it is 0, which means no reaction; a value of 0x1029:1 in a file is kept
     only if no axis depends on it.
@@ -515,7 +515,7 @@ def _monitors_master(builder: PlanBuilder, master: MasterConfig, *, guarded: boo
 
 
 def _why_unsupervised(builder: PlanBuilder, master: MasterConfig, *, monitors: bool) -> str:
-    """Return the reason why the loss of the master would not stop a node's axes after the boot, "" if it would."""
+    """Return why the loss of the master would not stop a node's axes after the boot, or "" if it would."""
     axes = tuple(_axes(builder.od))
     if not axes:
         return ""
@@ -551,7 +551,7 @@ def _plan_sync_counter(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
-    """Plan the writes of the COB-IDs of SYNC (0x1005) and EMCY (0x1014).
+    """Plan writes of the COB-IDs of SYNC (0x1005) and EMCY (0x1014).
 
     A different value in the `sdo:` list is kept, with a warning. With `sync_producer: other`, 0x1005 of a node that
     produces SYNC (bit 30) is not changed.
@@ -564,7 +564,7 @@ def _plan_services(builder: PlanBuilder, master: MasterConfig) -> None:
 
 
 def _plan_service(builder: PlanBuilder, index: int, identifier: int, purpose: str) -> None:
-    """Plan the COB-ID of a service (object `index`), if the node has that object; `purpose` names it in messages."""
+    """Plan the COB-ID of a service (object `index`) if the node has that object; `purpose` names it in messages."""
     if (index, 0) not in builder.od:
         return
     listed = builder.listed_value(index)
@@ -630,5 +630,5 @@ def _number(value: object) -> str:
 
 
 def _signature(value: object) -> object:
-    """Replace `save` or `load` by the signature for 0x1010 or 0x1011 (CiA 301, 7.5.2.13); keep any other value."""
+    """Replace `save` and `load` by the signatures for 0x1010 and 0x1011 (CiA 301, 7.5.2.13); keep other values."""
     return {"save": 0x65766173, "load": 0x64616F6C}.get(value, value) if isinstance(value, str) else value

@@ -1,4 +1,4 @@
-"""Builder of a node's plan, which encodes the SDO writes and reports errors.
+"""Builder of a node's plan: encodes the SDO writes and reports errors.
 
 A write is encoded once, in the data type of the object in the EDS; all steps of the boot use the same bytes. An object
 that can be read back is compared before it is written and verified afterwards. Objects without read access, the
@@ -71,7 +71,7 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
 
 
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
-    """Map an object into the first suitable RPDO with enough free space; return the problem, "" on success."""
+    """Map an object into the first suitable RPDO with enough free space; return the problem, or "" on success."""
     rpdos = builder.node.boot.rpdo
     mine = [number for number, pdo in rpdos.items() if pdo.is_on and pdo.mapping is not None]
     mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
@@ -106,7 +106,7 @@ def _has_room(builder: PlanBuilder, number: int, mapping: Sequence[PdoObjectKeys
 
 
 def _mapped(builder: PlanBuilder, number: int, pdo: PdoConfig) -> list[int]:
-    """Return the indexes of the objects that an RPDO of bus.yml maps."""
+    """Return the indices of the objects that an RPDO of bus.yml maps."""
     if pdo.mapping is not None:
         return [mapped.index for mapped in pdo.mapping]
     slots = range(1, (builder.default(_MAPPING + number - 1, 0) or 0) + 1)
@@ -193,7 +193,7 @@ def _compare(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
 
 
 def _add_interpolation(builder: PlanBuilder, index: int, sync_period_us: int) -> None:
-    """Plan to write the SYNC period to 0x60C2, in the drive's unit if the exponent is read-only (one EDS in six)."""
+    """Plan the SYNC period for 0x60C2, in the drive's unit if the exponent is read-only (one EDS in six)."""
     value, exponent = _interpolation(sync_period_us)
     reason = "interpolation over the SYNC period"
     if not builder.can_write(index, 2):
@@ -245,7 +245,7 @@ _BYTES = frozenset((DataType.OCTET_STRING, DataType.DOMAIN))
 
 @dataclass(frozen=True, slots=True)
 class PlannedWrite:
-    """SDO download of a plan; `reason` is "" if bus.yml requests the write; the node may refuse an `optional` write.
+    """SDO download of a plan; `reason` is "" if bus.yml requests it; the node may refuse an `optional` write.
 
     `pdo` is kind and number of the PDO to whose records the object belongs. `compare` is set if the object can be read
     back. `fixed` is set for a COB-ID that is read-only in the EDS and has this value there: such a COB-ID is written
@@ -320,7 +320,7 @@ class PlanBuilder:
         return {number for which, number in self._records if which == kind}
 
     def listed_records(self, kind: str, number: int) -> dict[tuple[int, int], tuple[int, bytes]]:
-        """Return the writes of the `sdo:` list to the records of a PDO, as (position in the list, data) by address."""
+        """Return the `sdo:` list's writes to the records of a PDO, as (position in the list, data) by address."""
         return self._records.get((kind, number), {})
 
     @property
@@ -330,7 +330,7 @@ class PlanBuilder:
 
     @property
     def download_reason(self) -> str:
-        """Text with the name of the file that the downloads come from, for messages."""
+        """Text with the name of the file that contains the downloads, for messages."""
         name = self.node.boot.configuration_file or self.file
         return f"from {name}"
 
@@ -374,7 +374,7 @@ class PlanBuilder:
         return entry is not None and entry.writable
 
     def is_fixed_cob_id(self, index: int, subindex: int, value: int) -> bool:
-        """Whether this is a PDO's COB-ID, read-only in the EDS, with this value as its default."""
+        """Whether this is a PDO's COB-ID that is read-only in the EDS and has this value as its default."""
         pdo = pdo_of(index)
         is_cob_id = pdo is not None and index == COMMUNICATION[pdo[0]] + pdo[1] - 1 and subindex == 1
         return is_cob_id and not self.can_write(index, subindex) and self.default(index, subindex) == value
@@ -388,7 +388,7 @@ class PlanBuilder:
     def write_raw(
         self, index: int, subindex: int, data: bytes, reason: str, *, pdo: tuple[str, int] | None = None
     ) -> None:
-        """Add a write of bytes from a file; report missing objects and wrong lengths."""
+        """Add the write of bytes from a file; report missing objects and wrong lengths."""
         entry = self.od.get(index, subindex)
         place = f"0x{index:04X}:{subindex:02X}"
         key = "configuration_file" if self.node.boot.configuration_file else "dcf"
@@ -406,21 +406,21 @@ class PlanBuilder:
             self.write_raw(index, subindex, data, self.download_reason)
 
     def listed_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the last number that the `sdo:` list of bus.yml writes to an object, None if there is none."""
+        """Return the last number that the `sdo:` list of bus.yml writes to an object, or None."""
         for entry in reversed(self.node.boot.sdo):
             if (entry.index, entry.sub_index) == (index, subindex):
                 return int(entry.value) if isinstance(entry.value, int) else None
         return None
 
     def downloaded_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the number that a file (for PDO records also the `sdo:` list) writes to an object, else None."""
+        """Return the number that a file (for PDO records also the `sdo:` list) writes to an object, or None."""
         data = self._downloaded.get((index, subindex))
         entry = self.od.get(index, subindex)
         signed = entry is not None and entry.data_type.signed
         return None if data is None else int.from_bytes(data, "little", signed=signed)
 
     def final(self, index: int, subindex: int) -> int | None:
-        """Return the number that an object has after the writes planned so far, else the value of the EDS.
+        """Return an object's number after the writes planned so far, or else the value of the EDS.
 
         The value of a file counts only after its write was added.
         """
@@ -453,7 +453,7 @@ class PlanBuilder:
         )
 
     def requested_value(self, index: int, subindex: int = 0) -> int | None:
-        """Return the last number that the `sdo:` list, else a file, writes to an object; None if there is none."""
+        """Return the last number that the `sdo:` list, else a file, writes to an object, or None."""
         if any((entry.index, entry.sub_index) == (index, subindex) for entry in self.node.boot.sdo):
             return self.listed_value(index, subindex)
         return self.downloaded_value(index, subindex)
@@ -472,7 +472,7 @@ class PlanBuilder:
         return value - (1 << bits) if value >= 1 << bits - 1 else value
 
     def ordered_writes(self) -> tuple[PlannedWrite, ...]:
-        """Return the writes in order; objects with several different values are marked as not to be compared."""
+        """Return the writes in order; objects that are given several values are marked as not to be compared."""
         values: dict[tuple[int, int], set[bytes]] = {}
         for write in self.writes:
             if write.pdo is None:

@@ -1,4 +1,4 @@
-"""Planning of the PDOs of a node: enabled PDOs, mappings, and the necessary writes (CiA 301, 7.5.2.35 to 38).
+"""Planning of a node's PDOs: enabled PDOs, mappings and the necessary writes (CiA 301, 7.5.2.35 to 38).
 
 A PDO is made invalid before it is changed, and valid at the end; bit 30 of the COB-ID belongs to the device. Settings
 that bus.yml does not give are written as in the EDS, because a device may have stored other values. If bus.yml lists
@@ -57,7 +57,7 @@ _SAFE: Final = "outputs are safe when the master is lost"
 
 
 def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) -> dict[str, Signal]:
-    """Return the signals of a node by name, and plan the writes and reads for them."""
+    """Return the signals of a node by name, and plan their writes and reads."""
     signals = profile_signals(builder.od, profile)
     moving = {index + offset for index in MOTION for offset in axes}
     named: set[str] = set()
@@ -79,7 +79,7 @@ def plan_signals(builder: PlanBuilder, profile: Profile, axes: tuple[int, ...]) 
 def _configured(
     builder: PlanBuilder, key: str, keys: SignalKeys, known: Signal | None, names: tuple[str, ...]
 ) -> Signal | None:
-    """Return a signal with the settings of bus.yml; None if an error was reported."""
+    """Return a signal with the settings of bus.yml, or None if an error was reported."""
     if keys.object is None:
         if known is None:
             text = f"the device profile has no signal {keys.name!r}{nearest(keys.name, names)}; set `object`"
@@ -190,7 +190,7 @@ def warn_of_unwatched_outputs(builder: PlanBuilder, signals: Iterable[Signal]) -
 
 
 def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
-    """Plan error mode and error value of an output; return False if the output would unintentionally keep its value."""
+    """Plan error mode and error value of an output; return False if it would unintentionally keep its value."""
     if output.mode_at is None:
         return not output.mode  # bus.yml requests that all outputs keep their values
     mode = builder.requested_value(*output.mode_at)
@@ -203,7 +203,7 @@ def _plan_safe(builder: PlanBuilder, output: SafeOutput) -> bool:
 
 
 def _plan_analogue_inputs(builder: PlanBuilder) -> None:
-    """Plan the event-driven transmission of analogue inputs: set 0x6423, and a minimum change if there is none."""
+    """Plan the event-driven transmission of analogue inputs: 0x6423, and a minimum change if none is set."""
     inputs = [
         mapped.subindex
         for layout in builder.layouts["tpdo"]
@@ -223,7 +223,7 @@ def _plan_analogue_inputs(builder: PlanBuilder) -> None:
 
 
 def _plan_reads(builder: PlanBuilder, signals: Iterable[Signal]) -> None:
-    """Plan to read the initial values of inputs, and the scaling and status objects of signals."""
+    """Plan reads of the initial values of inputs, and of the scaling and status objects of signals."""
     sent = _mapped_signals(builder, "tpdo")
     addresses: dict[Address, None] = {}
     for signal in signals:
@@ -319,7 +319,7 @@ def plan_pdos(builder: PlanBuilder, kind: str) -> None:
 
 
 def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> str:
-    """Return why a PDO enabled by the EDS cannot stay enabled, with the remedy; "" if it can."""
+    """Return why a PDO enabled by the EDS cannot stay enabled, with the remedy, or "" if it can."""
     same = (
         f"{other.upper()} {layout.number}"
         for other, layouts in builder.layouts.items()
@@ -337,7 +337,7 @@ def _wrong_default(builder: PlanBuilder, kind: str, number: int, cob_id: int) ->
 
 
 def _switch_off(builder: PlanBuilder, kind: str, number: int, cob_id: int | None, *, in_file: bool) -> None:
-    """Plan to make a PDO invalid that is not listed or has no valid COB-ID, even if the PDO is invalid in the EDS."""
+    """Plan to make a PDO invalid that is not listed or has no valid COB-ID, even if the EDS has it invalid."""
     reason = STORED
     if cob_id is None or not (cob_id & INVALID_BIT or _usable(cob_id)):
         builder.remark(kind, f"{kind.upper()} {number} has no valid COB-ID in {builder.file}; it is disabled")
@@ -438,7 +438,7 @@ def _adopt(builder: PlanBuilder, kind: str, number: int, cob_id: int) -> None:
 
 
 def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reason: str = "") -> None:
-    """Plan a PDO; `reason` is the reason of the writes for a PDO that bus.yml does not list, else ""."""
+    """Plan a PDO; `reason` is why a PDO that bus.yml does not list is written, else ""."""
     key, index = f"{kind}.{number}", COMMUNICATION[kind] + number - 1
     if 1 <= number <= COUNT and (index, 1) not in builder.od and not pdo.is_on:
         return  # a PDO that the device does not have is off
@@ -471,7 +471,7 @@ def _plan_pdo(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig, reas
 
 
 def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> None:
-    """Warn of a COB-ID that is read-only in the EDS and has another value there.
+    """Warn of a COB-ID that is read-only in the EDS and has a different value there.
 
     The write is planned anyway, because some EDS declare writable COB-IDs `ro` or `const`.
     """
@@ -490,7 +490,7 @@ def _check_fixed(builder: PlanBuilder, planned: _Requested, pdo: PdoConfig) -> N
 
 
 def _check_fixed_mapping(builder: PlanBuilder, planned: _Requested, objects: tuple[MappedObject, ...]) -> None:
-    """Warn of a mapping or transmission type that is read-only in the EDS and has another value there."""
+    """Warn of a mapping or transmission type that is read-only in the EDS and has a different value there."""
     mapping = {0: len(objects), **{slot: mapping_entry(entry) for slot, entry in enumerate(objects, 1)}}
     differs = any(builder.default(planned.mapping, subindex) != value for subindex, value in mapping.items())
     for subindex, value in mapping.items():
@@ -588,7 +588,7 @@ def _cob_id(builder: PlanBuilder, kind: str, number: int, pdo: PdoConfig) -> int
 
 
 def _spare(builder: PlanBuilder, key: str, pdo: PdoConfig) -> int:
-    """Return the next COB-ID for a PDO above 4 with `cob_id: auto`, as ros2_canopen's generator assigns; 0 if off."""
+    """Return the next COB-ID for a PDO above 4 with `cob_id: auto`, as ros2_canopen's generator does; 0 if off."""
     if not pdo.is_on:
         return 0
     if pdo.cob_id is None:
@@ -630,7 +630,7 @@ def _check_bits(builder: PlanBuilder, key: str, mapped: PdoObjectKeys) -> None:
 
 
 def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: int, part: int) -> MappedObject | None:
-    """Return a mapped object, None after an error; `part` is the number of bits in a default mapping, 0 for all."""
+    """Return a mapped object, or None after an error; `part` is the number of bits in a default mapping, 0 for all."""
     if wrong := _unmappable(builder, kind, index, subindex):
         builder.complain(key, wrong)
     if index in DUMMY_TYPES and not subindex:  # a dummy entry of an RPDO
@@ -643,7 +643,7 @@ def _map_one(builder: PlanBuilder, kind: str, key: str, index: int, subindex: in
 
 
 def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> str:
-    """Return the reason why an object cannot be mapped, "" if it can; a dummy needs an RPDO and [DummyUsage]."""
+    """Return why an object cannot be mapped, or "" if it can; a dummy requires an RPDO and [DummyUsage]."""
     # CiA 306, [DummyUsage]: the dummy entries that a device accepts, in RPDOs only
     if index in DUMMY_TYPES and not subindex:
         allowed = kind == "rpdo" and index in builder.od.dummy_usage
@@ -660,7 +660,7 @@ def _unmappable(builder: PlanBuilder, kind: str, index: int, subindex: int) -> s
 
 
 def _signed(index: int, data_type: DataType) -> DataType:
-    """Return the data type of an object, signed if CiA 402 defines the object as signed and the EDS does not."""
+    """Return the data type of an object, signed if CiA 402 defines it as signed and the EDS does not."""
     return _SIGNED_TYPES.get(data_type, data_type) if axis_of(index)[0] in _SIGNED else data_type
 
 

@@ -1,4 +1,4 @@
-"""Node as the NMT master sees it: presence, boot, supervision and events.
+"""Node from the NMT master's point of view: presence, boot, supervision and events.
 
 A node is READY from the end of a successful boot until it is lost (no heartbeat, an unexpected boot-up or NMT state).
 The end of READY invalidates the process data and restarts the boot; the owner of the axes (`hardware.system`) reacts to
@@ -54,7 +54,7 @@ _HINTS = {
 
 
 class NodeLog:
-    """Events of a node, passed to `report`; `errors` has the errors that the node reported by EMCY and has not reset.
+    """Events of a node, passed to `report`; `errors` are the errors reported by EMCY and not yet reset.
 
     `period_ns` is the period of the node's heartbeat, 0 without a heartbeat.
     """
@@ -64,19 +64,19 @@ class NodeLog:
         self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
         self.astray: dict[ReceivedPdo, int] = {}
-        """TPDOs whose default identifier was received instead of the configured one, with that identifier."""
+        """TPDOs received with their default identifier instead of the configured one, with that identifier."""
         self._gate = EmcyGate()
         self._duplicates = DuplicateWatch(period_ns)
 
     def report(
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: FaultEvent | None = None
     ) -> None:
-        """Report an event of the node; the text is preceded by node id and name."""
+        """Report an event of the node; the text is prefixed with node id and name."""
         self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
 
     @property
     def deadline(self) -> int | None:
-        """Time at which `tick` has an event to report, None for no event."""
+        """Time of the next event to report by `tick`, or None."""
         return self._gate.deadline
 
     def tick(self, now: int) -> None:
@@ -91,7 +91,7 @@ class NodeLog:
         self._duplicates.set_period(period_ns)
 
     def emcy(self, fault: FaultEvent, now: int, hints: Mapping[int, str] | None = None) -> str | None:
-        """Report the fault of an EMCY message; return the error as text, None for an error reset.
+        """Report the fault of an EMCY message; return the error as text, or None for an error reset.
 
         `hints` is advice by EMCY code, which takes precedence over the general advice.
         """
@@ -127,7 +127,7 @@ class NodeLog:
             self.report(now, "pdo_stale", text, Level.ERROR)
 
     def _stray_text(self, pdo: ReceivedPdo) -> str:
-        """Return a text about frames with the default identifier of a TPDO, "" if none were received."""
+        """Return a text about frames with a TPDO's default identifier, or "" if none were received."""
         default = self.astray.get(pdo)
         if default is None:
             return ""
@@ -137,7 +137,7 @@ class NodeLog:
         )
 
     def malformed(self, pdo: ReceivedPdo, length: int, now: int) -> None:
-        """Report a TPDO frame with a wrong length, once per boot, TPDO and length."""
+        """Report a TPDO frame of the wrong length, once per boot, TPDO and length."""
         if pdo.reported_lengths & 1 << length:
             return
         pdo.reported_lengths |= 1 << length
@@ -151,7 +151,7 @@ class NodeLog:
             self._report_duplicate("its heartbeats are twice as frequent as configured", now)
 
     def reset(self) -> None:
-        """Expect a boot-up, because a reset was sent to the node."""
+        """Expect a boot-up message, because a reset was sent to the node."""
         self._duplicates.reset()
 
     def boot_up(self, now: int, since: int | None = None) -> None:
@@ -193,16 +193,16 @@ class NodeOwner(Protocol):
     def send_nmt(self, command: NmtCommand, node_id: int) -> None: ...
     def report(self, event: Event, /) -> None: ...
     def wake(self) -> None:
-        """Compute the time of the next `tick` again."""
+        """Recalculate the time of the next `tick`."""
 
     def watch_heartbeat(self, node_id: int, timeout_ns: int) -> None:
-        """Monitor the heartbeat of a node from the next heartbeat on; 0 ends monitoring."""
+        """Monitor a node's heartbeat from the next heartbeat on; 0 ends monitoring."""
 
     def guard(self, node: RemoteNode, on: bool, now: int) -> None:
-        """Start or stop node guarding, if the plan of the node has guarding."""
+        """Start or stop node guarding if the node's plan has guarding."""
 
     def lay_out(self, node: RemoteNode, result: BootResult) -> None:
-        """Set up the process data of a node as configured by the boot."""
+        """Set up a node's process data as configured by the boot."""
 
     def written(self, node: RemoteNode, index: int, subindex: int, data: bytes) -> None:
         """Handle an SDO download that the node has accepted."""
@@ -227,11 +227,11 @@ class RemoteNode:
         self.sdo = SdoClient(config.node_id, timeout_ns=timeout_ns, name=config.name, od=own)
         self.state = NodeState.WAITING
         self.ready = False
-        """Whether the node is booted and not lost, so that its process data are valid."""
+        """Whether the node has booted and is not lost, so that its process data is valid."""
         self.stale = False
         """Whether a TPDO of the node is overdue."""
         self.nmt_state: NmtState | None = None
-        """Last known NMT state, None before the first message and while the node is silent."""
+        """Last known NMT state; None before the first message and while the node is silent."""
         self.last_seen: int | None = None
         self.error: str | None = None
         self.identity: BootResult | None = None
@@ -254,12 +254,12 @@ class RemoteNode:
 
     @property
     def boot_step(self) -> str:
-        """Current step of the boot, "" if no boot is in progress."""
+        """Current step of the boot, or "" if no boot is in progress."""
         return self._task.step if self._task is not None else ""
 
     @property
     def is_taken_out(self) -> bool:
-        """Whether a user's NMT command has taken the node out of use, until it is started again."""
+        """Whether a user's NMT command has taken the node out of use until it is started again."""
         return self.expected_state is not None
 
     def begin_boot(self, now: int, *, reset: bool = True) -> None:
@@ -287,7 +287,7 @@ class RemoteNode:
         self._settle(now)
 
     def read(self, index: int, subindex: int, done: Callable[[SdoRequest], None]) -> None:
-        """Upload an object of an axis by SDO; `done` is called with the ended request, whether successful or not."""
+        """Upload an object of an axis by SDO; `done` is called with the completed request, successful or not."""
         place = self._places.get((index, subindex))
         if place is None:
             self.sdo.read(index, subindex).context = done
@@ -296,12 +296,12 @@ class RemoteNode:
         self._owner.wake()
 
     def write(self, index: int, subindex: int, data: bytes, done: Callable[[SdoRequest], None] | None = None) -> None:
-        """Download an object of an axis by SDO; `done` is called with the ended request, whether successful or not."""
+        """Download an object of an axis by SDO; `done` is called with the completed request, successful or not."""
         self.sdo.write(*self.plan.address(index, subindex), data).context = done
         self._owner.wake()
 
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
-        """Mark the node as lost because the bus has failed; the network boots the node when the bus has recovered."""
+        """Mark the node as lost because the bus has failed; the network boots it when the bus has recovered."""
         self.nmt_state = None
         self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
@@ -350,7 +350,7 @@ class RemoteNode:
         self._drop(now, str(lost), Level.ERROR, kind="heartbeat_lost", error=lost)
 
     def _on_return(self, now: int) -> None:
-        """Boot a node whose heartbeat is back, unless a user has taken it out of use."""
+        """Boot a node whose heartbeat has returned, unless a user has taken it out of use."""
         if self.is_taken_out:
             text = "its heartbeat is back; it was taken out of use, and nmt start boots it"
             self.log.report(now, "heartbeat_back", text)
@@ -359,7 +359,7 @@ class RemoteNode:
         self.begin_boot(now)
 
     def on_state(self, state: NmtState | None, now: int, since: int | None = None) -> None:
-        """Handle the NMT state in a heartbeat or guarding answer; None is an unknown state."""
+        """Handle the NMT state in a heartbeat or guarding response; None is an unknown state."""
         self.nmt_state, self.last_seen = state, now
         self.log.heartbeat(now, since)
         # CiA 301, 7.3.2: PDOs exist only in OPERATIONAL
@@ -388,7 +388,7 @@ class RemoteNode:
             self._left_operational(event.state, now)
 
     def _guarded_outside(self, kind: GuardingEventKind, now: int) -> None:
-        """Report a guarding event of a node taken out of use, without further action."""
+        """Report a guarding event of a node that is out of use, without further action."""
         if kind is GuardingEventKind.MISSED:
             self.nmt_state = None
             self.log.report(now, "guarding_lost", "no answer to node guarding; it was taken out of use", Level.WARNING)
@@ -409,12 +409,12 @@ class RemoteNode:
 
     @property
     def active_fault(self) -> FaultEvent | None:
-        """Fault of the last EMCY message, None after an error reset or if no error is active."""
+        """Fault of the last EMCY message, or None after an error reset or if no error is active."""
         return self.fault if self.fault is not None and not self.fault.is_over and self.log.errors.active else None
 
     @property
     def _hints(self) -> dict[int, str]:
-        """Advice, by EMCY code, on errors whose cause the boot in progress removes."""
+        """Advice, by EMCY code, for errors whose cause the boot in progress removes."""
         if self._task is None or not any(write.index == _SYNC_OVERFLOW for write in self.plan.writes):
             return {}
         return {_SYNC_LENGTH: "; the SYNC counter is not yet set, the boot under way writes its 0x1019"}
@@ -425,7 +425,7 @@ class RemoteNode:
         self.log.pdo(pdo, now)
 
     def pump(self, now: int) -> None:
-        """Pass completed SDO transfers to the boot and to their callers, and process the end of the boot."""
+        """Pass completed SDO transfers to the boot and to their callers, and handle the end of the boot."""
         for request in self.sdo.events():
             if isinstance(request.error, SdoTimeout) and self.nmt_state is NmtState.STOPPED:
                 request.error = SdoStopped(request.error)
@@ -465,7 +465,7 @@ class RemoteNode:
         return earliest
 
     def age_ns(self, now: int) -> int | None:
-        """Return the time in ns since the last message of the node, None if there was none."""
+        """Return the time since the node's last message in ns, or None if no message was received."""
         newest = -1 if self.last_seen is None else self.last_seen
         for pdo in self.received:  # no generator expression, for speed: called for each state sample
             if pdo.stamp > newest:
@@ -492,7 +492,7 @@ class RemoteNode:
             self.begin_boot(now, reset=False)
 
     def _toggled(self, now: int) -> None:
-        """Handle a wrong toggle bit in a guarding answer, which shows a restart or a second node with the node id."""
+        """Handle a wrong toggle bit in a guarding response, which indicates a restart or a duplicate node id."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
             self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
@@ -524,7 +524,7 @@ class RemoteNode:
             self._owner.report(Event(now, kind, self.name, text, level))
 
     def _stop_silent_drive(self, now: int) -> None:
-        """Send a quick stop by SDO, and RPDOs for `STOPPING_NS` more, since a silent drive may still receive.
+        """Send a quick stop by SDO, and RPDOs for another `STOPPING_NS`, since a silent drive may still receive.
 
         The owner of the axes provides the values; the SDO also reaches a drive in an NMT state without PDOs.
         """
@@ -554,7 +554,7 @@ class RemoteNode:
         self.sdo.cancel_all(BootError(self.node_id, "B", "given up, the node is booted again", self.name))
 
     def _settle(self, now: int) -> None:
-        """Start supervision in the step that needs it, and process the end of the boot."""
+        """Start supervision in the boot step that needs it, and handle the end of the boot."""
         task = self._task
         if task is None:
             return
@@ -597,7 +597,7 @@ class RemoteNode:
         )
 
     def _guard_at_once(self, request: SdoRequest, now: int) -> None:
-        """Start guarding when the boot has written guard time or life time factor.
+        """Start guarding once the boot has written guard time or life time factor.
 
         Some devices expect guarding from this write on, instead of after the first remote frame (CiA 301, 7.2.8.3.2.1),
         and send EMCY 0x8130 if the first remote frame comes only after the life time.
@@ -632,7 +632,7 @@ class RemoteNode:
 
 
 def _is_absence(request: SdoRequest) -> bool:
-    """Whether an upload was aborted because the object does not exist, which does not count as a failure."""
+    """Whether an upload was aborted because the object does not exist, which is not a failure."""
     error = request.error
     return not request.is_write and isinstance(error, SdoAbort) and error.code in _ABSENT
 
@@ -650,7 +650,7 @@ _COMMANDED = {
 
 
 def _with_part(place: ObjectPlace, done: Callable[[SdoRequest], None]) -> Callable[[SdoRequest], None]:
-    """Return a callback that reduces the data of an upload to the part of one motor, and calls `done`."""
+    """Return a callback that reduces the data of an upload to one motor's part, and calls `done`."""
 
     def take(request: SdoRequest) -> None:
         request.data = place.part_of(request.data)

@@ -1,4 +1,4 @@
-"""Requests that the generator of a boot (`boot.boot`) yields and that `boot.BootTask` answers.
+"""Requests that the boot generator (`boot.boot`) yields and `boot.BootTask` answers.
 
 A request is plain data; the docstring of its class says what the answer is. Instead of an answer, `SdoAbort`,
 `SdoTimeout` or `SdoLengthError` may be thrown into the generator.
@@ -76,7 +76,7 @@ class SendNmt:
 
 @dataclass(frozen=True, slots=True)
 class AwaitBootUp:
-    """Wait for the boot-up message; the answer is True if the message was received in time."""
+    """Wait for the boot-up message; the answer is True if it was received in time."""
 
     timeout_ns: int
 
@@ -94,7 +94,7 @@ class AwaitState:
 
 @dataclass(frozen=True, slots=True)
 class AwaitHeartbeat:
-    """Wait for a heartbeat; the answer is the NMT state in the heartbeat, None after the timeout."""
+    """Wait for a heartbeat; the answer is its NMT state, or None after the timeout."""
 
     timeout_ns: int
 
@@ -174,7 +174,7 @@ def boot_error(plan: NodePlan, letter: str, detail: str) -> BootError:
 
 
 def reason_of(error: SdoAbort | SdoTimeout | SdoLengthError) -> str:
-    """Return the reason for the failure of an SDO request as text, without node and object."""
+    """Return why an SDO request failed as text, without node and object."""
     if isinstance(error, SdoAbort):
         return f"abort 0x{error.code:08X} ({error.text})"
     if isinstance(error, SdoLengthError):

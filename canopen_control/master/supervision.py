@@ -1,4 +1,4 @@
-"""Supervision of a node in addition to its heartbeat: overdue PDOs, duplicate node ids and floods of EMCY.
+"""Supervision of a node in addition to its heartbeat: overdue PDOs, duplicate node ids and EMCY floods.
 
 The monitors only report: they return what is to be reported, once per occasion, and allocate no memory in normal
 operation.
@@ -27,17 +27,17 @@ _STUCK: Final = 3  # number of intervals that equal the previous one
 
 
 class BusReader(Protocol):
-    """Owner of the port of a bus, which reads frames and sets the receive filter."""
+    """Owner of a bus port, which reads frames and sets the receive filter."""
 
     def catch_up(self) -> None:
-        """Process all frames that wait at the port."""
+        """Process all frames waiting at the port."""
 
     def follow_identifiers(self) -> None:
         """Update the receive filter after the network's `identifiers` have changed."""
 
 
 class PdoWatch:
-    """Monitor of the synchronous TPDOs of a bus, which counts SYNCs without an answer and sets `overdue`.
+    """Monitor of a bus's synchronous TPDOs: counts SYNCs without a response and sets `overdue`.
 
     For SYNCs that a late process sends in quick succession, the answers still have the time that follows from
     `period_ns`, and at least `least_ns`. `reader` processes waiting frames before a TPDO becomes overdue.
@@ -56,7 +56,7 @@ class PdoWatch:
             self._pdos.append(pdo)
 
     def sync(self, now: int = 0) -> Sequence[ReceivedPdo]:
-        """Count a SYNC before its answers arrive; return the TPDOs that became overdue or were received again."""
+        """Count a SYNC before its responses arrive; return the TPDOs that became overdue or were received again."""
         changes = self._changes
         if changes:
             changes.clear()
@@ -98,7 +98,7 @@ def _is_like(gap: int, other: int) -> bool:
 
 
 class EmcyGate:
-    """Limiter of reported EMCY messages of a node to ten per second; `held` counts the suppressed messages."""
+    """Limiter of a node's reported EMCY messages to ten per second; `held` counts the suppressed messages."""
 
     def __init__(self) -> None:
         self.held = 0
@@ -106,7 +106,7 @@ class EmcyGate:
         self._window = 0
 
     def passes(self, now: int) -> bool:
-        """Return whether an EMCY message may be reported; not before `summary` has reported suppressed messages."""
+        """Whether an EMCY message may be reported; False until `summary` has reported suppressed messages."""
         if now - self._window >= _SECOND and not self.held:
             self._window, self._passed = now, 0
         self._passed += 1
@@ -116,7 +116,7 @@ class EmcyGate:
         return True
 
     def summary(self, now: int) -> int:
-        """Return the number of suppressed messages after the end of the second, and clear the counter; 0 for none."""
+        """Return the number of suppressed messages after the end of the second, and clear the counter; 0 if none."""
         if not self.held or now - self._window < _SECOND:
             return 0
         count, self.held = self.held, 0
@@ -124,12 +124,12 @@ class EmcyGate:
 
     @property
     def deadline(self) -> int | None:
-        """Time from which `summary` returns their number, None without suppressed messages."""
+        """Time from which `summary` returns the number of suppressed messages, or None if none are suppressed."""
         return self._window + _SECOND if self.held else None
 
 
 class DuplicateWatch:
-    """Detector of two devices with the same node id, by heartbeats at twice the rate or two boot-ups at once.
+    """Detector of two devices with the same node id: heartbeats at twice the rate, or two boot-ups at once.
 
     Boot-ups at equal intervals, like a heartbeat, are neither restarts nor a second device: they set `stuck`. A frame
     was received between `since`, when the receive queue was last empty, and `now`: frames that a late process reads
@@ -158,7 +158,7 @@ class DuplicateWatch:
         self.stuck = False
 
     def heartbeat(self, now: int, since: int | None = None) -> bool:
-        """Record a heartbeat; return True if the rate is new evidence of two devices with the node id."""
+        """Record a heartbeat; return True if its rate is new evidence of two devices with the node id."""
         self.stuck, self._alike = False, 0
         self._age_resets(now)
         if not self._period:
@@ -183,7 +183,7 @@ class DuplicateWatch:
         return False
 
     def reset(self) -> None:
-        """Record that a reset was sent to the node, which is to be answered by a boot-up."""
+        """Record that a reset was sent to the node, which must be followed by a boot-up."""
         self._resets = min(self._resets + 1, _MOST_RESETS)
         self._reset_at = None
 
@@ -195,7 +195,7 @@ class DuplicateWatch:
             self._resets = 0
 
     def boot_up(self, now: int, since: int | None = None) -> bool:
-        """Record a boot-up; return True if the interval is new evidence of two devices with the node id."""
+        """Record a boot-up; return True if its interval is new evidence of two devices with the node id."""
         self._age_resets(now)
         expected = self._resets > 0
         self._resets -= expected
@@ -210,6 +210,6 @@ class DuplicateWatch:
         return close and self._is_new(now)
 
     def _is_new(self, now: int) -> bool:
-        """Record evidence of two devices; return whether the last evidence is at least ten seconds old."""
+        """Record evidence of two devices; return True unless evidence was already recorded in the last ten seconds."""
         before, self._last_evidence = self._last_evidence, now
         return now - before >= _FORGET_NS

@@ -1,4 +1,4 @@
-"""Trajectory in execution: states of the joints over time, and the progress of the motion.
+"""Active trajectory: states of the joints over time, and the progress of the motion.
 
 Rules (ros2_controllers jazzy, Trajectory): a trajectory starts at its stamp or, for a stamp of 0, at its first sample.
 Until the time of the first point it leads there from the state before. Missing quantities of a point are deduced from
@@ -168,7 +168,7 @@ _FEW: Final = 8
 
 
 class JointSetpoint(metaclass=ABCMeta):
-    """Base class of motions that give set-points over time, with `size` points; `start` is in ns.
+    """Base class of motions that provide set-points over time, with `size` points; `start` is in ns.
 
     `first` and `following` are the points on both sides of the last sample. Both are `size` if there was no sample, and
     `following` alone is `size` once the trajectory is over.
@@ -185,7 +185,7 @@ class JointSetpoint(metaclass=ABCMeta):
 
     @abstractmethod
     def sample(self, t: int, out: Point, *, ahead: bool = False) -> bool:
-        """Write the state at `t`, in ns, to `out`; return False without a state.
+        """Write the state at `t`, in ns, to `out`; return False if there is no state.
 
         With `ahead` the sample is in the future and does not change the progress.
         """
@@ -195,18 +195,18 @@ class JointSetpoint(metaclass=ABCMeta):
         """Return the time of point `index` from the start, in ns."""
 
     def end_point(self) -> Point | None:
-        """Return the last point, or None if there is no point."""
+        """Return the last point, or None if empty."""
         return None
 
     def begin(self, t: int) -> None:
-        """Mark the first sample; without a stamp the trajectory starts at its time `t`, in ns."""
+        """Mark the first sample; a trajectory without a stamp starts at its time `t`, in ns."""
         if not self.sampled:
             if self.start == 0:
                 self.start = t
             self.sampled = True
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at any time `t`, in ns, to `out`; return False without a state.
+        """Write the state at any time `t`, in ns, to `out`; return False if there is no state.
 
         The progress of the motion is unchanged.
         """
@@ -219,7 +219,7 @@ class JointSetpoint(metaclass=ABCMeta):
 
 
 class ActiveTrajectory(JointSetpoint):
-    """Trajectory in execution, interpolated by `splines`; without splines each point is held until its time.
+    """Active trajectory, interpolated by `splines`; without splines each point is held until its time.
 
     An `arrangement` is applied to each point when it is created. `shift` is added to the positions of each joint, in
     whole turns: samples include the shift, the points do not.
@@ -262,7 +262,7 @@ class ActiveTrajectory(JointSetpoint):
             self._wrap(wrap)
 
     def _wrap(self, wrap: Sequence[bool]) -> None:
-        """Shift continuous joints by whole turns, to within half a turn of the first point.
+        """Shift continuous joints by whole turns to within half a turn of the first point.
 
         If the first points have no positions, the shift is computed at the first point with positions, up to which the
         joints follow the velocities.
@@ -277,7 +277,7 @@ class ActiveTrajectory(JointSetpoint):
         self._shifted = any(self.shift)
 
     def _first_place(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Return the positions before the first point with positions, and the positions of this point."""
+        """Return the positions before the first point with positions, and the positions of that point."""
         point, first = self.before, self.at(0)
         if first.positions:
             return point.positions, first.positions
@@ -346,7 +346,7 @@ class ActiveTrajectory(JointSetpoint):
         return self._last(out)
 
     def _segment_of(self, elapsed: int) -> int:
-        """Return the index of the segment at a time from the start, searched from the current segment on."""
+        """Return the index of the segment at a time from the start, searching from the current segment on."""
         times, index, last = self._times, self.reached, self.size - 1
         steps = 0
         while index < last and not times[index] <= elapsed < times[index + 1]:

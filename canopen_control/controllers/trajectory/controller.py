@@ -1,4 +1,4 @@
-"""Joint trajectory controller, which executes trajectories as MoveIt expects.
+"""Joint trajectory controller: executes trajectories as MoveIt expects.
 
 Rules (ros2_controllers jazzy, joint_trajectory_controller/JointTrajectoryController): a trajectory is accepted between
 two cycles and begins in the next one; the command is its sample one period ahead; during the motion and at the end the
@@ -86,7 +86,7 @@ class _Tolerated:
         self._more = any(tolerance.velocity > 0.0 or tolerance.acceleration > 0.0 for tolerance in tolerances)
 
     def exceeded(self, error: Point) -> int:
-        """Return the index of the last joint with an error beyond its tolerance, or `_NOBODY`."""
+        """Return the index of the last joint whose error exceeds its tolerance, or `_NOBODY`."""
         last, off, most = _NOBODY, error.positions, self._positions
         for joint in range(len(most)):
             if abs(off[joint]) > most[joint] or (self._more and not within(self._all[joint], error, joint)):
@@ -111,7 +111,7 @@ class ToleranceMonitor:
 
     @property
     def stops(self) -> bool:
-        """Whether the trajectory has failed and must not be commanded any more."""
+        """Whether the trajectory has failed and must not be commanded any longer."""
         return self.left >= 0 or self.late
 
     def check(
@@ -169,7 +169,7 @@ Block = list[list[float]]
 
 
 def positions_alone(message: JointTrajectory) -> bool:
-    """Return whether the points of a trajectory have positions only."""
+    """Return whether the points of a trajectory have only positions."""
     return not any(set(size) - {0} for size in survey_of(message).sizes[1:])
 
 
@@ -211,7 +211,7 @@ class PolicyTimes(Sequence[int]):
 
 
 class UpsampledPoints(SurveyedPoints):
-    """Points with positions and the velocities of a spline; `source` provides the positions, `times` are in ns."""
+    """Points with positions and spline velocities; `source` provides the positions, `times` are in ns."""
 
     def __init__(self, source: Sequence[Point] | Points, times: Sequence[int], survey: TrajectorySummary) -> None:
         self.times, self.survey = times, survey
@@ -231,7 +231,7 @@ class UpsampledPoints(SurveyedPoints):
         return Point(self._source[index].positions, block[index - begin], time=self.times[index])
 
     def _block_velocities(self, begin: int) -> Block:
-        """Compute the velocities of a block, assuming standstill `_REACH` points before and after the block."""
+        """Compute the velocities of a block, assuming standstill `_REACH` points before and after it."""
         last = len(self) - 1
         first, end = max(0, begin - _REACH), min(last, begin + _BLOCK - 1 + _REACH)
         if not last:
@@ -398,7 +398,7 @@ class JointTrajectoryController(Controller):
     # -------------------------------------------------------------------------------------------------- commands
 
     def set_trajectory(self, message: JointTrajectory, now: int) -> None:
-        """Follow a trajectory from the next cycle on; raise ControlError, with no change, on a refusal.
+        """Follow a trajectory from the next cycle on; if refused, raise ControlError with no change.
 
         The tolerances of a goal in execution then apply to this trajectory.
         """
@@ -430,7 +430,7 @@ class JointTrajectoryController(Controller):
         raise self.refusal("accepts only trajectories and goals")
 
     def cancel(self, goal: TrajectoryGoal, why: str | None = None) -> None:
-        """Cancel a goal in execution: the joints brake and are held. `why` is reported."""
+        """Cancel an active goal: the joints brake and are held. `why` is reported."""
         if goal is self.goal:
             text = "the goal was cancelled" if why is None else f"the goal was cancelled: {why}"
             self._end(GoalState.CANCELED, ResultCode.SUCCESSFUL, text)
@@ -452,7 +452,7 @@ class JointTrajectoryController(Controller):
         self.speed.set(factor)
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the trajectory's state at `t`, in ns, to `out`; return False if the trajectory is over by then.
+        """Write the trajectory's state at `t`, in ns, to `out`; return False if it has ended by then.
 
         Without a trajectory the actual state is written, and the result is also False.
         """
@@ -470,7 +470,7 @@ class JointTrajectoryController(Controller):
 
     @property
     def holding(self) -> bool:
-        """Whether the joints are held or brake to standstill."""
+        """Whether the joints are held, or brake to a standstill."""
         return self._follower.holding
 
     @property
@@ -551,7 +551,7 @@ class JointTrajectoryController(Controller):
             self._apply_result(monitor.verdict(self.tolerances))
 
     def _apply_result(self, verdict: ToleranceResult | None) -> None:
-        """End the goal or the trajectory by the result of the tolerance check."""
+        """End the goal or the trajectory according to the result of the tolerance check."""
         if verdict is None:
             return
         if verdict.state is GoalState.SUCCEEDED:
@@ -571,7 +571,7 @@ class JointTrajectoryController(Controller):
         self._follower.set_gains(params)
 
     def _give_up(self, joint: str) -> None:
-        """Abort the goal and release all joints, because `joint` does not follow commands."""
+        """Abort the goal and release all joints because `joint` does not follow commands."""
         self._waiting = joint
         if self.goal is not None:
             text = f"{self._why(joint)}, then send the goal again"
@@ -580,14 +580,14 @@ class JointTrajectoryController(Controller):
         self._group.release()
 
     def _why(self, joint: str) -> str:
-        """Return a text with the reason why a joint does not follow commands, and the remedy."""
+        """Return the reason why a joint does not follow commands, with the remedy."""
         waiting = [command for command in self.commands if not command.enabled]
         if waiting:
             return self.enable_status.reason(waiting)
         return f"{joint}: its position is unknown; wait for its feedback"
 
     def _brake(self) -> None:
-        """Brake at the configured decelerations if all joints have a deceleration, else at once; then hold."""
+        """Brake at the configured decelerations if all joints have one, else at once; then hold."""
         self.life.end()
         if not self.params.decelerate_on_cancel or self._acceptance.cannot_brake() is not None:
             self._follower.hold()

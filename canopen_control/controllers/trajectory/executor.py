@@ -1,4 +1,4 @@
-"""Execution of trajectories from cycle to cycle, including stops, holds, blending and speed scaling.
+"""Cyclic execution of trajectories, including stops, holds, blending and speed scaling.
 
 Rules (ros2_controllers jazzy): a queued trajectory begins in the next cycle; the command is its sample one period
 ahead. Different from upstream: a stop is computed when it is sampled, and a hold is a single point.
@@ -57,7 +57,7 @@ class _Waiting:
 
 
 class Blend(JointSetpoint):
-    """Trajectories that different joints follow, and queued trajectories that take over joints later."""
+    """Trajectories followed by different joints, and queued trajectories that take over joints later."""
 
     def __init__(self, old: JointSetpoint, wrap: Sequence[bool]) -> None:
         super().__init__(old.start, 1)
@@ -79,7 +79,7 @@ class Blend(JointSetpoint):
         trajectory.begin(handoff)
 
     def set_before(self, time: int, point: Point, wrap: Sequence[bool]) -> None:
-        """Do nothing, because a blend continues from the states of its trajectories."""
+        """Do nothing, since a blend continues from the states of its trajectories."""
 
     def time_of(self, index: int) -> int:
         """Return the end of the trajectory that ends last, in ns from the start."""
@@ -119,7 +119,7 @@ class Blend(JointSetpoint):
         return result
 
     def _hand_over(self, coming: _Waiting) -> None:
-        """Start a queued trajectory for its joints, from their commanded state at the handoff."""
+        """Start a queued trajectory for its joints from their commanded state at the handoff."""
         self._lead(coming)
         tracks = []
         for track in self._tracks:
@@ -135,7 +135,7 @@ class Blend(JointSetpoint):
         coming.trajectory.set_before(coming.handoff, before, self._wrap)
 
     def _mix(self, t: int, out: Point, *, ahead: bool, query: bool = False) -> bool:
-        """Write the state of each joint at `t` to `out`; return False if the state of a joint is missing."""
+        """Write the state of each joint at `t` to `out`; return False if a joint's state is missing."""
         joints = len(self._wrap)
         if len(out.positions) != joints or len(out.effort) != joints or len(out.velocities) != joints:
             out.positions[:] = out.velocities[:] = out.accelerations[:] = out.effort[:] = [0.0] * joints
@@ -169,11 +169,11 @@ def _copy(point: Point, out: Point, joints: Sequence[int]) -> None:
 
 
 _AT_REST: Final = 2.0**-23
-"""Speed in rad/s (or m/s) up to which a joint is at standstill."""
+"""Maximum speed in rad/s (or m/s) of a joint at standstill."""
 
 
 class StopMotion(JointSetpoint):
-    """Motion of all joints to standstill, from the state in `set_before`.
+    """Motion of all joints to standstill from the state in `set_before`.
 
     `decelerations` are in rad/s2 (or m/s2), above 0. The motion runs in real time, also with speed scaling; `pace` is
     the scaling factor of the initial velocities, which differs from 1 if they were commanded and not measured.
@@ -264,7 +264,7 @@ class SpeedScaling:
         self._state, self._command = state, command
 
     def mistake(self, factor: float) -> str | None:
-        """Return the reason why a factor is refused, or None for a valid factor."""
+        """Return why a factor is refused, or None if it is valid."""
         if not self.allowed:
             return "cannot scale its speed: only position commands can be scaled"
         return None if 0.0 <= factor < math.inf else f"cannot scale its speed by {factor:g}; give 0 or more"
@@ -285,7 +285,7 @@ NS: Final = 1_000_000_000
 
 
 class TrajectoryExecutor:
-    """Executor of trajectories for a group of joints; `holding` is True while the joints are held or brake.
+    """Executor of trajectories for a group of joints; `holding` is True while they are held or brake.
 
     - `desired`: desired state of the last cycle; `output`: the state commanded for the next cycle.
     - `limiter`: limiter of `output`, None without one; `limited`: the joint that it has limited first.
@@ -401,7 +401,7 @@ class TrajectoryExecutor:
 
     @property
     def follows(self) -> JointSetpoint | None:
-        """Running trajectory into which a new trajectory would be blended; None without blending."""
+        """Running trajectory into which a new trajectory would be blended, or None without blending."""
         message, motion = self._message, self.motion
         if not (self._params.allow_trajectory_replacement and self._splines) or motion is None or motion.is_over:
             return None
@@ -424,11 +424,11 @@ class TrajectoryExecutor:
 
     @property
     def _commanded_until(self) -> int:
-        """Time up to which positions have been commanded, from which a new trajectory can start."""
+        """Time up to which positions have been commanded; a new trajectory can start from there."""
         return self._time + self._period_ns
 
     def sample(self, now: int, period: float, scaling: float) -> bool:
-        """Compute the desired state of this cycle and the next command; return False without a command.
+        """Compute the desired state of this cycle and the next command; return False if there is no command.
 
         `now` is in ns, `period` in s; `scaling` is the speed scaling factor.
         """
@@ -474,12 +474,12 @@ class TrajectoryExecutor:
 
     @property
     def time_since_end(self) -> float:
-        """Time in s since the last passed point; after the end of a trajectory, since its end."""
+        """Time in s since the last passed point; after the trajectory has ended, since its end."""
         motion = self.motion
         return 0.0 if motion is None else self._time / 1e9 - (motion.start + motion.time_of(motion.first)) / 1e9
 
     def query(self, t: int, out: Point) -> bool:
-        """Write the state at `t`, in ns, to `out`; return False if the motion is over by then.
+        """Write the state at `t`, in ns, to `out`; return False if the motion has ended by then.
 
         Without a motion the actual state is written, and the result is also False.
         """

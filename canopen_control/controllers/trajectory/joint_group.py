@@ -77,7 +77,7 @@ class JointGroup:
                 actual.effort[index] = self._efforts[index].value
 
     def begin_with_commands(self) -> None:
-        """Replace actual values by commanded values, for each quantity whose commands are all finite."""
+        """Replace actual values with commanded values, for each quantity whose commands are all finite."""
         if not self._all:
             return
         for kind, values in (
@@ -91,7 +91,7 @@ class JointGroup:
                 values[:] = commanded
 
     def waits_for(self) -> str | None:
-        """Return a joint that is disabled or has an unknown position, else None."""
+        """Return a joint that is disabled or has an unknown position, or None."""
         for state in self._positions:
             value = state.value
             if value - value != 0.0:  # is not finite
@@ -102,7 +102,7 @@ class JointGroup:
         return None
 
     def compare(self, desired: Point) -> None:
-        """Compute the errors between desired and actual state into `error`."""
+        """Write the errors between desired and actual state to `error`."""
         error, actual, wrap, joints = self.error, self.actual, self.wrap, len(self.joints)
         off, measured, targets = error.positions, actual.positions, desired.positions
         for i in range(min(joints, len(targets))):
@@ -129,7 +129,7 @@ class JointGroup:
                 command.value = math.nan if kind == POSITION else 0.0
 
     def targets(self) -> list[float]:
-        """Return the commanded position of each joint; nan for a joint without a command."""
+        """Return the commanded position of each joint; nan if not commanded."""
         positions = [math.nan] * len(self.joints)
         for index, target in enumerate(self._targets):
             positions[self.places[index]] = target.value
@@ -156,7 +156,7 @@ class Loops:
             pid.reset()
 
     def compute(self, index: int, desired: Point, error: Point, period: float) -> float:
-        """Return the feed-forward plus the output of the loop, for the commanded joint `index`; `period` is in s."""
+        """Return feed-forward plus loop output for the commanded joint `index`; `period` is in s."""
         joint = self._joints[index]
         forward = self._forward[index] * desired.velocities[joint] if joint < len(desired.velocities) else 0.0
         if self._with_effort and joint < len(desired.effort):

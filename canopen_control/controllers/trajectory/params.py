@@ -1,4 +1,4 @@
-"""Parameters of joint_trajectory_controller/JointTrajectoryController, by the names of jazzy and rolling.
+"""Parameters of joint_trajectory_controller/JointTrajectoryController, with the names of jazzy and rolling.
 
 Parameters below `gains.<joint>`, `constraints.<joint>` and `joint_limits.<joint>` are known only for the joints of the
 controller.
@@ -56,7 +56,7 @@ def wrong_states(names: Sequence[str]) -> str | None:
 
 
 def wrong_together(commands: Collection[str], states: Collection[str]) -> str | None:
-    """Return an error if the loops of these commands lack state interfaces, else None."""
+    """Return an error if these commands need loops whose state interfaces are missing, else None."""
     looped = set(commands) in ({VELOCITY}, {EFFORT}, {POSITION, EFFORT})
     if looped and not {POSITION, VELOCITY}.issubset(states):
         return (
@@ -139,7 +139,7 @@ class SegmentTolerances:
 
 
 def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
-    """Return whether the errors of a joint are within its tolerances; unknown errors (nan) count as within."""
+    """Return whether the errors of a joint are within its tolerances; unknown errors (nan) are accepted."""
     if tolerance.position > 0.0 and abs(error.positions[joint]) > tolerance.position:
         return False
     speeds = error.velocities
@@ -152,7 +152,7 @@ def within(tolerance: StateTolerance, error: Point, joint: int) -> bool:
 def resolve(
     goal: GoalTolerances, joints: Sequence[str], default: SegmentTolerances
 ) -> tuple[SegmentTolerances, str | None]:
-    """Return the tolerances of a goal, completed by the default; for invalid ones the default and the reason."""
+    """Return a goal's tolerances, completed with the default; if invalid, the default and the reason."""
     try:
         time = _resolved(goal.goal_time, default.goal_time, "goal_time_tolerance")
         path = _of_joints(goal.path, joints, default.path, "path_tolerance")
@@ -449,14 +449,14 @@ _WITHOUT_EFFECT: Final = (
     *(f"gains.{{}}.{key}" for key in ("angle_wraparound", "normalize_error")),
     *(f"joint_limits.{{}}.{key}" for key in _UNLIMITED),
 )
-"""Parameters of each joint without effect.
+"""Parameters of each joint that have no effect.
 
 The description says which joints are continuous, and points have no jerk.
 """
 
 
 def _with_joints(joints: tuple[str, ...]) -> type[TrajectoryParams]:
-    """Return a parameter class that has sections of gains, constraints and limits for each joint."""
+    """Return a parameter class with sections of gains, constraints and limits for each joint."""
     fields: list[tuple[str, Any, Any]] = []
     for index, joint in enumerate(joints):
         fields += [

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 _HALF_TURN: Final = 1e-9
-"""Deviation from half a turn, in rad, up to which both directions count as equally short.
+"""Deviation from half a turn, in rad, up to which both directions are considered equally short.
 
 The sign of the difference then decides.
 """
 
 
 class Point:
-    """Point of a trajectory (trajectory_msgs/JointTrajectoryPoint); each quantity has one value per joint, or is empty.
+    """Point of a trajectory (trajectory_msgs/JointTrajectoryPoint); quantities have one value per joint, or are empty.
 
     Positions are in rad (m), velocities in rad/s, accelerations in rad/s2, efforts in Nm (N); `time` is from the start
     in ns.

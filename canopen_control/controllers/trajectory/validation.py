@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 NONE: Final = -1
-"""Point index that stands for no point."""
+"""Point index that means "no point"."""
 
 
 class Values(Protocol):
@@ -91,7 +91,7 @@ class Extremes:
 
 
 class TrajectorySummary:
-    """Summary of a trajectory's points: the first points that break rules, and extremes of each joint.
+    """Summary of a trajectory's points: the first points that break rules, and the extremes of each joint.
 
     - `count`: number of points.
     - `not_increasing`, `empty`, `infinite`: index of the first point whose time is not after the previous one, that has
@@ -227,7 +227,7 @@ class SurveyedPoints(Points):
 
 
 class PointBuffer(SurveyedPoints):
-    """Buffer for the points of a received trajectory, which are packed until they are accessed."""
+    """Buffer for the points of a received trajectory, packed until they are accessed."""
 
     def __init__(self) -> None:
         self.times: array[int] = array("q")
@@ -236,7 +236,7 @@ class PointBuffer(SurveyedPoints):
         self._pieces: list[tuple[_Column, _Column, _Column, _Column]] = []
 
     def add(self, points: Sequence[TimedValues]) -> None:
-        """Add the next points; raise ControlError and add none if a time is out of range."""
+        """Add the next points; if a time is out of range, raise ControlError and add none."""
         seconds = [point.time_from_start for point in points]
         for index, time in enumerate(seconds, len(self)):
             if not -_FARTHEST_S <= time <= _FARTHEST_S:
@@ -280,10 +280,10 @@ class PointBuffer(SurveyedPoints):
 
 _FLOAT_EPSILON: Final = 2.0**-23
 _ROUNDING: Final = 1e-6
-"""Tolerance of limits in rad or rad/s, because a planner computes with other rounding."""
+"""Tolerance of limits in rad or rad/s, since planners round differently."""
 
 _WRITTEN: Final = 1.01
-"""Factor by which a mean velocity may exceed a limit, because times are often written with few digits."""
+"""Factor by which a mean velocity may exceed a limit, since times are often written with few digits."""
 
 _DAY: Final = 86_400_000_000_000
 
@@ -319,7 +319,7 @@ _CODES: Final = {
 
 @dataclass(frozen=True)
 class Refused:
-    """Refusal of a trajectory, with a text.
+    """Refused trajectory, with the reason as text.
 
     `rule` is the broken rule of joint_trajectory_controller, None for an additional rule.
     """
@@ -334,7 +334,7 @@ class Refused:
 
 @dataclass(frozen=True)
 class Rules:
-    """Parameters of the controller that `broken_rule` depends on."""
+    """Controller parameters that `broken_rule` depends on."""
 
     joints: tuple[str, ...]
     partial: bool = False
@@ -366,7 +366,7 @@ def survey_of(message: JointTrajectory) -> TrajectorySummary:
 
 
 def broken_rule(message: JointTrajectory, survey: TrajectorySummary, rules: Rules, now: int) -> Refused | None:
-    """Return the refusal by the first broken rule of joint_trajectory_controller, else None.
+    """Return a `Refused` for the first broken rule of joint_trajectory_controller, else None.
 
     `now` is in ns.
     """
@@ -452,7 +452,7 @@ def _wrong_sizes(index: int, point: Point, joints: int, rules: Rules) -> Refused
 
 
 def limit_error(message: JointTrajectory, survey: TrajectorySummary, limits: dict[str, JointLimits]) -> str | None:
-    """Return an error if a joint is named twice, or a value is not finite or beyond a limit, else None."""
+    """Return an error if a joint is named twice, or if a value is not finite or exceeds a limit, else None."""
     names = message.joint_names
     for name in names:
         if names.count(name) > 1:
@@ -519,7 +519,7 @@ def _outside(extremes: Extremes, joint: int, lower: float, upper: float) -> Rang
 def _place(
     points: Sequence[Point] | Points, exceeding: Range, joint: int, lower: float, upper: float, quantity: str
 ) -> tuple[int, float]:
-    """Return the index and value of the first point in a range that is beyond the limits of a joint."""
+    """Return index and value of the first point in a range that exceeds the limits of a joint."""
     for at in range(exceeding.begin, exceeding.end):
         values = getattr(points[at], quantity)
         if values and not lower - _ROUNDING <= values[joint] <= upper + _ROUNDING:
@@ -530,7 +530,7 @@ def _place(
 def far_start(
     message: JointTrajectory, here: Mapping[str, float], limits: Mapping[str, JointLimits], allowed: float
 ) -> str | None:
-    """Return a text about the first joint more than `allowed` (rad or m) from the first point, else None.
+    """Return a text about the first joint farther than `allowed` (rad or m) from the first point, else None.
 
     If the first point is later than the start, the joint may be farther off by the distance that its velocity limit
     allows until then.
@@ -595,7 +595,7 @@ class Acceptance:
         self._params = params
 
     def cannot_brake(self) -> str | None:
-        """Return the reason why `decelerate_on_cancel` has no effect, else None."""
+        """Return why `decelerate_on_cancel` has no effect, or None."""
         params = self._params
         if not params.decelerate_on_cancel:
             return None
@@ -631,7 +631,7 @@ class Acceptance:
             self.limits[joint] = JointLimits(lower, upper, limits.velocity, endless)
 
     def mistake(self, message: JointTrajectory, now: int, begin: Sequence[float]) -> Refused | None:
-        """Return the refusal of a trajectory, None for a valid trajectory.
+        """Return a `Refused` for an invalid trajectory, or None.
 
         `now` is in ns; `begin` are the positions of the joints from which the trajectory would start.
         """
@@ -656,7 +656,7 @@ class Acceptance:
         return None if problem is None else Refused(None, problem)
 
     def unreachable_part(self, message: JointTrajectory) -> str | None:
-        """Return a warning about a point that a joint cannot reach in time, if enabled, else None."""
+        """Return a warning about a point that a joint cannot reach in time, if enabled, or None."""
         return self._unreachable(message) if self._params.unreachable_points == "warn" else None
 
     def _unreachable(self, message: JointTrajectory) -> str | None:
