@@ -99,7 +99,7 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
-    """Import a public name on first use: most processes need only a part of the package."""
+    """Import a public name on first use, since most processes need only a part of the package."""
     if name in _HOMES:
         return getattr(importlib.import_module(f"canopen_control.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

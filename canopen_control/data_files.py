@@ -16,7 +16,7 @@ def _folder(kind: str) -> Path:
 
 
 def data_path(kind: str, name: str) -> Path:
-    """Return the path of the bundled file `name` of `kind` ("eds" or "config"), also if there is no such file."""
+    """Return the path of the bundled file `name` of `kind` ("eds" or "config"), even if it does not exist."""
     return _folder(kind) / name
 
 

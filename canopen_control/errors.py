@@ -96,7 +96,7 @@ class CanopenError(Exception):
 
 
 class ConfigError(CanopenError):
-    """Error in a file, option or argument of the user."""
+    """Error in a user's file, option or argument."""
 
 
 class EdsError(ConfigError):
@@ -116,11 +116,11 @@ class BusConfigError(ConfigError):
 
 
 class RobotConfigError(ConfigError):
-    """Error in the controllers, in the description or in their combination with the bus, or a missing file."""
+    """Error in controllers or description, or in their combination with the bus, or a missing file."""
 
 
 class DiskFull(CanopenError):
-    """Failed write of a file, for lack of space or a disk error; `kept` describes what remains of the file."""
+    """File that could not be written because of a full disk or a disk error; `kept` is what remains of it."""
 
     def __init__(self, path: str, reason: str, remains: str) -> None:
         self.path, self.reason, self.kept = path, reason, remains
@@ -128,7 +128,7 @@ class DiskFull(CanopenError):
 
 
 class BusError(CanopenError):
-    """Error of a CAN bus or an adapter driver."""
+    """Error of a CAN bus or of an adapter's driver."""
 
 
 class BusClosed(BusError):
@@ -181,7 +181,7 @@ class LocalProtocolError(ProtocolError):
 
 
 class RemoteProtocolError(ProtocolError):
-    """Violation of the protocol by the other side, or a missing answer."""
+    """Violation of the protocol by the other side, or a missing response."""
 
     def __init__(self, node_id: int, reason: str) -> None:
         self.node_id = node_id
@@ -203,7 +203,7 @@ class SdoAbort(RemoteProtocolError):
 
 
 class SdoTimeout(RemoteProtocolError):
-    """SDO request without an answer; `seconds` is the total timeout of all attempts."""
+    """SDO request without a response; `seconds` is the total timeout of all attempts."""
 
     hint = "is the node powered and its node id right?"
 
@@ -216,7 +216,7 @@ class SdoTimeout(RemoteProtocolError):
 
 
 class SdoStopped(SdoTimeout):
-    """SDO request to a node in NMT state STOPPED, which answers no SDO (CiA 301, 7.3.2.2.5)."""
+    """SDO request to a node in NMT state STOPPED, which does not respond to SDO (CiA 301, 7.3.2.2.5)."""
 
     hint = "its heartbeat reports NMT STOPPED, in which a node answers no SDO; use `nmt preop` or `nmt start`"
 
@@ -237,7 +237,7 @@ class SdoRestarted(RemoteProtocolError):
 
 
 class SdoLengthError(RemoteProtocolError):
-    """SDO upload with `data` of the wrong length; `wanted` is the expected type and length."""
+    """SDO upload whose `data` has the wrong length; `wanted` is the expected type and length."""
 
     def __init__(
         self, node_id: int, index: int, subindex: int, data: bytes, wanted: str, entry: str = "", name: str = ""
@@ -261,7 +261,7 @@ class BootError(RemoteProtocolError):
 
 
 class HeartbeatLost(RemoteProtocolError):
-    """Node whose heartbeat has timed out; `age` is the time since the last heartbeat in s."""
+    """Node whose heartbeat has timed out; `age` is the time since its last heartbeat in s."""
 
     def __init__(self, node_id: int, age: float, name: str = "") -> None:
         self.age = age
@@ -293,7 +293,7 @@ class InterfaceConflict(ControlError):
 
 
 class TrajectoryRefused(ControlError):
-    """Trajectory that is refused; `code` is the result code of FollowJointTrajectory."""
+    """Refused trajectory; `code` is the result code of FollowJointTrajectory."""
 
     def __init__(self, message: str, code: int) -> None:
         self.code = code
@@ -301,7 +301,7 @@ class TrajectoryRefused(ControlError):
 
 
 class NotEnabled(ControlError):
-    """Command to drives that are not enabled, which is discarded."""
+    """Discarded command to drives that are not enabled."""
 
 
 class NotYetEnabled(NotEnabled):
@@ -335,7 +335,7 @@ class RemoteError(CanopenError):
 
 
 class UnreadableMessage(RemoteError):
-    """Pushed message that cannot be read, for example of another version; later messages may be readable."""
+    """Pushed message that cannot be read, for example from another version; later messages may be readable."""
 
     def __init__(self, message: str) -> None:
         super().__init__("RemoteProtocolError", message)

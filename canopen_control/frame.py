@@ -62,12 +62,12 @@ class CanFrame(NamedTuple):
 
     @property
     def is_remote(self) -> bool:
-        """Whether the frame is a remote frame."""
+        """Whether this is a remote frame."""
         return bool(self.can_id & REMOTE_FLAG)
 
     @property
     def is_error(self) -> bool:
-        """Whether the frame is an error report of the CAN controller, which is never sent on the bus."""
+        """Whether this is an error report of the CAN controller, which is never sent on the bus."""
         return bool(self.can_id & ERROR_FLAG)
 
     def __str__(self) -> str:
@@ -80,7 +80,7 @@ class CanFrame(NamedTuple):
 
 _new: Any = tuple.__new__
 make_frame: Final[Callable[[tuple[int, bytes]], CanFrame]] = partial(_new, CanFrame)
-"""Returns the frame for a pair (identifier, data), faster than the constructor of the class."""
+"""Return the frame for a pair (identifier, data), faster than the constructor of the class."""
 
 
 def remote_frame(cob_id: int, length: int = 0) -> CanFrame:
@@ -137,7 +137,7 @@ def cob_id(service: Service, node_id: int = BROADCAST) -> int:
 
 
 def service_of(identifier: int) -> tuple[Service, int] | None:
-    """Return service and node id of a COB-ID in the predefined connection set, None for other COB-IDs."""
+    """Return service and node id of a COB-ID in the predefined connection set; None for other COB-IDs."""
     if (single := _SINGLE.get(identifier)) is not None:
         return single, BROADCAST
     service, node_id = _PER_NODE.get(identifier & 0x780), identifier & 0x7F

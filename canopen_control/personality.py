@@ -1,4 +1,4 @@
-"""Personalities: behaviour of a manufacturer's drives in YAML files, with a source for every line.
+"""Personalities: behaviour of manufacturers' drives in YAML files, with a source for every line.
 
     title: Elmo Gold
     identity:                                   # 0x1018:01 and :02; no products: all of the vendor
@@ -54,7 +54,7 @@ class DriveIdentity:
 
 @dataclass(frozen=True)
 class QuirkLine:
-    """Quirk in a personality file, in the notation of `drive --quirk`, with the source."""
+    """Quirk in a personality file, in the notation of `drive --quirk`, with its source."""
 
     quirk: str
     source: str = "unsourced"
@@ -63,7 +63,7 @@ class QuirkLine:
 
 @dataclass(frozen=True)
 class BusKey:
-    """Key of bus.yml that drives with this personality need, with value, reason and source."""
+    """Key of bus.yml that drives with this personality need, with its value, reason and source."""
 
     key: str
     value: int | float | bool | str | dict[int, int]
@@ -103,7 +103,7 @@ class Personality:
 
     @property
     def name(self) -> str:
-        """Name of the personality: the file name without suffix."""
+        """Name of the personality: file name without suffix."""
         return Path(self.path).stem
 
     def line_of(self, key: str) -> str:
@@ -128,7 +128,7 @@ def personality_names() -> list[str]:
 
 
 def read_personality(name: str) -> Personality:
-    """Read a bundled personality by name, or a file; PersonalityError lists all errors with lines."""
+    """Read a bundled personality by name, or a file; PersonalityError lists all errors by line."""
     bundled = data_path("eds", _FOLDER) / f"{name}.yaml"
     path = bundled if name in personality_names() else Path(name)
     if path is not bundled and not path.is_file():
@@ -140,7 +140,7 @@ def read_personality(name: str) -> Personality:
 
 
 def _check(personality: Personality, _problems: Problems) -> None:
-    """Report quirks and keys of bus.yml with an empty source."""
+    """Report quirks and keys of bus.yml whose source is empty."""
     lines: list[QuirkLine | BusKey] = [*personality.quirks, *personality.bus_keys]
     for line in lines:
         if not line.source.strip():
@@ -155,7 +155,7 @@ def _vendors_of(name: str) -> frozenset[int]:
 
 
 def personality_of(vendor: int | None, product: int | None) -> Personality | None:
-    """Return the bundled personality for a vendor-ID and product code (0x1018:01 and :02), None if there is none.
+    """Return the bundled personality for a vendor-ID and product code (0x1018:01 and :02), or None.
 
     A personality that names the product takes precedence over a personality for all products of the vendor.
     """

@@ -69,7 +69,7 @@ class Robot:
         drives: bool = True,
         xacro: Mapping[str, str] | None = None,
     ) -> Robot:
-        """Create a robot from its files, to be started by `start` or a `with` block; ConfigError for invalid files.
+        """Create a robot from its files, for `start` or a `with` block; ConfigError for invalid files.
 
         `can`, `name` and `mock` are as the options `--can`, `--as` and `--mock`; `controllers` are to be activated.
         `drives=False` starts no virtual drives. `xacro` are the arguments of the description.
@@ -88,7 +88,7 @@ class Robot:
 
     @classmethod
     def attach(cls, name: str | None = None) -> Robot:
-        """Connect to the running robot with this name, None for the only one; ConfigError if none or several match."""
+        """Connect to the running robot with this name (None: the only one); ConfigError if none or several match."""
         robot = cls(select_robot(name))
         robot.start()
         return robot
@@ -103,7 +103,7 @@ class Robot:
     # -- life cycle
 
     def start(self) -> None:
-        """Boot the robot of `from_config` and return when it runs, or connect to an already running robot.
+        """Boot the robot of `from_config` and return once it runs, or connect to an already running robot.
 
         CanopenError if the start or the connection fails.
         """
@@ -113,7 +113,7 @@ class Robot:
         self._client()
 
     def close(self) -> None:
-        """Shut down a robot that this program started; disconnect from any other robot, which continues to run."""
+        """Shut down a robot that this program started, or disconnect from another robot, which continues to run."""
         if self._background is not None:
             self._background.shutdown()
         self._open = False
@@ -146,7 +146,7 @@ class Robot:
         )
 
     def stop(self, *, latch: bool = False) -> None:
-        """Ramp to zero and disable the drives; return when no drive has power any more.
+        """Ramp to zero and disable the drives; return once no drive has power.
 
         With `latch`, no client can move the robot before `release`.
         """
@@ -172,7 +172,7 @@ class Robot:
         self._ask(messages.AxisRequest(action=action, node=str(node), joint=joint, method=method, mode=mode))
 
     def switch(self, *, activate: Sequence[str] = (), deactivate: Sequence[str] = ()) -> None:
-        """Activate and deactivate controllers in one step; a refusal leaves all active controllers active.
+        """Activate and deactivate controllers in one step; if refused, all active controllers stay active.
 
         Controllers that are already in the requested state are skipped; unloaded controllers are loaded and configured
         first.
@@ -212,7 +212,7 @@ class Robot:
         return self._ask(messages.GetStatus())
 
     def events(self, timeout: float | None = None) -> EventStream:
-        """Return a stream of the events from now on, which ends after `timeout` s without an event (None: never)."""
+        """Return a stream of events from now on, which ends after `timeout` s without an event (None: never)."""
         self._client()  # raises if the robot is not running
         return EventStream(RobotClient.connect(self.name, _CALL_S), timeout)
 
@@ -253,7 +253,7 @@ class Robot:
         self.sdo_download(node_id, address.index, address.subindex, value)
 
     def sdo_upload(self, node: str | int, index: int, subindex: int = 0, *, block: bool = True) -> bytes:
-        """Read the bytes of an object; with `block`, by SDO block transfer if the node supports that."""
+        """Read the bytes of an object; with `block`, by SDO block transfer if the node supports it."""
         reading = self._find_node(node)
         seconds = _CALL_S + (MAX_OBJECT / _BLOCK_BYTES_PER_S if block else 0)
         request = SdoRead(node=str(reading.node_id), index=index, subindex=subindex, block=block)

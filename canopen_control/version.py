@@ -1,4 +1,4 @@
-"""Version of the package, the only place that defines it, and the kind of build."""
+"""Version of the package, which only this module defines, and the kind of build."""
 
 from __future__ import annotations
 

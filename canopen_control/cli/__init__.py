@@ -1,1 +1,1 @@
-"""Command line interface; each verb has a module of its own, which is imported when the verb is used."""
+"""Command line interface; the module of each verb is imported only when the verb is used."""

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Send the request to the robot, wait for the answer, and print the result."""
+    """Send the request to the robot, wait for the reply, and print the result."""
     if (args.action == "mode") is not (args.mode is not None):
         args.usage("axis mode NODE MODE: a mode goes with the action mode, and only with it")
     if args.method is not None and args.action != "home":

@@ -85,7 +85,7 @@ def document_of(status: InterfaceStatus) -> InterfaceDocument:
 
 
 def status_of_interfaces(links: Sequence[CanInterface]) -> dict[str, InterfaceStatus]:
-    """Measure the traffic of interfaces for half a second, and return their status by name."""
+    """Measure the traffic of interfaces for half a second and return their status by name."""
     traffic = measure(links, MEASURE_S)
     return {link.name: _interface_status(link, traffic.get(link.name)) for link in links}
 
@@ -97,7 +97,7 @@ def _interface_status(link: CanInterface, traffic: Traffic | None) -> InterfaceS
 
 
 def render_interface(status: InterfaceStatus) -> list[str]:
-    """Return the status of an interface as lines of text."""
+    """Format the status of an interface as lines of text."""
     link, traffic = status.link, status.traffic
     words = [link.kind, "up" if link.is_up else "down"]
     words += [link.state] if link.state else []
@@ -127,7 +127,7 @@ def _listener(listener: Listener) -> str:
 
 
 def _does(listener: Listener) -> list[str]:
-    """Describe what a CAN socket receives or has the kernel send, and on which interfaces."""
+    """Describe what a CAN socket receives, or has the kernel send, and on which interfaces."""
     tasks = [f"has the kernel send 0x{can_id:03X} every {us / 1000:g} ms" for can_id, us in listener.tasks]
     if tasks or listener.protocol == "CAN_BCM":
         return tasks or ["uses the kernel's broadcast manager"]

@@ -145,7 +145,7 @@ def _report(outcome: CalibrationResult, controller: str, copy: _YamlCopy) -> Non
 
 
 def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -> Ends:
-    """Return the source of the true end positions; ConfigError if there is none."""
+    """Return the source of the true end positions; ConfigError if none is available."""
     from canopen_control.calibration.base_link import TypedEnds, read_ends
     from canopen_control.calibration.umbmark_session import TrueEnds
     from canopen_control.errors import ConfigError
@@ -163,7 +163,7 @@ def _ends(args: argparse.Namespace, plan: CalibrationPlan, *, simulated: bool) -
 
 
 class _YamlCopy:
-    """Corrected copy of ros2_controllers.yaml; `path` is the original file, None if none was given."""
+    """Corrected copy of ros2_controllers.yaml; `path` is the original file, or None."""
 
     def __init__(self, args: argparse.Namespace, link: BaseLink) -> None:
         from canopen_control.errors import ConfigError
@@ -180,7 +180,7 @@ class _YamlCopy:
             raise ConfigError(f"{self._copy} already exists; give another --output, or --overwrite")
 
     def _require_same_values(self, link: BaseLink) -> None:
-        """Raise ConfigError if the file and the running robot have different values."""
+        """Raise ConfigError if the values in the file differ from those of the running robot."""
         from canopen_control.calibration.base_link import FACTORS
         from canopen_control.calibration.corrected_file import given_in
         from canopen_control.errors import ConfigError
@@ -201,7 +201,7 @@ class _YamlCopy:
         return f"; for good: canopen-control run ROBOT --controllers {self._copy}"
 
     def write(self, values: dict[str, float]) -> None:
-        """Write the copy with new values, and print the changes; do nothing without an original file."""
+        """Write the copy with new values and print the changes; no effect without an original file."""
         from canopen_control.calibration.corrected_file import write_corrected
 
         if self.path is None:

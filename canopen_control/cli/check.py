@@ -28,7 +28,7 @@ EXAMPLE = "canopen-control check robby"
 
 
 class FindingDocument(Document, frozen=True):
-    """Finding about a line of a file; `fix` is advice, or "" if `text` contains the advice."""
+    """Finding about a line of a file; `fix` is advice, or "" if `text` includes the advice."""
 
     path: str
     line: int
@@ -64,7 +64,7 @@ class BudgetDocument(Document, frozen=True, kw_only=True):
 
 
 class StopCaseDocument(Document, frozen=True):
-    """Cause of a stop, with detection and ramp time in s; a ramp without a bound is infinite (null)."""
+    """Cause of a stop, with detection time and ramp time in s; an unlimited ramp is infinite (null)."""
 
     cause: str
     detection_s: float
@@ -73,7 +73,7 @@ class StopCaseDocument(Document, frozen=True):
 
 
 class StopDocument(Document, frozen=True):
-    """Stopping time of a joint from `speed` in units of the drive; a time without a limit is infinite (null)."""
+    """Stopping time of a joint from `speed` in units of the drive; an unlimited time is infinite (null)."""
 
     joint: str
     node: str
@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings; return 2 if there are errors, or with --strict also for warnings, else 0."""
+    """Print the findings; return 2 if there are errors (with --strict also for warnings), else 0."""
     from canopen_control.check.checker import CheckOptions, check_robot
     from canopen_control.runtime.robot_files import find_launch
 

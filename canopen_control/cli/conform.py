@@ -236,7 +236,7 @@ def _confirm(touch: CheckTouch, node_id: int, *, yes: bool) -> None:
 
 
 def _old_verdicts(path: Path) -> dict[str, str]:
-    """Return the verdicts of an older report by the ids of its checks."""
+    """Return the verdicts of an older report by check id."""
     try:
         results = json.loads(path.read_text(encoding="utf-8"))["results"]
         return {str(result["id"]): str(result["verdict"]) for result in results}
@@ -254,7 +254,7 @@ def _write_file(name: str, data: bytes) -> None:
 
 
 def _write(args: argparse.Namespace, report: ConformanceReport, old: dict[str, str] | None, issues: list[str]) -> None:
-    """Print the report, then write its files, so that a full disk does not lose the printed report."""
+    """Print the report, then write its files, so that the printed report survives a full disk."""
     changes = [] if old is None else changed_verdicts(report, old)
     if args.json:
         print(json_text({**asdict(report), "changes": changes}))

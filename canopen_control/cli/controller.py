@@ -1,4 +1,4 @@
-"""List, load, configure, switch and unload the controllers of a running robot, as `ros2 control` does.
+"""List, load, configure, switch and unload the controllers of a running robot, like `ros2 control`.
 
 A controller of ros2_controllers.yaml is loaded and configured (then it is inactive), then activated. `activate` does
 the missing steps. Two controllers cannot command one interface: `switch` deactivates one and activates the other in the

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 
 def state_lines(state: DriveState) -> Iterator[str]:
-    """Yield the state of a virtual device as text: the node, its axes and set-points, inputs and outputs."""
+    """Yield the state of a virtual device as lines of text: the node, its axes and set-points, inputs and outputs."""
     errors = "".join(f", error 0x{code:04X}" for code in state.errors)
     faults = f"; active faults: {', '.join(state.faults)}" if state.faults else ""
     quirks = f"; quirks: {', '.join(state.quirks)}" if state.quirks else ""
@@ -217,7 +217,7 @@ def _print_status(args: argparse.Namespace) -> int:
 
 
 def parse_node_ids(text: str) -> list[int]:
-    """Return the node ids in a text such as ``3``, ``2,3`` or ``1-64``; ConfigError if the text is not valid."""
+    """Return the node ids in a text such as ``3``, ``2,3`` or ``1-64``; ConfigError if the text is invalid."""
     if text.strip() == _NO_NODE_ID:
         return [int(_NO_NODE_ID)]
     node_ids: list[int] = []
@@ -236,7 +236,7 @@ def parse_node_ids(text: str) -> list[int]:
 
 
 def _eds_files(texts: Sequence[str], node_ids: Sequence[int]) -> tuple[Path, dict[int, Path]]:
-    """Return the common EDS file, and the EDS files of single nodes; ConfigError if one is missing or ambiguous."""
+    """Return the common EDS file and the EDS files of single nodes; ConfigError if one is missing or ambiguous."""
     common: list[Path] = []
     eds_files: dict[int, Path] = {}
     for text in texts:

@@ -52,7 +52,7 @@ class EdsCheckDocument(Document, frozen=True, kw_only=True):
 
 
 class EntryDocument(Document, frozen=True, kw_only=True):
-    """Entry of an object dictionary; `index` is hexadecimal text, and so are values that consist of bytes."""
+    """Entry of an object dictionary; `index` is hexadecimal text, as are values that consist of bytes."""
 
     index: str
     subindex: int
@@ -73,7 +73,7 @@ class EntryDocument(Document, frozen=True, kw_only=True):
 
 
 class Difference(Document, frozen=True):
-    """Values of a field in the two compared files, `a` and `b`."""
+    """Value of a field in the two compared files, `a` and `b`."""
 
     a: Plain
     b: Plain
@@ -90,7 +90,7 @@ class ChangeDocument(Document, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class MappedDocument(Document, frozen=True):
-    """Object mapped to a PDO; `name` is None if the file does not contain the object."""
+    """Object mapped to a PDO; `name` is None if the object is not in the file."""
 
     index: str
     subindex: int
@@ -112,7 +112,7 @@ class PdoDocument(Document, frozen=True, kw_only=True):
 
 
 def checked(name: str, file: EdsFile) -> EdsCheckDocument:
-    """Return the check result of a file that was read, with all its issues."""
+    """Return the check result of a readable file, with all its issues."""
     count = dict.fromkeys(Severity, 0)
     for issue in file.issues:
         count[issue.severity] += 1
@@ -128,7 +128,7 @@ def checked(name: str, file: EdsFile) -> EdsCheckDocument:
 
 
 def refused(name: str, error: EdsError) -> EdsCheckDocument:
-    """Return the check result of a file that cannot be read as an EDS, with the reason as the only issue."""
+    """Return the check result of a file that cannot be read as an EDS; the reason is the only issue."""
     return EdsCheckDocument(
         file=name, errors=1, issues=[Issue(name, error.line, "not-canopen", Severity.ERROR, error.reason)]
     )
@@ -354,7 +354,7 @@ _ENTRY_HEADER = ("address", "name", "type", "access", "PDO", "default", _CONFIGU
 
 
 def _entry_row(od: ObjectDictionary, entry: Entry, *, configured: bool) -> tuple[str, ...]:
-    """Return the table cells of an entry; `configured` adds a column for the ParameterValues of a DCF."""
+    """Return an entry as table cells; `configured` adds a column for the ParameterValues of a DCF."""
     values = [(entry.default, entry.relative), (entry.parameter_value, entry.parameter_relative)]
     texts = [_value_text(entry, *pair, od.node_id) or "-" for pair in (values if configured else values[:1])]
     mappable = ("R" if entry.rpdo_mappable else "") + ("T" if entry.tpdo_mappable else "")

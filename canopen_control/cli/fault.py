@@ -97,7 +97,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def print_entry(name: str, text: str) -> None:
-    """Print the entry of a list of faults or quirks, as a name and an indented text."""
+    """Print an entry of a list of faults or quirks: name and indented text."""
     print(name)
     print(textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    "))
 
@@ -111,7 +111,7 @@ def _sentence(does: str) -> str:
 
 
 def drive_of(word: str, can: str | None) -> tuple[str, int]:
-    """Return the channel and node id of the drive that a user names; ConfigError lists the valid names."""
+    """Return channel and node id of the drive that a user names; ConfigError lists the valid names."""
     nodes, silent = ask_nodes(can)
     node = find_node(word, nodes)
     if node is not None:
@@ -124,7 +124,7 @@ def drive_of(word: str, can: str | None) -> tuple[str, int]:
 
 
 def _alternatives(nodes: list[KnownNode], silent: dict[str, CanopenError], can: str | None) -> str:
-    """Return the end of an error message, with the existing nodes or an error; "" if no robot runs."""
+    """Return the end of an error message: the existing nodes or an error, or "" if no robot runs."""
     if nodes:
         scope = "of a running robot" if can is None else f"on {can}"
         choices = f" {scope}; there are: {', '.join(map(str, nodes))}"
@@ -181,7 +181,7 @@ def connect_to(channel: str, node_id: int) -> DriveClient:
 
 
 def _running_drives(bus: str) -> str:
-    """Return a text with the node ids of the virtual drives on a bus, or on all buses if the bus has none."""
+    """Return a text with the node ids of the virtual drives on a bus, or on all buses if it has none."""
     drives: dict[str, list[int]] = {}
     for other, _, number in (name.rpartition("-") for name in list_sockets("drive")):
         if number.isdecimal():

@@ -95,7 +95,7 @@ def _network(args: argparse.Namespace) -> Iterator[RobotNetwork | BusNetwork]:
 
 @contextlib.contextmanager
 def _listening(args: argparse.Namespace, label: str) -> Iterator[socket.socket]:
-    """Context in which the socket that the arguments select listens; prints its address."""
+    """Context in which the socket selected by the arguments listens; prints its address."""
     listener = _unix_listener(args.unix, label) if args.tcp is None else _tcp_listener(args.tcp)
     try:
         if args.tcp is None:
@@ -142,7 +142,7 @@ def _tcp_listener(port: int) -> socket.socket:
 
 
 class RobotNetwork:
-    """Gateway access to the nodes of a running robot; `label` names the robot."""
+    """Access of the gateway to the nodes of a running robot; `label` names the robot."""
 
     def __init__(self, target: RobotTarget) -> None:
         self._target, self._robot = target, target.robot
@@ -166,7 +166,7 @@ class RobotNetwork:
         self._node(node_id, timeout_s).write(index, subindex, data)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send an NMT command through the robot; GatewayRefusal 204 if the nodes do not confirm the command."""
+        """Send an NMT command through the robot; GatewayRefusal 204 if the nodes do not confirm it."""
         all_nodes = node_id == BROADCAST
         sessions = self._target.sessions if all_nodes else [self._node(node_id)]
         timeout = ROBOT_TIMEOUTS.get(command, TIMEOUT_S)
@@ -195,7 +195,7 @@ class RobotNetwork:
 
 
 class BusNetwork:
-    """Gateway access to the nodes of a bus, except the nodes of a running robot; `label` is the channel."""
+    """Access of the gateway to the nodes of a bus, except those of a running robot; `label` is the channel."""
 
     def __init__(self, target: BusTarget) -> None:
         self._target, self._bus = target, target.bus
@@ -225,7 +225,7 @@ class BusNetwork:
         self._bus.write(node_id, index, subindex, data, block=None if block else False)
 
     def nmt(self, command: NmtCommand, node_id: int) -> None:
-        """Send an NMT command, without waiting for a confirmation."""
+        """Send an NMT command without waiting for a confirmation."""
         if node_id != BROADCAST:
             self._node(node_id)
         else:

@@ -94,6 +94,6 @@ def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
 
 
 def _troff(text: str) -> str:
-    """Escape text for troff: control characters lose their effect, a hyphen becomes a minus that can be copied."""
+    """Escape text for troff: control characters lose their effect, and hyphens become minus signs for copying."""
     escaped = text.replace("\\", r"\e").replace("-", r"\-")
     return rf"\&{escaped}" if escaped.startswith((".", "'")) else escaped

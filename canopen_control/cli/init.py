@@ -154,7 +154,7 @@ def _report(written: Written) -> InitReport:
 
 
 def _from_files(args: argparse.Namespace) -> list[Device]:
-    """Return the devices that --eds and --node-id describe; ConfigError if the options do not match."""
+    """Return the devices described by --eds and --node-id; ConfigError if the options do not match."""
     if not args.eds or not args.node_id:
         missing = "--eds FILE" if not args.eds else "--node-id N"
         bundled = ", ".join(name for name in data_names("eds") if name.lower().endswith(".eds"))
@@ -172,7 +172,7 @@ def _from_files(args: argparse.Namespace) -> list[Device]:
 
 
 def _ids(text: str) -> list[int]:
-    """Return the node ids in a text such as `3` or `2,3`; ConfigError if an id is not from 1 to 127."""
+    """Return the node ids in a text such as `3` or `2,3`; ConfigError if one is not from 1 to 127."""
     ids = []
     for word in text.split(","):
         try:
@@ -221,7 +221,7 @@ def _from_bus(args: argparse.Namespace) -> list[Device]:
 
 
 def _assign_generic_file(nodes: Iterable[FoundNode], files: Sequence[Path]) -> None:
-    """If exactly one given EDS has no product code, assign it to the devices of that vendor that have no EDS."""
+    """If exactly one given EDS has no product code, assign it to the vendor's devices that have no EDS."""
     from canopen_control.commissioning.identity import vendor_and_product
 
     without = [(file, vendor) for file in files for vendor, product in [vendor_and_product(file)] if not product]
@@ -232,7 +232,7 @@ def _assign_generic_file(nodes: Iterable[FoundNode], files: Sequence[Path]) -> N
 
 
 def ask_drives(channel: str, devices: Sequence[Device], timeout: float) -> None:
-    """Read modes and units from the drives, and replace the defaults of the EDS with these values."""
+    """Read modes and units from the drives and use them instead of the defaults of the EDS."""
     from canopen_control.master.direct import DirectBus
     from canopen_control.od.codec import decode
 

@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Request:
-    """Motion that the arguments request, in the user's units, because the drive's scale is not known yet."""
+    """Motion requested by the arguments, in the user's units, since the drive's scale is not known yet."""
 
     kind: JogKind
     value: Quantity | float  # a number is in SI or per mille
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _request(args: argparse.Namespace) -> _Request:
-    """Return the motion that the arguments request; ConfigError for an invalid quantity or 0."""
+    """Return the motion requested by the arguments; ConfigError for an invalid quantity or 0."""
     kind = next((name for name in _KINDS if getattr(args, name) is not None), "velocity")
     value: Quantity | float = _SPEED
     if kind == "torque":
@@ -131,7 +131,7 @@ def _request(args: argparse.Namespace) -> _Request:
 
 @contextlib.contextmanager
 def _bare_drive(args: argparse.Namespace, request: _Request) -> Iterator[tuple[JogDrive, JogScale]]:
-    """Context that identifies a drive on a bare bus, and then runs a robot that consists of this drive alone."""
+    """Context that identifies a drive on a bare bus and runs a robot that consists of this drive alone."""
     if args.eds is None:
         raise ConfigError(f"node {args.node}: give the EDS of the drive: --eds FILE (bundled: generic_cia402.eds, ...)")
     parse_node_id(args.node)

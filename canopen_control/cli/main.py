@@ -33,7 +33,7 @@ _signals = ProcessSignals()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code, or complete words if a shell requests a completion.
+    """Run the command line and return its exit code, or complete words if a shell requests completion.
 
     Without `argv` this process is the program itself, and SIGINT and SIGTERM end it at any moment.
     """
@@ -109,7 +109,7 @@ def _flush() -> int:
 
 
 def _leave_output() -> None:
-    """Discard the remaining output, because the reader has ended (`| head`) or the disk is full."""
+    """Discard the remaining output because its reader has ended (`| head`) or the disk is full."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -149,7 +149,7 @@ def _no_verb(word: str) -> str:
 
 
 def _with_action(word: str) -> list[str]:
-    """Return the commands `canopen-control VERB ACTION` with an action of this name."""
+    """Return the commands `canopen-control VERB ACTION` that have an action of this name."""
     from canopen_control.cli.support.parsers import parser_of
 
     return [

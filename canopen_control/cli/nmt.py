@@ -109,7 +109,7 @@ def _through_robot(args: argparse.Namespace, target: RobotTarget, command: NmtCo
 def command_robot(
     target: RobotTarget, command: NmtCommand, sessions: list[NodeSession], timeout: float, *, all_nodes: bool
 ) -> tuple[list[NodeSession], dict[str, NodeReading]]:
-    """Send an NMT command through a robot; return the nodes that did not confirm it, and all last readings."""
+    """Send an NMT command through a robot; return the nodes that did not confirm it, and the last readings of all."""
     begin = time.monotonic()
     name = next(name for name, known in COMMAND_NAMES.items() if known is command)
     target.robot.ask(NmtRequest(command=name, node=ALL if all_nodes else str(sessions[0].node_id)))
@@ -124,7 +124,7 @@ def command_robot(
 
 
 def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float) -> int:
-    """Print the state of each node after the command; return 1 if a node shows another state, else 0."""
+    """Print the state of each node after the command; return 1 if a node is in another state, else 0."""
     if args.json:
         keys = ("node_id", "state", "confirmed", "error")
         print(json_text([{key: getattr(outcome, key) for key in keys} for outcome in outcomes]))
@@ -146,7 +146,7 @@ ROBOT_TIMEOUTS = {
 
 
 def _shows(node: NodeReading, command: NmtCommand, elapsed: float) -> bool:
-    """Whether a node has reached the state that the command leads to, `elapsed` s after the command."""
+    """Whether a node has reached the state commanded, `elapsed` s after the command."""
     if command is NmtCommand.START and not node.ready:  # the robot must also have configured the node
         return False
     # CiA 301 7.3.2: after a reset a node enters PRE-OPERATIONAL by itself

@@ -25,7 +25,7 @@ EXAMPLE = "canopen-control plan robby --against can0"
 
 
 class WriteDocument(Document, frozen=True):
-    """Planned write: `data` in hexadecimal, `value` as text, `reason` for writes that bus.yml does not contain."""
+    """Planned write: `data` in hexadecimal, `value` as text, `reason` for writes that are not in bus.yml."""
 
     index: int
     subindex: int
@@ -107,7 +107,7 @@ def _chosen(buses: dict[str, BusConfig], names: list[str]) -> list[tuple[str, No
 
 
 def _against(buses: dict[str, BusConfig], chosen: list[tuple[str, NodePlan]], args: argparse.Namespace) -> int:
-    """Read the planned objects from live buses, and print the writes needed; return 1 if a node does not answer."""
+    """Read the planned objects from live buses and print the writes needed; return 1 if a node does not respond."""
     from canopen_control.cli.support.target import LABEL, robot_on
     from canopen_control.errors import ConfigError
     from canopen_control.master.direct import DirectBus
@@ -148,7 +148,7 @@ def _channels(buses: dict[str, BusConfig], options: Iterable[str]) -> dict[str, 
 
 
 def _differences(bus: DirectBus, plan: NodePlan) -> tuple[list[PlannedWrite], str | None]:
-    """Return the writes that a node needs, and the reason why the node cannot be read, or None."""
+    """Return the writes that a node needs, and the reason if it cannot be read, else None."""
     from canopen_control.errors import BusError, CanopenError, SdoAbort
     from canopen_control.master.boot_pdos import groups, needed, reads_of
 
@@ -182,7 +182,7 @@ def _lines(plan: NodePlan, writes: Iterable[PlannedWrite], none: str = "nothing 
 
 
 def _name(plan: NodePlan, write: PlannedWrite) -> str:
-    """Return the name of an entry, preceded by the name of its object if the names differ."""
+    """Return the name of an entry, preceded by the name of its object if they differ."""
     parent = plan.object_names.get(write.index, "")
     return write.name if not parent or parent == write.name else f"{parent}: {write.name}"
 

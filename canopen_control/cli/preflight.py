@@ -64,7 +64,7 @@ _ERRORS: dict[tuple[int, int], str] = {(0x1001, 0): "error register", (0x603F, 0
 
 @dataclass(frozen=True, slots=True)
 class PreflightStep:
-    """Result of a preflight step; `passed` is None if the step only informs."""
+    """Result of a preflight step; `passed` is None if the step is informative only."""
 
     name: str
     passed: bool | None
@@ -99,7 +99,7 @@ def _state_of(state: str | None) -> str:
 
 
 def node_steps(bus: BusConfig, channel: str) -> Iterator[PreflightStep]:
-    """Identify all nodes, compare them with bus.yml and EDS files, and read their errors and limits."""
+    """Identify all nodes, compare them with bus.yml and the EDS files, and read their errors and limits."""
     with DirectBus.open(channel, label="pre-flight", timeout_s=_ANSWER_S, retries=1) as direct:
         answers = direct.read_many((node_id, 0x1000, 0) for node_id in _ALL_NODES)
         present = {node_id for (node_id, _, _), answer in answers.items() if not isinstance(answer, SdoTimeout)}
@@ -186,7 +186,7 @@ _SPARE_S = 1.0  # part of a jog in which the joint accelerates and stops
 
 
 def jog_interfaces(setup: RobotSetup) -> dict[str, str | None]:
-    """Return the command interface that jogs each joint (velocity, position or None), in the order of the URDF."""
+    """Return the command interface for jogging each joint (velocity, position or None), in the order of the URDF."""
     parts = (part for tag in setup.description.hardware for part in tag.joints)
     return {
         part.name: next((interface for interface in (VELOCITY, POSITION) if interface in part.command_interfaces), None)
@@ -233,7 +233,7 @@ class Jog:
         self._folder.cleanup()
 
     def range_refusal(self, joint: str) -> str | None:
-        """Return why a joint has not enough travel left for a jog; None if the travel suffices."""
+        """Return why a joint has not enough travel left for a jog, or None if it has."""
         if self._interfaces[joint] != POSITION:
             return None
         position, needed = self._reading(joint)["position"], self.speed * (self._hold_s + _SPARE_S)
@@ -244,7 +244,7 @@ class Jog:
         return f"{text}, and a jog at {self.speed:g} rad/s needs {needed:.3f}"
 
     def turn(self, joint: str) -> PreflightStep:
-        """Jog one joint, and check that this joint, and no other, moves at the commanded speed."""
+        """Jog one joint, and check that only this joint moves, and at the commanded speed."""
         low, high = self.speed * (1 - TOLERANCE), self.speed * (1 + TOLERANCE)
         speeds, start = {joint: self.speed}, self._positions()
         if not self._until(speeds, lambda: self._is_fast(joint, start)):
@@ -268,7 +268,7 @@ class Jog:
         return PreflightStep("jog", passed, text)
 
     def stop(self) -> PreflightStep:
-        """Jog all joints that have passed, press STOP, and measure the time until the drives are disabled.
+        """Jog all joints that have passed, trigger STOP, and measure the time until the drives are disabled.
 
         Joints that are commanded by position move back towards the start of their jog.
         """
@@ -311,7 +311,7 @@ class Jog:
         return {joint: self._reading(joint)["position"] for joint in self.joints}
 
     def _until(self, speeds: Mapping[str, float], condition: Callable[[], bool]) -> bool:
-        """Move the joints in `speeds` and no others until `condition` is true; return False after a timeout."""
+        """Move only the joints in `speeds` until `condition` is true; return False after a timeout."""
         deadline = time.monotonic() + _TIMEOUT_S + self._hold_s
         self._commanded = time.monotonic()
         while not condition():
@@ -387,7 +387,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(slots=True)
 class Preflight:
-    """State of a preflight, with the functions that print a line and ask the user."""
+    """State of a preflight, with functions that print a line and ask the user."""
 
     setup: RobotSetup
     report: Callable[[str], None]
@@ -397,7 +397,7 @@ class Preflight:
     covered: list[str] = field(default_factory=list)  # the joints that turned as commanded
 
     def note(self, steps: Iterable[PreflightStep]) -> bool:
-        """Store and print the results of steps; return False if a step failed."""
+        """Store and print the results of steps; return False if a step has failed."""
         good = True
         for step in steps:
             self.steps.append(step)
@@ -406,7 +406,7 @@ class Preflight:
         return good
 
     def check_link(self) -> bool:
-        """Check links and nodes without writing to a drive; return False if a step failed."""
+        """Check links and nodes without writing to a drive; return False if a step has failed."""
         good = True
         for name, bus in self.setup.buses.items():
             channel = self.setup.channels[name]
@@ -415,7 +415,7 @@ class Preflight:
         return good
 
     def move(self) -> bool:
-        """Jog every joint, then test STOP; return False after a failed step, or if the user declines."""
+        """Jog every joint, then test STOP; return False if a step has failed or the user declines."""
         for joint, interface in jog_interfaces(self.setup).items():
             if interface is None:
                 self.note(
@@ -466,7 +466,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _read_setup(args: argparse.Namespace) -> RobotSetup:
-    """Read the robot's files, as for real drives; ConfigError if they are not valid."""
+    """Read the robot's files, as for real drives; ConfigError if they are invalid."""
     from canopen_control.runtime.setup import read_robot
 
     files = find_files(args)
@@ -497,7 +497,7 @@ def _ask(question: str) -> bool:
 
 
 def _conclude(flight: Preflight, *, passed: bool, check_only: bool, report: str | None) -> tuple[int, PreflightReport]:
-    """Print the verdict, write the report and the record of a pass; return the exit code and the findings."""
+    """Print the verdict, write the report and the record of a pass; return exit code and findings."""
     setup = flight.setup
     failed = [step for step in flight.steps if step.passed is False]
     serials = read_serials(setup) if passed else {}

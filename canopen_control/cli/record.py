@@ -46,7 +46,7 @@ _ENDS = (signal.SIGINT, signal.SIGTERM)  # they set a flag, so that the bag is c
 
 @dataclass(slots=True)
 class RecordedBag:
-    """Result of recording a ROS 2 bag, with the numbers of messages, samples and events.
+    """Result of recording a ROS 2 bag: numbers of messages, samples and events.
 
     `left_out` names the controllers that publish more often than samples are recorded, None if there are none.
     """
@@ -178,7 +178,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _convert_old_form(args: argparse.Namespace) -> None:
-    """Convert the old form `record [CHANNEL] --can FILE` to the present options, and print a notice."""
+    """Convert the old form `record [CHANNEL] --can FILE` to the current options, and print a notice."""
     old_file = args.output is None and args.can is not None and Path(args.can).suffix.lower() in FORMATS
     if args.channel is None and not old_file:
         return
@@ -201,7 +201,7 @@ def _bag(args: argparse.Namespace) -> int:
 
 
 def _bus_of(args: argparse.Namespace) -> tuple[str, str]:
-    """Return the channel to record, and the name of the robot that runs on this channel, or ""."""
+    """Return the channel to record, and the name of the robot that runs on it, or ""."""
     if args.can is not None:
         channel = str(parse_channel(args.can))
         owner = robot_on(channel) if find_robots() else None

@@ -123,7 +123,7 @@ def _serve_recording(args: argparse.Namespace) -> int:
 
 
 def _end_with_a_robot(reactor: Reactor, name: str) -> None:
-    """End the replay as soon as another robot runs, because STOP must refer to one robot only."""
+    """End the replay when another robot starts, since STOP must refer to one robot only."""
     if robots := [socket for socket in list_sockets("robot") if socket != name]:
         print(f"canopen-control: robot {robots[0]} has started; the replay ends", file=sys.stderr)
         reactor.stop()
@@ -132,7 +132,7 @@ def _end_with_a_robot(reactor: Reactor, name: str) -> None:
 
 
 def _description(args: argparse.Namespace) -> Description:
-    """Return the description (URDF) of the ROBOT argument; an empty description if ROBOT is not given."""
+    """Return the description (URDF) of the ROBOT argument, or an empty description without ROBOT."""
     from canopen_control.rpc.messages.robot import Description
 
     if args.config is None:
@@ -145,7 +145,7 @@ def _description(args: argparse.Namespace) -> Description:
 
 
 def _print_new_bus(channel: str) -> None:
-    """Print a notice if no program has the local bus open, because the name may be mistyped."""
+    """Print a notice if no program has the local bus open, since the name may be mistyped."""
     spec = parse_channel(channel)
     if spec.kind is ChannelKind.LOCAL and spec.name not in (buses := list_sockets("bus")):
         names = ", ".join(f"local:{bus}" for bus in buses) or "none"
@@ -153,7 +153,7 @@ def _print_new_bus(channel: str) -> None:
 
 
 def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
-    """Play the recording and print the result, also after Ctrl-C; return the exit code."""
+    """Play the recording and print the result, even after Ctrl-C; return the exit code."""
     from canopen_control.bus.play import PlayReport, play
     from canopen_control.cli.support.bus_description import report_gaps
 
@@ -174,7 +174,7 @@ def _play(args: argparse.Namespace, recording: Source, channel: str) -> int:
 
 
 def _with_progress(recording: Source, played: PlayReport, progress: Progress) -> Iterator[RecordedFrame]:
-    """Yield the frames of a recording, and update the progress display."""
+    """Yield the frames of a recording and update the progress display."""
     for frame in recording:
         progress.at(played.frames)
         yield frame
@@ -187,7 +187,7 @@ def _sentence(channel: str, played: PlayReport, lost: int) -> str:
 
 
 def node_ids_in(frames: Iterable[RecordedFrame]) -> set[int]:
-    """Return the node ids that the COB-IDs of frames belong to, by the predefined connection set (CiA 301)."""
+    """Return the node ids of the COB-IDs of frames, by the predefined connection set (CiA 301)."""
     node_ids = set()
     for _, frame in frames:
         service, node_id = service_of(frame.can_id) or (None, 0)
@@ -229,7 +229,7 @@ def _listen(channel: str) -> tuple[set[int], bool]:
 
 
 def _answering(channel: str, node_ids: Iterable[int]) -> set[int]:
-    """Return the nodes that answer a read of the device type (0x1000); an abort counts as an answer."""
+    """Return the nodes that respond to a read of the device type (0x1000); an abort counts as a response."""
     from canopen_control.master.direct import DirectBus
 
     with DirectBus.open(channel, label=LABEL, timeout_s=ANSWER_S, retries=0) as bus:

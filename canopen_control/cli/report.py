@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
 def _recording(
     args: argparse.Namespace,
 ) -> tuple[Path | None, FlightFile, dict[str, NetworkDescription] | None]:
-    """Return the path, the content and the networks of the recording that the arguments select."""
+    """Return path, content and networks of the recording selected by the arguments."""
     from canopen_control.trace.flight_file import is_flight_file, read_flight
 
     if args.duration is not None:
@@ -113,7 +113,7 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _flights(name: str | None) -> list[Path]:
-    """Return the flight recordings of the robot `name`, or of all robots, oldest first; ConfigError without any."""
+    """Return the flight recordings of the robot `name`, or of all robots, oldest first; ConfigError if none exist."""
     from canopen_control.host.files import state_dir
 
     # the first 19 characters of a file name are the time
@@ -130,7 +130,7 @@ def _flights(name: str | None) -> list[Path]:
 
 
 def _newest(name: str | None) -> Path:
-    """Return the path of the newest flight recording of the robot `name`, or of any robot."""
+    """Return the path of the latest flight recording of the robot `name`, or of any robot."""
     paths = _flights(name)
     if sys.stderr.isatty():
         print(f"canopen-control: the newest flight recording: {paths[-1]}", file=sys.stderr)

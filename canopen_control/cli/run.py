@@ -45,7 +45,7 @@ _SINGLE_ROBOT: Final = ("name", "can", "controller", "namespace", "real", "mock"
 
 
 def run_shared(args: argparse.Namespace) -> int:
-    """Run all robots that a world file names until they end; ConfigError for options of a single robot."""
+    """Run all robots of a world file until they end; ConfigError for options of a single robot."""
     for name in _SINGLE_ROBOT:
         if getattr(args, name):
             option = name.replace("_", "-")
@@ -188,7 +188,7 @@ _CHANNEL_HELP: Final = "channel of the drives: local:NAME (default), vcan0, can0
 
 
 def add_file_arguments(parser: argparse.ArgumentParser, *, channel: str | None = _CHANNEL_HELP) -> None:
-    """Declare the options that select the files of a robot, and how strictly they are read.
+    """Declare the options that select a robot's files, and how strictly they are read.
 
     `channel` is the help of --can; None hides this option for a verb that refuses it.
     """
@@ -226,7 +226,7 @@ def add_file_arguments(parser: argparse.ArgumentParser, *, channel: str | None =
 
 
 def find_files(args: argparse.Namespace) -> RobotFiles:
-    """Return the robot files that the arguments select; ConfigError if they cannot be found."""
+    """Return the robot files selected by the arguments; ConfigError if they cannot be found."""
     from canopen_control.runtime.robot_files import find_robot
 
     return find_robot(
@@ -281,7 +281,7 @@ def _shared_by_forks() -> Iterator[None]:
 
 @_shared_by_forks()
 def run_robot(args: argparse.Namespace, *, motion: bool = False, table: bool = False) -> int:
-    """Run a robot until it ends, and return 0; ConfigError or CanopenError if the boot or the run fails."""
+    """Run a robot until it ends and return 0; ConfigError or CanopenError if boot or run fails."""
     if motion and args.real:
         raise ConfigError(f"--real: {_NO_DEMO}")
     with contextlib.ExitStack() as stack:
@@ -308,7 +308,7 @@ def _bridge_of(args: argparse.Namespace, files: RobotFiles) -> contextlib.Abstra
 
 
 def _run(args: argparse.Namespace, setup: RobotSetup, options: RunOptions) -> int:
-    """Run the robot of `setup` until it ends, and return 0; CanopenError with the reason of a failure."""
+    """Run the robot of `setup` until it ends and return 0; CanopenError with the reason for a failure."""
     from canopen_control.runtime.run_session import RunSession
 
     slow = _slow_reason(setup) if setup.reaches_real_drives and not args.full_speed else None
@@ -370,7 +370,7 @@ def _prepare(
 
 
 def _share_imports(options: RunOptions) -> None:
-    """Import the modules of the hub, and of the drives if they are started, before the processes are forked."""
+    """Import the modules of the hub, and of the drives if started here, before processes are forked."""
     from canopen_control.bus import hub  # noqa: F401 - for the forks
     from canopen_control.host.fork import allow_forks
 
@@ -381,7 +381,7 @@ def _share_imports(options: RunOptions) -> None:
 
 
 def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError if an option requires another option, or an extra of the package, that is missing."""
+    """Raise ConfigError if an option needs another option, or an extra of the package, that is missing."""
     from canopen_control.hardware.plugins import PluginKind
 
     if args.view:
@@ -399,7 +399,7 @@ def _require_parts(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError if --like names no personality, or if the run starts no virtual drives."""
+    """Raise ConfigError if --like does not name a personality, or if the run starts no virtual drives."""
     from canopen_control.personality import read_personality
     from canopen_control.virtual.quirks import quirks_of
 
@@ -409,7 +409,7 @@ def _check_like(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
-    """Raise ConfigError if physics is not available, or if there is nothing to move."""
+    """Raise ConfigError if physics is not available, or if it would have nothing to move."""
     from canopen_control.physics import require_physics
     from canopen_control.runtime.physics_plant import check_physics
 
@@ -420,7 +420,7 @@ def _check_physics(args: argparse.Namespace, setup: RobotSetup) -> None:
 
 
 def _plant(args: argparse.Namespace, setup: RobotSetup) -> Path | None:
-    """Return the plant file of --plant, or None; ConfigError for an error in the file or a conflicting option."""
+    """Return the plant file of --plant, or None; ConfigError for an invalid file or a conflicting option."""
     if getattr(args, "plant", None) is None:
         return None
     for name in ("physics", "real", "mock", "no_drives"):
@@ -450,7 +450,7 @@ def bridge_arguments(args: argparse.Namespace) -> tuple[str, ...]:
 
 
 def _slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Return why the speed of a robot on real drives is limited; None after a valid preflight."""
+    """Return why the speed of a robot on real drives is limited, or None after a valid preflight."""
     from canopen_control.check.preflight_record import slow_reason
 
     return slow_reason(setup)
@@ -479,7 +479,7 @@ def _slow_down(session: RunSession, slow: SlowReason) -> None:
 
 
 def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, keep: bool = False) -> RobotSetup:
-    """Read the robot's files, and check the options; with `keep` the parsed EDS files stay in memory, for forks."""
+    """Read the robot's files and check the options; with `keep`, the parsed EDS files stay in memory for forks."""
     from canopen_control.host.sockets import check_name
     from canopen_control.urdf.description import DescriptionReader
 
@@ -525,7 +525,7 @@ def read_setup(args: argparse.Namespace, files: RobotFiles | None = None, *, kee
 
 
 def world_of(args: argparse.Namespace, files: RobotFiles) -> Path | None:
-    """Return the world file of --world or of the robot's files, or None; ConfigError if the two differ."""
+    """Return the world file of --world or of the robot's files, or None; ConfigError if they differ."""
     path = None if getattr(args, "world", None) is None else Path(args.world).resolve()
     if path is not None and files.world not in (None, path):
         raise ConfigError(f"{files.hardware.world_word} contradicts --world {args.world}; omit one of them")
@@ -553,7 +553,7 @@ class Announcer:
         self._thread.start()
 
     def put(self, line: str, *, token: bool = False) -> None:
-        """Queue a line, without waiting; `token` adds the page's token when the line is printed (`with_token`)."""
+        """Queue a line without waiting; `token` adds the page's token when the line is printed (`with_token`)."""
         try:
             self._lines.put_nowait((line, token))
         except queue.Full:
@@ -579,7 +579,7 @@ class Announcer:
 
 
 class _EventPrinter(RobotObserver):
-    """Observer that prints events as lines, and counts the booted nodes of a robot with four or more.
+    """Observer that prints events as lines; it counts the booted nodes of a robot with four or more.
 
     On a terminal the process of a live table prints the events above the table once it has subscribed to them, until
     the robot stops: two processes would overwrite each other's lines.

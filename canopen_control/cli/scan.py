@@ -56,7 +56,7 @@ _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "
 
 @dataclass(slots=True)
 class FoundNode:
-    """Node that was found, or that bus.yml expects; `identity` is None if the node answers no SDO request."""
+    """Node that was found or that bus.yml expects; `identity` is None if it does not respond to SDO requests."""
 
     node_id: int
     identity: DeviceIdentity | None = None
@@ -79,7 +79,7 @@ class ScanResult:
 
 
 class NodeDocument(Document, frozen=True, kw_only=True):
-    """Node in `scan --json`; `name` and `expected` are null if bus.yml does not contain the node."""
+    """Node in `scan --json`; `name` and `expected` are null if the node is not in bus.yml."""
 
     node_id: int
     answers: bool
@@ -170,7 +170,7 @@ def _expected_of(config: str) -> dict[int, NodePlace]:
 
 
 def survey_channel(channel: str | None, timeout: float, *, name: str | None = None) -> ScanResult:
-    """Scan a channel directly, or through the robot that runs on the channel or is called `name`."""
+    """Scan a channel directly, or through the robot that runs on it or is called `name`."""
     owner = robot_on(channel) if channel is not None else None
     if channel is not None and owner is None:
         return _survey_bus(channel, timeout)
@@ -184,7 +184,7 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
 
 
 def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
-    """Read 0x1000 of all node ids, then further objects of the nodes that answer; return the nodes found."""
+    """Read 0x1000 of all node ids, then further objects of the nodes that respond; return the nodes found."""
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     device_types: dict[tuple[int, int, int], bytes | CanopenError] = {}
     with Progress(f"reading on {bus.port.channel}", "node ids") as progress:
@@ -232,7 +232,7 @@ def _survey_robot(robot: RobotTarget, timeout: float) -> ScanResult:
 
 
 def _through_robot(node: NodeSession) -> DeviceIdentity | None:
-    """Read the identity of a node through the robot; None if the node does not answer."""
+    """Read the identity of a node through the robot; None if the node does not respond."""
     data = dict[tuple[int, int], object]()
     for address in _OBJECTS:
         try:
@@ -286,7 +286,7 @@ def _report(survey: ScanResult, *, as_json: bool) -> None:
 
 
 def known_lines(nodes: Iterable[FoundNode]) -> Iterator[str]:
-    """Yield lines that name known manufacturers' drives, and the keys that these drives need in bus.yml."""
+    """Yield lines that name known manufacturers' drives, and the keys that they need in bus.yml."""
     by_name: dict[str, tuple[Personality, list[int]]] = {}
     for node in nodes:
         identity = node.identity or DeviceIdentity()

@@ -1,4 +1,4 @@
-"""Plot up to eight objects over time, with triggers: on the terminal, as CSV, as a picture (PNG), as a bag (MCAP).
+"""Plot up to eight objects over time, with triggers: in the terminal, as CSV, picture (PNG) or bag (MCAP).
 
 NODE:OBJECT is an object by address or by its name in the EDS; JOINT:position (velocity, effort, command) is the state
 of a joint of a running robot. In a running robot objects in TPDOs are sampled with every cycle, other objects are
@@ -106,7 +106,7 @@ def write_shot(
 
 
 def shot_lines(shot: Shot, signals: Sequence[Signal], overlay: NamedShot | None = None) -> Iterator[str]:
-    """Yield a table of all signals with measurements and curves, also for the signals of an overlay."""
+    """Yield a table of all signals with measurements and curves, including the signals of an overlay."""
     begin, end = shot.time_range
     yield f"{len(shot.rows)} samples from {begin:.3f} s to {end:.3f} s" + (
         "" if shot.triggered is None else " of the trigger"
@@ -133,7 +133,7 @@ class SignalReport:
 
 @dataclass(frozen=True, slots=True)
 class ShotReport:
-    """Capture in `scope --json`; a sample is a time in s from the trigger or the start, and the signal values."""
+    """Capture in `scope --json`; a sample is the time in s from the trigger or the start, and the signal values."""
 
     triggered: float | None
     signals: list[SignalReport]
@@ -166,7 +166,7 @@ def _measured(shot: Shot, place: int) -> list[str]:
 
 
 def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, float]) -> Iterator[str]:
-    """Yield a table of the signals at two times in s, the differences, and the RMS between the two times."""
+    """Yield a table of the signals at two times in s, their differences, and the RMS in between."""
     first, second = cursors
     interval = second - first
     frequency = f" ({1 / abs(interval):.4g} Hz)" if interval else ""
@@ -180,7 +180,7 @@ def cursor_lines(shot: Shot, signals: Sequence[Signal], cursors: tuple[float, fl
 
 
 def curve(shot: Shot, place: int, width: int = _WIDTH) -> str:
-    """Return a signal as `width` block characters, scaled from the minimum to the maximum of the signal."""
+    """Draw a signal with `width` block characters, scaled from its minimum to its maximum."""
     measured = shot.measure(place)
     if measured is None:
         return " " * width
@@ -262,7 +262,7 @@ def _cursors(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Output:
-    """Output options of captures; `path` is the file to write, `cursors` are two times in s."""
+    """Output options of captures; `path` is the output file, `cursors` are two times in s."""
 
     path: Path | None
     overlay: NamedShot | None = None
@@ -270,7 +270,7 @@ class _Output:
 
 
 class _ScopeLoop:
-    """Main loop of a scope, which outputs captures until all are complete or the user ends it."""
+    """Main loop of a scope: outputs captures until all are complete or the user ends it."""
 
     def __init__(self, scope: Scope, output: _Output, args: argparse.Namespace, *, several: bool) -> None:
         self._scope, self._signals, self._output = scope, scope.signals, output
@@ -280,7 +280,7 @@ class _ScopeLoop:
         self._shown = 0.0
 
     def run(self) -> int:
-        """Run the loop to its end; return 0, or 1 if there was no capture."""
+        """Run the loop to its end; return 0, or 1 without a capture."""
         begin, capture = time.monotonic(), self._scope.capture
         with on_signals(_ENDS, self._end):
             for shots in self._scope.looks(lambda: self._ended):

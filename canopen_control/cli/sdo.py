@@ -107,7 +107,7 @@ def _type_of(args: argparse.Namespace, address: ObjectAddress) -> DataType | Non
 
 
 def _read(args: argparse.Namespace, node: NodeSession, parts: list[ObjectAddress]) -> int:
-    """Read and print an object or all its subindices; return 1 if the node refused all subindices, else 0."""
+    """Read and print an object or all its subindices; return 1 if the node refused all of them, else 0."""
     words = NodeWords(NodeDescription(node.name, node.node_id, node.od))
     documents = []
     for address in parts:
@@ -140,7 +140,7 @@ def _in_words(data: bytes, data_type: DataType | None, address: ObjectAddress, w
 
 
 def _fitting(data: bytes, data_type: DataType | None, node: NodeSession, address: ObjectAddress) -> DataType | None:
-    """Return the data type; None, with a printed note, if the data does not fit this type."""
+    """Return the data type; None, with a printed note, if the data does not fit it."""
     if data_type is None:
         return None
     try:

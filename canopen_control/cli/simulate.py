@@ -240,7 +240,7 @@ def _apply_quirks(robot: RobotUnderTest, quirks: list[str], like: Personality | 
 
 
 def _speed_limit(speed: float | None) -> float | None:
-    """Return the highest speed as a multiple of real time, None if there is no limit."""
+    """Return the maximum speed as a multiple of real time, or None if unlimited."""
     return None if speed == math.inf else speed
 
 
@@ -372,7 +372,7 @@ def _schedule(args: argparse.Namespace, setup: RobotSetup) -> tuple[tuple[Scenar
 
 
 def _recorded(args: argparse.Namespace, setup: RobotSetup) -> Scenario:
-    """Return the scenario of a recording, and write this scenario to the file --out if given."""
+    """Return the scenario of a recording, and write it to the file --out if given."""
     from canopen_control.cli.support.simulation_recording import recorded_scenario
     from canopen_control.simulation.campaign_files import write_text
     from canopen_control.simulation.scenario_steps import scenario_text

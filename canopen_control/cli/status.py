@@ -68,7 +68,7 @@ class _Cause:
 
 
 def cause_lines(events: Iterable[RobotEvent], current: Mapping[str, str]) -> list[str]:
-    """Return one line for each cause in `events`; errors in `current` (by node name) are omitted."""
+    """Return one line for each cause in `events`, except for errors in `current` (by node name)."""
     merged: list[_Cause] = []
     for cause in _gather(events):
         same = next((previous for previous in merged if _same_cause(previous, cause)), None)
@@ -114,7 +114,7 @@ def _cause_of(event: RobotEvent) -> _Cause:
 
 
 def _clauses(text: str) -> dict[str, str]:
-    """Return the clauses of a sentence by key; the key of an emergency message is its code, without the data."""
+    """Split a sentence into clauses by key; the key of an emergency message is its code, without the data."""
     clauses = text.removeprefix("lost: ").split("; ")
     return {clause.partition(", register 0x")[0]: clause for clause in clauses}
 
@@ -131,7 +131,7 @@ def _same_cause(first: _Cause, second: _Cause) -> bool:
 
 
 def _remove_shown(cause: _Cause, current: Mapping[str, str]) -> None:
-    """Remove the clauses of a cause that are already shown as the present error of the node."""
+    """Remove the clauses of a cause that are already shown as the current error of the node."""
     for error in current.values():
         place = _PLACE.fullmatch(error)
         if place is not None and place[1] == cause.place:
@@ -200,7 +200,7 @@ def run_plain(arguments: Sequence[str]) -> bool:
 
 
 def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNamespace | None:
-    """Call a method without parameters, and return the fields of the result; RemoteError if no answer arrives.
+    """Call a method without parameters and return the fields of the result; RemoteError without a reply.
 
     None for another protocol version, a refusal or invalid JSON: the typed client reports the cause of these.
     """
@@ -221,7 +221,7 @@ def request_plain(robot: str, method: str, timeout: float = 10.0) -> SimpleNames
 
 
 def _object_in(line: bytes | None, late: str) -> dict[str, Any]:
-    """Return the JSON object in a line, {} if there is none; RemoteError with the text `late` if `line` is None."""
+    """Return the JSON object in a line, or {}; RemoteError with the text `late` if `line` is None."""
     if line is None:
         raise RemoteError("Timeout", late)
     try:
@@ -232,7 +232,7 @@ def _object_in(line: bytes | None, late: str) -> dict[str, Any]:
 
 
 def _with_attributes(status: Any) -> Any:  # noqa: ANN401 - a Status but for its class
-    """Convert a plain status of this version: replace the dicts in it by objects with attributes."""
+    """Convert a plain status of this version: replace its dicts by objects with attributes."""
     status.active = [name for name, state in status.controllers.items() if state == "active"]
     status.cycle = SimpleNamespace(**status.cycle)
     status.nodes = {name: _node_of(node) for name, node in status.nodes.items()}
@@ -287,7 +287,7 @@ def render(state: Snapshot, width: int | None = None) -> list[str]:
 
 
 def _wrapped(lines: list[str], width: int | None) -> list[str]:
-    """Return lines of at most `width` columns, with indented continuation lines; None is no limit."""
+    """Wrap lines to at most `width` columns, with indented continuation lines; None is no limit."""
     if width is None:
         return lines
     import textwrap
@@ -313,7 +313,7 @@ def _tracking(state: Snapshot, width: int | None) -> list[str]:
 
 
 def _errors(state: Snapshot) -> dict[str, str]:
-    """Return a line with the present error of each node that has an error, by node name."""
+    """Return a line with the current error of each node that has one, by node name."""
     return {
         name: f"  {node.error}" if name in node.error else f"  node {node.node_id} ({name}): {node.error}"
         for name, node in state.nodes.items()
@@ -322,7 +322,7 @@ def _errors(state: Snapshot) -> dict[str, str]:
 
 
 def _unsupervised(state: Snapshot) -> list[str]:
-    """Return lines about the drives that do not stop when the robot's program ends."""
+    """Return lines about drives that would not stop if the robot's program ended."""
     return [
         f"  {_marked(name, node)}: NOTHING stops this drive when the robot's program ends (allow_unsupervised): "
         f"{node.unsupervised}"
@@ -332,12 +332,12 @@ def _unsupervised(state: Snapshot) -> list[str]:
 
 
 def _marked(name: str, node: NodeReading) -> str:
-    """Return the name and node id of a node for the table, with "!" if the drive is unsupervised."""
+    """Return name and node id of a node for the table, with "!" if the drive is unsupervised."""
     return f"{name} ({node.node_id})" + (" !" if node.unsupervised else "")
 
 
 def _void_outputs(state: Snapshot) -> list[str]:
-    """Return lines about the outputs whose command became void when their node was lost."""
+    """Return lines about outputs whose command became void when their node was lost."""
     return [
         f"  node {node.node_id} ({name}): outputs void since the node was lost: {', '.join(node.void_outputs)}; "
         "command them again"
@@ -379,13 +379,13 @@ def _boot(status: Status, current: Mapping[str, str]) -> list[str]:
 
 
 def _program(status: Status) -> list[str]:
-    """Return a line with the version and the build of the robot's program, or nothing if unknown."""
+    """Return a line with version and build of the robot's program, or nothing if unknown."""
     advice = f" ({TO_COMPILE})" if status.build == PURE else ""
     return [f"canopen_control {status.version}, {status.build}{advice}"] if status.version else []
 
 
 def _traffic(status: Status, node: str) -> str:
-    """Return the numbers of SDO requests to a node since the start of the robot, as text."""
+    """Return the numbers of SDO requests to a node since the robot started, as text."""
     if node not in status.nodes:
         return ""
     sdo = status.nodes[node].sdo
@@ -420,7 +420,7 @@ def _watch(robot: RobotClient, *, as_json: bool) -> int:
 
 
 class _LiveTable:
-    """Table that is redrawn in place on a terminal; events are printed above the table and remain."""
+    """Table that is redrawn in place on a terminal; events are printed above it and remain."""
 
     def __init__(self) -> None:
         self._height = 0  # rows from the first row of the table to the cursor
@@ -454,7 +454,7 @@ def _terminal_size() -> os.terminal_size:
 
 
 def _limited(lines: list[str], height: int) -> list[str]:
-    """Return at most `height` lines; if lines are omitted, the last line contains their number."""
+    """Return at most `height` lines; if lines are omitted, the last line states how many."""
     if len(lines) <= height:
         return lines
     return [

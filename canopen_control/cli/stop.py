@@ -67,7 +67,7 @@ def _request(args: argparse.Namespace, name: str | None) -> StopResult:
 
 
 def _stop_all(args: argparse.Namespace, names: list[str]) -> int:
-    """Stop all running robots at the same time, so that none waits for one that hangs; return the exit code."""
+    """Stop all running robots at the same time, so that one that hangs delays no other; return the exit code."""
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(len(names)) as threads:

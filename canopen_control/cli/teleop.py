@@ -57,7 +57,7 @@ class TeleopTarget(Protocol):
         """Command velocities; RemoteError if the target refuses them."""
 
     def news(self) -> list[str]:
-        """Return sentences about events since the last call, for the user."""
+        """Return sentences for the user about events since the last call."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _drive(keyboard: Keyboard, teleop: Teleop, target: TeleopTarget, screen: Screen) -> None:
-    """Send the velocities that the user commands by keys, until the user quits."""
+    """Send the velocities that the user commands with keys, until the user quits."""
     decoder, sender = KeyDecoder(), Sender(target)
     while not (teleop.ended or keyboard.ended):
         screen.show(teleop, sender.refusal)
@@ -141,7 +141,7 @@ def _wait(decoder: KeyDecoder, teleop: Teleop) -> float:
 
 
 def _leave(target: TeleopTarget, screen: Screen) -> None:
-    """Command zero velocity several times, and finish the status line, even if the robot or the terminal is gone."""
+    """Command zero velocity several times and finish the status line, even if robot or terminal is gone."""
     with contextlib.suppress(RemoteError):  # after a refusal or a loss of the robot no command is active
         for _ in range(ZEROS):
             target.send(ZERO)
@@ -150,7 +150,7 @@ def _leave(target: TeleopTarget, screen: Screen) -> None:
 
 
 class Sender:
-    """Sender of velocities, at each change, every 0.1 s during a motion, and a few times zero afterwards.
+    """Sender of velocities: at each change, every 0.1 s during a motion, and a few zeros afterwards.
 
     `refusal` is the reason why the robot refused the last velocities, "" if it accepted them.
     """
@@ -191,7 +191,7 @@ class Screen:
         print(f"teleop of {target.title}\n{keys}", flush=True)
 
     def show(self, teleop: Teleop, refusal: str) -> None:
-        """Show the commanded velocities, with a refusal or note."""
+        """Show the commanded velocities with a refusal or note."""
         velocities = teleop.velocities
         linear, angular = self._units
         values = [("linear", velocities.linear, linear), ("angular", velocities.angular, angular)]
@@ -263,7 +263,7 @@ class TeleopRobot:
 
 
 def choose(controllers: Sequence[ControllerReading], name: str | None) -> ControllerReading:
-    """Return the controller `name`, or the only active controller to drive with; ConfigError if there is none."""
+    """Return the controller `name`, or the only active controller that can drive; ConfigError if there is none."""
     if name is not None:
         matching = [controller for controller in controllers if controller.name == name]
         if not matching:
@@ -304,7 +304,7 @@ _LEFT_RIGHT: Final = (-1, 1)  # signs of the angular speed: turning left, the le
 
 
 def sides(joints: Sequence[str]) -> tuple[int, int]:
-    """Return the signs of the angular speed for two wheels; the first is left, unless the names show the opposite."""
+    """Return the signs of the angular speed for two wheels; the first is left unless the names say otherwise."""
     swapped = "right" in joints[0].lower() or "left" in joints[1].lower()
     return (_LEFT_RIGHT[1], _LEFT_RIGHT[0]) if swapped else _LEFT_RIGHT
 
@@ -314,7 +314,7 @@ def _names(controllers: Sequence[ControllerReading]) -> str:
 
 
 class RosTarget:
-    """Teleop target that publishes to a ROS topic, with a ROS node of its own."""
+    """Teleop target that publishes to a ROS topic with its own ROS node."""
 
     units = ("m/s", "rad/s")
     speeds = _BASE_SPEEDS
@@ -343,7 +343,7 @@ class RosTarget:
         return {"header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self._frame_id}, "twist": twist}
 
     def news(self) -> list[str]:
-        """Report the connection of the first subscriber, and the disconnection of the last."""
+        """Report the connection of the first subscriber and the disconnection of the last."""
         alone = self._publication.subscribers() == 0
         before, self._alone = self._alone, alone
         if alone == before or (before is None and not alone):
@@ -351,4 +351,4 @@ class RosTarget:
         return [f"{self._topic} has no subscriber" if alone else f"{self._topic} has a subscriber"]
 
     def close(self) -> None:
-        """Do nothing, because the caller closes the ROS graph."""
+        """Do nothing, since the caller closes the ROS graph."""

@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(event: BusEvent, *, as_json: bool) -> None:
-    """Print a bus event between the frames; if frames are printed as JSON, print it to standard error."""
+    """Print a bus event between the frames, or to standard error if frames are printed as JSON."""
     print(f"{event.kind.value.upper()}: {event.text}", file=sys.stderr if as_json else sys.stdout, flush=True)
 
 
@@ -138,7 +138,7 @@ def _chunks(recording: Iterable[RecordedFrame]) -> Iterator[list[RecordedFrame]]
 
 
 def show(args: argparse.Namespace, network: NetworkDescription, source: Iterable[list[RecordedFrame]]) -> int:
-    """Decode the frames of `source`, and print the selected frames; return the number of lines."""
+    """Decode the frames of `source` and print the selected ones; return the number of lines."""
     decoder, selects = Decoder(network), _filter(args, network)
     line = _line_of(args, network)
     shown = 0

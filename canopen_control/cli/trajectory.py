@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 STILL: Final = 0.002
-"""A joint that has moved less than this, in rad or m, counts as at rest."""
+"""Distance in rad or m below which a joint is considered at rest."""
 
 _APART_S: Final = 0.045
 """Minimum time between samples for a velocity, so that jitter has little effect; shorter than the default period."""
@@ -71,7 +71,7 @@ class TrajectoryRecording:
         return len(self) >= self._max_points
 
     def add(self, time: float, positions: Sequence[float]) -> None:
-        """Add the joint positions at a time in s; a time not later than the previous time is ignored."""
+        """Add the joint positions at a time in s; a time not later than the previous one is ignored."""
         if self._times and time <= self._times[-1]:
             return
         if len(self) == 1 and _is_close(positions, self._positions[0]):
@@ -81,7 +81,7 @@ class TrajectoryRecording:
         self._positions.append(list(positions))
 
     def points(self) -> list[TrajectoryPoint]:
-        """Return the recorded points, from the first motion to the last; CanopenError if nothing has moved."""
+        """Return the recorded points from the first to the last motion; CanopenError if nothing has moved."""
         end = len(self)
         while end > 1 and _is_close(self._positions[end - 2], self._positions[-1]):
             end -= 1
@@ -200,7 +200,7 @@ def _play(args: argparse.Namespace) -> int:
 
 
 def sample_or_file(name: str) -> str:
-    """Return `name` if there is such a file, else the path of a bundled sample with this name."""
+    """Return `name` if it is an existing file, else the path of the bundled sample of this name."""
     if Path(name).name == name and not Path(name).exists():
         for robot in data_names("config"):
             if (bundled := data_path("config", robot) / name).is_file():
@@ -224,7 +224,7 @@ def _later(points: list[TrajectoryPoint], by: float) -> list[TrajectoryPoint]:
 
 
 def _record(args: argparse.Namespace) -> int:
-    """Record the joints until a signal, the end of --for or the maximum number of points, and write the file."""
+    """Record the joints until a signal, the end of --for or the maximum number of points; write the file."""
     folder = Path(args.output).absolute().parent
     if not os.access(folder, os.W_OK):  # report this before the joints are moved, not afterwards
         raise ConfigError(f"{args.output}: {folder} is not writable; give another path")
@@ -266,7 +266,7 @@ def _add(recording: TrajectoryRecording, sample: StateSample) -> None:
 
 
 def _joints(robot: RobotClient, args: argparse.Namespace) -> list[str]:
-    """Return the joints of --joints, or else of the only trajectory controller, or else all joints."""
+    """Return the joints of --joints, else of the only trajectory controller, else all joints."""
     joints = robot.ask(GetStatus()).joints
     if args.joints is not None:
         names = [field.strip() for field in args.joints.split(",") if field.strip()]

@@ -158,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_gains(args: argparse.Namespace) -> None:
-    """Raise ConfigError for options that do not belong together, or for an invalid --gain."""
+    """Raise ConfigError for options that cannot be combined, or for an invalid --gain."""
     if args.apply and args.identify is None:
         raise ConfigError("--apply sets the gains that --identify proposes; the other tests propose none")
     if args.store and not (args.apply or args.revert):
@@ -176,7 +176,7 @@ def _place(args: argparse.Namespace) -> GainPlace:
 
 
 def _hinted(lines: Iterator[str], args: argparse.Namespace) -> Iterator[str]:
-    """Yield lines; without --store, the last line ends with a hint at this option."""
+    """Yield lines; without --store, a hint about this option is appended to the last line."""
     *first, last = lines
     yield from first
     yield last if args.store else f"{last} (--store)"
@@ -194,7 +194,7 @@ def _find_gains(args: argparse.Namespace) -> None:
 
 
 def _request(args: argparse.Namespace, options: TuneOptions) -> TuneRequest:
-    """Return the test that the arguments request; ConfigError for an invalid value."""
+    """Return the test requested by the arguments; ConfigError for an invalid value."""
     speed = parse_quantity(args.step, "velocity") if args.step is not None else None
     test = TuneTest.STEP if speed is not None else TuneTest.BODE if args.bode else TuneTest.IDENTIFY
     torque, signal = args.identify or 0.0, args.bode or "prbs"

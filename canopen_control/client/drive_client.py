@@ -1,4 +1,4 @@
-"""Client of a virtual drive or device: its state, faults and inputs, without the CAN bus.
+"""Client of a virtual drive or device: state, faults and inputs, without the CAN bus.
 
 This module is separate from the client of a robot, whose commands need no import of a drive's messages.
 """
@@ -30,7 +30,7 @@ class DriveClient(Client[DriveHello, DriveEvent]):
 
     @classmethod
     def connect(cls, channel: str, node_id: int, timeout: float = 10.0, *, label: str = "") -> Self:
-        """Connect to a virtual node on a bus; RemoteError if the node does not run. `label` names it in messages."""
+        """Connect to a virtual node on a bus; RemoteError if it is not running. `label` names it in messages."""
         label = label or f"the virtual drive {node_id} on {channel}"
         stream = LineClient(socket_path("drive", drive_name(channel, node_id)), timeout, label=label)
         return cls(DRIVE, stream, timeout)
@@ -52,7 +52,7 @@ def shapes_of_world(nodes: Iterable[tuple[str, int]]) -> tuple[WorldShape, ...]:
 
 
 def signal_values(text: str) -> dict[str, float]:
-    """Parse ``di0=1,ai0=2.5`` to values by signal; ConfigError if a part does not have this form."""
+    """Parse ``di0=1,ai0=2.5`` into values by signal; ConfigError if a part does not have this form."""
     values = {}
     for field in text.split(","):
         name, _, number = (part.strip() for part in field.partition("="))

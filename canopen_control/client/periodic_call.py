@@ -1,4 +1,4 @@
-"""Function calls at a fixed interval on a separate thread, while the calling thread is blocked by other work."""
+"""Function calls at a fixed interval on a separate thread, while other work blocks the calling thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 def periodic_call(
     function: Callable[[], object], period_s: float, *, name: str, join_s: float | None = None
 ) -> Iterator[None]:
-    """Context in which the thread `name` calls `function` every `period_s`, the first time after one period.
+    """Context in which the thread `name` calls `function` every `period_s`, first after one period.
 
     The exit waits for a running call, for `join_s` at most (None: without limit). An exception of `function` ends the
     calls.

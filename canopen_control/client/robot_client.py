@@ -1,4 +1,4 @@
-"""Client of a running robot, with its events, the rate of its state samples, and trajectories of any length."""
+"""Client of a running robot: events, rate of the state samples, and trajectories of any length."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ _NEARLY = 1e-6
 
 
 def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
-    """Return the rate in Hz near `rate` at which state samples are a whole number of cycles apart.
+    """Return a rate in Hz near `rate` at which the state samples are a whole number of cycles apart.
 
     A `rate` of 0 requests every cycle, as far as STREAM_RATE permits.
     """
@@ -89,7 +89,7 @@ def stream_rate(cycle: CycleTimes, rate: float = 0.0) -> float:
 
 
 def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | None:
-    """Return a sentence about the controllers that publish more often than `rate` in Hz; None if there are none."""
+    """Return a sentence about controllers that publish more often than `rate` in Hz, or None."""
     fast = [controller for controller in controllers if controller.publish_rate > rate * (1.0 + _NEARLY)]
     names = ", ".join(f"{controller.name} ({controller.publish_rate:g} Hz)" for controller in fast)
     return (
@@ -100,7 +100,7 @@ def outpaced(controllers: Iterable[ControllerReading], rate: float) -> str | Non
 
 
 HEARTBEAT_S: Final = 2.0
-"""Heartbeat in s that a client promises for a trajectory; after a longer silence the robot stops the joints."""
+"""Interval in s within which a client promises a heartbeat for a trajectory; otherwise the robot stops the joints."""
 _BEATS: Final = 4  # heartbeats in this time
 
 _PIECE: Final = 24_000  # bytes of an object in one request
@@ -121,7 +121,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
         return cls(LineClient(socket_path("robot", robot), timeout, label=f"robot {robot}"), timeout)
 
     def sdo_write(self, request: SdoWrite, timeout: float) -> None:
-        """Download an object of any length through the robot, in several requests if it is long."""
+        """Download an object of any length through the robot, in several requests if necessary."""
         data = request.data
         last_piece = max(0, len(data) - 1) // _PIECE * _PIECE  # the last piece is part of the request that writes
         for start in range(0, last_piece, _PIECE):
@@ -138,7 +138,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
 
     @contextlib.contextmanager
     def heartbeats(self) -> Iterator[None]:
-        """Context in which a thread sends heartbeats, for a trajectory sent with `HEARTBEAT_S`."""
+        """Context in which a thread sends heartbeats for a trajectory sent with `HEARTBEAT_S`."""
 
         def beat() -> None:
             with contextlib.suppress(RemoteError):  # the robot has ended, which other calls report
@@ -148,7 +148,7 @@ class RobotClient(Client[RobotHello, RobotPush]):
             yield
 
     def send_points(self, points: list[TrajectoryPoint]) -> list[TrajectoryPoint]:
-        """Send all but the last points of a long trajectory; return the last points, for the final request."""
+        """Send all but the last points of a long trajectory; return the rest for the final request."""
         width = max((len(point.positions) for point in points), default=0)
         at_once = max(1, _VALUES // (4 * max(1, width)))
         while len(points) > at_once:

@@ -1,4 +1,4 @@
-"""Velocities from keys: the keys of ROS's teleop_twist_keyboard, with a dead-man timeout in addition.
+"""Velocities from keys: the keys of ROS's teleop_twist_keyboard, plus a dead-man timeout.
 
 Sans-IO; times are monotonic nanoseconds. A terminal does not report the release of a key, only that a held key repeats,
 the first time after 0.25 to 0.66 s, then about 25 times a second. So the first press moves for `first` seconds (longer
@@ -103,11 +103,11 @@ class KeyDecoder:
         return keys
 
     def next_deadline(self) -> int | None:
-        """Return the time at which `tick` ends an unfinished escape sequence; None without one."""
+        """Return the time at which `tick` ends an unfinished escape sequence, or None."""
         return self._since + _ESCAPE_NS if self._buffer else None
 
     def tick(self, now: int) -> list[str]:
-        """Return "other" for an escape sequence that is still unfinished after the timeout, else nothing."""
+        """Return "other" for an escape sequence that is unfinished after the timeout, otherwise nothing."""
         deadline = self.next_deadline()
         if deadline is None or now < deadline:
             return []
@@ -115,7 +115,7 @@ class KeyDecoder:
         return ["other"]
 
     def _first(self) -> tuple[str, int]:
-        """Return the name of the first key and its length in bytes; length 0 if the key is incomplete."""
+        """Return the name of the first key and its length in bytes; the length is 0 if the key is incomplete."""
         buffer = self._buffer
         if buffer[0] != _ESCAPE:
             return _CONTROLS.get(buffer[0]) or (chr(buffer[0]) if 0x20 < buffer[0] < 0x7F else "other"), 1
@@ -182,7 +182,7 @@ class Teleop:
         return Velocities(linear * self.speed, angular * self.turn, lateral * self.speed)
 
     def key(self, name: str, now: int) -> None:
-        """Start, change or stop the motion by a key name from `KeyDecoder`."""
+        """Start, change or stop the motion according to a key name from `KeyDecoder`."""
         self.tick(now)
         self.note = ""
         if name in self._motions:
@@ -204,7 +204,7 @@ class Teleop:
             self.stop()
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the motion ends without another key; None if there is no motion."""
+        """Return the time at which the motion ends without another key, or None without a motion."""
         return None if self._hold is _Hold.RELEASED else self._deadline
 
     def _move(self, name: str, now: int) -> None:

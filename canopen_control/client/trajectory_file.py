@@ -1,4 +1,4 @@
-"""Trajectory files in the form of trajectory_msgs/JointTrajectory (YAML or JSON), and waypoints in one line of text."""
+"""Trajectory files in the form of trajectory_msgs/JointTrajectory (YAML or JSON), and waypoints in a line of text."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class _Goal:
 
 
 def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Read the joints and the points of a file; the ConfigError names every error with its line."""
+    """Read the joints and points of a file; the ConfigError lists every error with its line."""
     text = read_text(path, ConfigError)
     count = text.count("time_from_start")
     if count > MAX_POINTS:  # before it is parsed, which takes a while
@@ -69,7 +69,7 @@ def read_trajectory(path: str) -> tuple[list[str], list[TrajectoryPoint]]:
 
 
 def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPoint]]:
-    """Parse the joints and the points of a file's text; `path` is the name of the file in errors."""
+    """Parse the joints and points of a file's text; `path` is the name of the file in errors."""
     node = read(text, path, error=ConfigError)
     goal = node.get("trajectory")
     content = convert(node, _Goal, None) if goal is not None else convert(node, _File, None)
@@ -88,7 +88,7 @@ def parse_trajectory(text: str, path: str) -> tuple[list[str], list[TrajectoryPo
 
 
 def write_trajectory(path: str, joints: Sequence[str], points: Iterable[TrajectoryPoint]) -> None:
-    """Write a file for `read_trajectory`, with a point per line; ConfigError if the file cannot be written."""
+    """Write a file for `read_trajectory`, one point per line; ConfigError if it cannot be written."""
     lines = [f"joint_names: [{', '.join(joints)}]", "points:"]
     for point in points:
         values = {"positions": point.positions, "velocities": point.velocities, "accelerations": point.accelerations}
@@ -101,7 +101,7 @@ def write_trajectory(path: str, joints: Sequence[str], points: Iterable[Trajecto
 
 
 def read_waypoints(text: str, joints: int, step: float) -> list[TrajectoryPoint]:
-    """Parse positions such as `0.4 -0.3; 0 0` to points with zero velocity, `step` seconds apart.
+    """Parse positions such as `0.4 -0.3; 0 0` into points with zero velocity, `step` seconds apart.
 
     ConfigError if a waypoint is not a position for each of the `joints`.
     """

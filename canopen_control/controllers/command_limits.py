@@ -154,7 +154,7 @@ class JointCommands(Limited):
     def _limit_text(
         self, at: int, command: CommandInterface, target: float, value: float, period: float, clock: float
     ) -> str | None:
-        """Return a report of the limits that changed the command, or None within `QUIET_S` of another report."""
+        """Return a report of the limits that changed the command; None within `QUIET_S` of the last limited command."""
         begins, self._limited_at[at] = clock - self._limited_at[at] > QUIET_S, clock
         if not begins:
             return None

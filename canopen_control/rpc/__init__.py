@@ -1,1 +1,1 @@
-"""Sockets of this package: typed messages (`messages`), servers and clients that exchange lines of JSON."""
+"""Sockets of this package: typed messages (`messages`), and servers and clients that exchange lines of JSON."""

@@ -1,4 +1,4 @@
-"""Clients of a socket, blocking or on a reactor: requests with typed answers, and pushed messages.
+"""Clients of a socket, blocking or on a reactor: requests with typed replies, and pushed messages.
 
 One connection carries requests and pushed messages. Any number of threads may use a `Client`: one waiting thread reads
 the socket for all waiting threads. No thread is started.
@@ -38,7 +38,7 @@ _MAX_PUSHED: Final = 10_000  # pushed messages that are kept until they are fetc
 
 
 def read_error(raw: wire.Raw) -> RemoteError:
-    """Return the error of a refused request; a refusal that cannot be decoded becomes the error text."""
+    """Return the error of a refused request; if it cannot be decoded, its text is the error."""
     try:
         refusal: Refusal = wire.decode(raw, Refusal)
     except ValueError:
@@ -96,7 +96,7 @@ class Client(Generic[H, P]):
         return self._stream.fileno()
 
     def ask(self, request: Request[A], timeout: float | None = None) -> A:
-        """Send a request and return the answer; RemoteError if refused, or without an answer within `timeout` s."""
+        """Send a request and return the reply; RemoteError if it is refused, or not answered within `timeout` s."""
         method = self.api.of(type(request))
         answer = self._exchange(method.name, request, self.timeout if timeout is None else timeout)
         if "error" in answer:
@@ -104,7 +104,7 @@ class Client(Generic[H, P]):
         return cast("A", self._decoded(answer.get("result", wire.Raw(b"null")), method.answer))
 
     def notify(self, request: Request[Any]) -> None:
-        """Send a request without an answer, also if the server refuses the request."""
+        """Send a request that is not answered, even if the server refuses it."""
         self._send(wire.request_line(None, self.api.of(type(request)).name, request))
 
     def messages(self, timeout: float | None = None) -> Iterator[P]:
@@ -123,7 +123,7 @@ class Client(Generic[H, P]):
                     yield self._pushed_message(line[key], kind)
 
     def close(self) -> None:
-        """Close the connection, also while a thread waits for an answer."""
+        """Close the connection, even while a thread waits for a reply."""
         with self._changed:
             self._failure = self._failure or RemoteError(
                 "BusClosed", f"the connection to {self._stream.label} is closed"
@@ -196,7 +196,7 @@ class Client(Generic[H, P]):
         return True
 
     def _read(self, timeout: float | None) -> None:
-        """Read one message without holding the lock, then store the message for the waiting thread."""
+        """Read one message without holding the lock, then store it for the waiting thread."""
         self._reading = True
         self._changed.release()
         line, failure = None, None
@@ -233,7 +233,7 @@ class Client(Generic[H, P]):
 
 
 ENDLESS: Final = 0
-"""Timeout of a request that may be answered at any time: none."""
+"""Timeout of a request that may be answered at any time."""
 
 _TIMEOUT_NS: Final = 30_000_000_000  # longer than any request takes in the robot
 _SEND_S: Final = 1.0
@@ -241,7 +241,7 @@ _GARBAGE: Final = "the answer cannot be read: "
 
 
 class ReactorClient:
-    """Non-blocking connection to the server of an `Api` on a reactor; RemoteError without a server.
+    """Non-blocking connection to the server of an `Api` on a reactor; RemoteError if no server is running.
 
     All methods must be called on the reactor's thread.
     """
@@ -281,7 +281,7 @@ class ReactorClient:
             self._settle(number, error=str(error))
 
     def keep_saying(self, request: Request[Any], every_ns: int) -> None:
-        """Send a request without an answer every `every_ns`, until the connection is closed."""
+        """Send a request every `every_ns`, without a reply, until the connection is closed."""
         if self._closed_reason is not None:
             return
         self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
@@ -298,7 +298,7 @@ class ReactorClient:
         return self._reactor.call_later(wait_ns, lambda: self._settle(number, error=too_late))
 
     def close(self) -> None:
-        """Close the connection, and answer pending requests with an error."""
+        """Close the connection; pending requests are answered with an error."""
         self._leave(f"the connection to {self._stream.label} was closed")
 
     def _on_readable(self) -> None:

@@ -10,7 +10,7 @@ import types
 
 
 def import_msgspec() -> None:
-    """Import msgspec without typing_extensions and platform, most of its import time.
+    """Import msgspec without typing_extensions and platform, which take most of its import time.
 
     msgspec searches typing_extensions for types that this package does not use, and works with `typing` alone. It
     imports uuid, which before Python 3.12 needs only the name of the operating system from platform. No other code may

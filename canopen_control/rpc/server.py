@@ -1,4 +1,4 @@
-"""Socket server that passes the requests of an `Api` to handlers, and pushes messages to clients.
+"""Socket server: passes the requests of an `Api` to handlers, and pushes messages to clients.
 
 Unknown methods, missing fields and fields of a wrong type are refused before a handler is called.
 """
@@ -30,7 +30,7 @@ R_co = TypeVar("R_co", bound=Request[Any], covariant=True)
 
 
 class Call(Generic[R_co]):
-    """Request of a client, to be answered by `reply`, `refuse` or `settle`; no answer is sent without an id."""
+    """Request of a client, answered with `reply`, `refuse` or `settle`; a request without an id is not answered."""
 
     __slots__ = ("_number", "connection", "request")
 
@@ -101,7 +101,7 @@ class Server(Generic[H, P]):
         )
 
     def answers(self, kind: type[R], handler: Callable[[Call[R]], object]) -> None:
-        """Register the handler of a request type; a CanopenError raised by the handler becomes the answer."""
+        """Register the handler of a request type; a CanopenError that it raises becomes the reply."""
         self._handlers[self._api.of(kind).name] = (msgspec.json.Decoder(kind), handler)
 
     def check(self) -> None:
@@ -112,7 +112,7 @@ class Server(Generic[H, P]):
 
     @property
     def connections(self) -> list[Connection]:
-        """Open connections, except those that are being closed."""
+        """Open connections, except those being closed."""
         return self._server.connections
 
     def line_of(self, push: P) -> bytes:

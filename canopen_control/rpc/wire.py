@@ -28,7 +28,7 @@ _NULL: Final = msgspec.Raw(b"null")
 
 
 class Incoming(msgspec.Struct, frozen=True):
-    """Received request with undecoded parameters; `method` is "" if missing or not a text."""
+    """Received request with undecoded parameters; `method` is "" if missing or not text."""
 
     number: Id
     method: str
@@ -46,7 +46,7 @@ def read_line(line: bytes) -> dict[str, Raw]:
 
 
 def read_request(line: bytes) -> Incoming:
-    """Decode a client's line as a request; ValueError if invalid, or with too many values to decode in time."""
+    """Decode a client's line as a request; ValueError if it is invalid or has too many values to decode in time."""
     if too_many_values(line):
         raise ValueError(f"more than {MAX_VALUES} values")
     fields = read_line(line)
@@ -81,7 +81,7 @@ _NOT_FINITE: Final = "NaN or an infinite number (null in JSON) where a finite on
 
 
 def request_line(number: int | None, method: str, request: object) -> bytes:
-    """Encode a request as a line; a request with `number` None is not answered."""
+    """Encode a request as a line; a request whose `number` is None is not answered."""
     message = {"method": method, "params": request} if number is None else _request(number, method, request)
     return _encode(message) + b"\n"
 
@@ -91,7 +91,7 @@ def _request(number: int, method: str, request: object) -> dict[str, object]:
 
 
 def answer_line(number: Id, answer: object) -> bytes:
-    """Encode the answer to a request as a line."""
+    """Encode the reply to a request as a line."""
     return _encode({"id": number, "result": answer}) + b"\n"
 
 
@@ -116,7 +116,7 @@ def plain(message: object) -> Any:  # noqa: ANN401 - what JSON holds
 
 
 def attributes(source: object, kind: Any) -> Any:  # noqa: ANN401 - the type that `kind` names
-    """Convert an object, or a list of objects, to the type `kind` by reading the attributes."""
+    """Convert an object, or a list of objects, to the type `kind` by reading its attributes."""
     return msgspec.convert(source, kind, from_attributes=True)
 
 

@@ -1,4 +1,4 @@
-"""Argument types for argparse, such as numbers within bounds, and options that several verbs share."""
+"""Argument types for argparse, such as numbers within bounds, and options shared by several verbs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def whole_number(title: str, numbers: range) -> Callable[[str], int]:
 
 
 def eds_path(text: str) -> Path:
-    """Return the path of an EDS file, or of the bundled file of this name if there is no such file."""
+    """Return the path of an EDS file, or of the bundled file of this name if the path does not exist."""
     path = Path(text).expanduser()
     bundled = data_path("eds", text)
     return bundled if path.name == text and not path.exists() and bundled.is_file() else path
@@ -62,7 +62,7 @@ def add_duration(
     default: float | None = None,
     read: Callable[[str], float] = seconds,
 ) -> None:
-    """Declare --for S; the `former` name of the option is still accepted."""
+    """Declare --for S; the old name `former` of the option is still accepted."""
     parser.add_argument("--for", dest=dest, type=read, default=default, metavar="S", help=meaning)
     add_former(parser, former, "--for", dest, read)
 
@@ -70,18 +70,18 @@ def add_duration(
 def add_former(
     parser: argparse.ArgumentParser, former: str, new: str, dest: str, read: Callable[[str], Any] = str
 ) -> None:
-    """Declare the former name of an option, which is hidden in the help, and prints a notice if used."""
+    """Declare the old name of an option, which is hidden in the help and prints a notice if used."""
     parser.add_argument(former, action=_Renamed, new=new, dest=dest, type=read)
 
 
 def add_new_name(parser: argparse.ArgumentParser, meaning: str) -> None:
-    """Declare --as NAME, the name for a new robot; the former option --name is still accepted."""
+    """Declare --as NAME, the name for a new robot; the old option --name is still accepted."""
     parser.add_argument("--as", dest="name", metavar="NAME", help=meaning)
     add_former(parser, "--name", "--as", "name")
 
 
 class _Renamed(argparse.Action):
-    """Argparse action for the former name of an option, which is hidden; a notice names the new option."""
+    """Argparse action for the old name of an option, which is hidden; a notice names the new option."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, new: str, **options: Any) -> None:  # noqa: ANN401 - argparse.Action takes them
         super().__init__(option_strings, dest, default=argparse.SUPPRESS, help=argparse.SUPPRESS, **options)

@@ -1,4 +1,4 @@
-"""Description of a bus for verbs that only listen, from a running robot, a robot's files, or EDS files.
+"""Description of a bus for verbs that only listen: from a running robot, a robot's files, or EDS files.
 
 The files of a robot take precedence over the running robot. Without any description, every frame is still shown, by
 the predefined connection set.
@@ -35,7 +35,7 @@ _NO_NAMES = "canopen-control: object names are unknown: give ROBOT, --name or --
 
 @dataclass(frozen=True, slots=True)
 class WatchedBus:
-    """Bus from which frames are received; `owner` is the robot that runs on the bus, or "".
+    """Bus from which frames are received; `owner` is the robot that runs on it, or "".
 
     `report_notes` prints notes about object names to standard error; call it once the bus is open.
     """
@@ -46,7 +46,7 @@ class WatchedBus:
     nameless: bool = False
 
     def report_notes(self) -> None:
-        """Print the notes of the description, after a note if object names are unknown."""
+        """Print the notes of the description, and first a note if object names are unknown."""
         if self.nameless:
             print(_NO_NAMES, file=sys.stderr)
         _report(self.network)
@@ -69,7 +69,7 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def watched_bus(args: argparse.Namespace, channel: str | None) -> WatchedBus:
-    """Return the bus on `channel`; if None, a bus of the running robot; ConfigError if there is no such bus."""
+    """Return the bus on `channel` (None: a bus of the running robot); ConfigError if it does not exist."""
     layout: BusLayout | None
     if channel is None:
         _refuse_channel(args.config)
@@ -115,7 +115,7 @@ def described(args: argparse.Namespace, *, units: bool = False) -> NetworkDescri
 
 
 def _described(args: argparse.Namespace, channel: str, *, units: bool = False) -> NetworkDescription | None:
-    """Return the network of ROBOT and the --eds files, in which ROBOT takes precedence; None if neither is given."""
+    """Return the network of ROBOT and the --eds files, in which ROBOT takes precedence; None without either."""
     by_eds = network_of_eds(channel, args.eds, find_eds) if args.eds else None
     if args.config is None:
         return by_eds
@@ -166,7 +166,7 @@ def choose_bus(buses: Mapping[str, T], name: str | None, owner: str) -> T:
 
 
 def _robot_on(channel: str) -> tuple[str, BusLayout | None]:
-    """Return the name of the robot on `channel`, and the layout of that bus; "" and None without a robot."""
+    """Return the name of the robot on `channel` and the layout of that bus; "" and None without a robot."""
     if not find_robots() or (running := robot_on(channel)) is None:
         return "", None
     with RobotClient.connect(running[0]) as robot:
@@ -213,7 +213,7 @@ def open_frames(path: str, bus: str | None = None) -> Source:
 
 
 def report_gaps(source: Source) -> None:
-    """Print the number of skipped lines, and the reason if reading ended early, to standard error."""
+    """Report the number of skipped lines, and the reason if reading ended early, on standard error."""
     if source.skipped:
         lines = "1 line is not a frame" if source.skipped == 1 else f"{source.skipped} lines are not frames"
         print(f"canopen-control: {source.path}: {lines} of classic CAN, left out", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Commands to a controller, repeated until Ctrl-C or for a given time, and then set to zero.
+"""Commands to a controller, repeated until Ctrl-C or for a given time, then set to zero.
 
 Repeated commands end with this process; a command with `--once` ends after its timeout. Drives that are being enabled
 are awaited; if nothing can move, the command ends with the robot's error and exit code 1. The end of a command causes
@@ -129,7 +129,7 @@ def values_at_the_end(controllers: Sequence[ControllerReading], name: str, value
 
 
 def target_interface(controllers: Iterable[ControllerReading], name: str) -> str | None:
-    """Return the interface that a `target` controller commands in the present mode of operation, or None."""
+    """Return the interface that a `target` controller commands in the current mode of operation, or None."""
     interfaces = [
         controller.interface for controller in controllers if controller.name == name and controller.topic == TARGET
     ]
@@ -137,7 +137,7 @@ def target_interface(controllers: Iterable[ControllerReading], name: str) -> str
 
 
 def positions_of(controllers: Iterable[ControllerReading], name: str) -> list[bool]:
-    """Return whether each command value of a controller may be a position; [] if the controller is unknown.
+    """Return, for each command value of a controller, whether it may be a position; [] if the controller is unknown.
 
     The meaning of a target depends on the mode of operation of the drive.
     """

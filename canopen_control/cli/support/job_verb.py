@@ -41,7 +41,7 @@ def _shown(value: object) -> str:
 
 
 def job_options(args: argparse.Namespace, job: Job, **others: object) -> Any:  # noqa: ANN401 - of the job's own type
-    """Return the options object of a job, from the arguments and from `others`, which the job does not declare."""
+    """Return the options object of a job from the arguments and from `others`, which the job does not declare."""
     return job.options(**{name: getattr(args, name) for name in job.declared}, **others)
 
 
@@ -74,7 +74,7 @@ class VerbRun(JobRun):
 
 @contextlib.contextmanager
 def verb_run(job: Job) -> Iterator[VerbRun]:
-    """Context with the run of a job, whose progress display is erased on exit."""
+    """Context with the run of a job; its progress display is erased on exit."""
     run = VerbRun(job, job.name)
     try:
         yield run
@@ -83,11 +83,11 @@ def verb_run(job: Job) -> Iterator[VerbRun]:
 
 
 def print_run(args: argparse.Namespace, run: JobRun, sentence: str) -> int:
-    """Print the document of a job with --json, otherwise its lines and `sentence`; return 1 if the job failed."""
+    """Print the document of a job with --json, otherwise its lines and `sentence`; return 1 if it failed."""
     print(json_text(run.document) if args.json else "\n".join([*run.lines, sentence]))
     return 1 if run.failed else 0
 
 
 def print_restored(args: argparse.Namespace, run: JobRun, sentence: str) -> int:
-    """Print the result of a restore or a clone, with a hint at --store if nothing was stored."""
+    """Print the result of a restore or a clone, with a hint about --store if nothing was stored."""
     return print_run(args, run, sentence if run.failed or args.store else f"{sentence} (--store)")

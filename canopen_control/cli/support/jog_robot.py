@@ -1,4 +1,4 @@
-"""Robot for a jog or a tuning run: one drive on a bare bus, booted like every robot, or a drive of a running robot.
+"""Robot for a jog or a tuning run: one drive on a bare bus, booted like any robot, or a drive of a running robot.
 
 The boot is the normal one: `init` chooses mode, PDOs and supervision from the EDS; the runtime boots, monitors and
 stops the drive on a bus without controllers. The drive detects the end of this process by heartbeat or guarding, within
@@ -56,7 +56,7 @@ DEAD_MAN_S: Final = 5 * HEARTBEAT_MS / 1000
 
 
 def choose_jog(device: Device, interface: str, *, allow_unsupervised: bool) -> NewRobot:
-    """Plan a robot of one drive that is commanded by `interface`; RobotConfigError if this robot cannot be run."""
+    """Plan a robot of one drive that is commanded by `interface`; RobotConfigError if it cannot be run."""
     name = f"jog_{device.node_id}"
     if name in find_robots():
         name = f"{name}_{os.getpid()}"
@@ -107,7 +107,7 @@ def _cyclic(device: Device, drive: DriveChoice) -> DriveChoice:
 
 
 def dead_man_words(supervision: Supervision) -> str:
-    """Return a sentence on how the drive stops if this process ends."""
+    """Return a sentence about how the drive stops if this process ends."""
     if supervision.consumer:
         return (
             f"the drive watches this computer's heartbeat (0x1016) and stops by itself {DEAD_MAN_S:g} s after its end"
@@ -121,7 +121,7 @@ def dead_man_words(supervision: Supervision) -> str:
 def own_robot(
     robot: NewRobot, axis: AxisChoice, channel: str, speed: float, events: RobotObserver
 ) -> Iterator[JogDrive]:
-    """Context in which a robot of one drive runs in this process, with speeds capped at `speed` rad/s."""
+    """Context in which a robot of one drive runs in this process, with speeds limited to `speed` rad/s."""
     with tempfile.TemporaryDirectory(prefix="canopen-control-jog-") as folder:
         path = Path(folder) / BUS
         path.write_text(bus_text(robot), encoding="utf-8")
@@ -145,7 +145,7 @@ def own_robot(
 
 
 def _read(robot: NewRobot, path: Path, channel: str) -> RobotSetup:
-    """Read the generated robot; RobotConfigError attributes an error in its files to the EDS."""
+    """Read the generated robot; a RobotConfigError for its files is attributed to the EDS."""
     try:
         return read_robot(find_robot(None, bus=str(path)), name=robot.name, can=[channel], real=True)
     except ConfigError as error:

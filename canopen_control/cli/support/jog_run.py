@@ -89,7 +89,7 @@ class Keyboard:
         self._signals.close()
 
     def read(self, timeout: float) -> bytes:
-        """Return the input that arrives within `timeout` s, or b"" if there is none."""
+        """Return the input that arrives within `timeout` s, or b""."""
         if self.ended or not select.select([self._fd], [], [], max(timeout, 0.0))[0]:
             return b""
         try:
@@ -203,7 +203,7 @@ class JogRun:
             motion.key(key, now)
 
     def _check_sample(self, client: RobotClient, motion: JogMotion) -> None:
-        """Pass the newest sample, and the drive's current, to the motion."""
+        """Pass the latest sample and the drive's current to the motion."""
         for message in client.messages(0):
             if isinstance(message, StateSample):
                 self._sample = message
@@ -247,7 +247,7 @@ class _Line:
         self._shown = 0.0
 
     def show(self, words: Callable[[], str]) -> None:
-        """Print the text that `words` returns, if a new line is due."""
+        """Print the text returned by `words` if a new line is due."""
         now = time.monotonic()
         if now - self._shown < self._period:
             return

@@ -1,4 +1,4 @@
-"""Nodes of running robots by the names that users type, which are node name, joint name or node id.
+"""Nodes of running robots by the names that users type: node name, node id or joint name.
 
 For verbs that access the buses and virtual drives of a robot directly. A robot that does not answer is skipped, because
 these verbs must work while a robot hangs.
@@ -41,12 +41,12 @@ class KnownNode:
 
 
 def known_nodes(channel: str | None = None) -> list[KnownNode]:
-    """Return the nodes of all running robots, or only the nodes on `channel`."""
+    """Return the nodes of all running robots, or only those on `channel`."""
     return ask_nodes(channel)[0]
 
 
 def ask_nodes(channel: str | None = None) -> tuple[list[KnownNode], dict[str, CanopenError]]:
-    """Return the nodes as `known_nodes`, and the errors of robots that do not answer, by robot name."""
+    """Return the nodes like `known_nodes`, and the errors of robots that do not respond, by robot name."""
     selected = None if channel is None else str(parse_channel(channel))
     nodes: list[KnownNode] = []
     silent: dict[str, CanopenError] = {}
@@ -66,7 +66,7 @@ def _nodes_of(robot: str) -> list[KnownNode]:
 
 
 def find_node(word: str, nodes: Iterable[KnownNode]) -> KnownNode | None:
-    """Return the node that `word` (node name, node id or joint) selects, or None; ConfigError if it is ambiguous."""
+    """Return the node selected by `word` (node name, node id or joint), or None; ConfigError if ambiguous."""
     matching = [node for node in nodes if word in node.words]
     if len(matching) > 1:
         places = ", ".join(f"{node} of {node.robot} on {node.channel}" for node in matching)

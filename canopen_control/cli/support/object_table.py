@@ -27,7 +27,7 @@ _WIDEST: Final = 60  # maximum width of a value, in columns
 
 
 def live_objects(session: NodeSession, entries: Sequence[Entry], *, title: str = "reading") -> list[LiveObject]:
-    """Return the entries with the values read from the node; RemoteProtocolError if the node does not answer."""
+    """Return the entries with the values read from the node; RemoteProtocolError if it does not respond."""
     read = [entry for entry in entries if is_scanned(entry)]
     with Progress(f"{title} {session}", "objects") as progress:
         values, refused = read_values(session, _paced(read, session, progress))
@@ -48,7 +48,7 @@ def _paced(entries: Sequence[Entry], session: NodeSession, progress: Progress) -
 
 
 def table_lines(rows: Sequence[ObjectRow], *, live: bool) -> list[str]:
-    """Return the lines of a table; `live` adds values, with `*` before each value that is not the default."""
+    """Return the lines of a table; `live` adds values, with `*` before each non-default value."""
     headings = ["address", "name", "type", "access", "PDO", "default"]
     table = Table([*headings, *(["", "value", "unit", "meaning"] if live else ["unit"])])
     for row in rows:

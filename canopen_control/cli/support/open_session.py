@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 def add_session_arguments(parser: argparse.ArgumentParser, *, node: bool = True) -> None:
-    """Declare NODE, --eds, --timeout, and --can or --name; `node` is False for a verb with its own node arguments."""
+    """Declare NODE, --eds, --timeout, and --can or --name; `node` is False for verbs with their own node arguments."""
     if node:
         parser.add_argument("node", metavar="NODE", help="name or node id; on a bare bus the node id")
     parser.add_argument("--eds", metavar="FILE", help="EDS of the node: a path, or the name of a bundled file")
@@ -68,7 +68,7 @@ def open_session(args: argparse.Namespace, node: str | None = None) -> Iterator[
 def open_sessions(
     args: argparse.Namespace, nodes: Iterable[str]
 ) -> Iterator[tuple[dict[str, NodeSession], RobotClient | None]]:
-    """Context with a session for each of `nodes`, and the client of the robot, which is None on a bare bus."""
+    """Context with a session for each of `nodes` and the client of the robot, which is None on a bare bus."""
     with open_target(args, through_robot=True) as target:
         sessions = {word: target.session(word) for word in dict.fromkeys(nodes)}
         for session in sessions.values():
@@ -115,7 +115,7 @@ def read_bare_drive(args: argparse.Namespace, *, with_fault: bool = False) -> De
 
 
 def axis_of(robot: NewRobot, args: argparse.Namespace) -> AxisChoice:
-    """Return the axis that --axis selects; ConfigError if the node does not have this axis."""
+    """Return the axis selected by --axis; ConfigError if the node does not have it."""
     number: int = args.axis
     if number >= len(robot.joints):
         raise ConfigError(f"node {args.node} has no axis {number}; it has {len(robot.joints)}, counted from 0")
@@ -171,7 +171,7 @@ def as_file(word: str) -> Path | None:
 
 
 def backup_file(word: str) -> ParameterSet:
-    """Read the DCF file that `word` names; ConfigError if there is no such file."""
+    """Read the DCF file that `word` names; ConfigError if it does not exist."""
     path = as_file(word)
     if path is None:
         raise ConfigError(f"{word}: no such file; create one with: canopen-control backup NODE -o {word}")
@@ -186,7 +186,7 @@ def read_all(session: NodeSession, *, twice: bool = True) -> ReadParameters:
 
 
 def read_like(session: NodeSession, file: ParameterSet) -> ReadParameters:
-    """Read the objects of a DCF file from a node, by the data types of the file, and show the progress."""
+    """Read the objects of a DCF file from a node, with the data types of the file, and show the progress."""
     with Progress(f"reading {session}", "objects") as progress:
         parameters, left_out = read_same(session, file, progress.at)
     return ReadParameters(parameters, tuple(left_out))

@@ -37,7 +37,7 @@ def json_text(document: object, *, indent: int | None = 2) -> str:
 
 
 def print_result(args: argparse.Namespace, document: object, text: str = "") -> None:
-    """Print the result of a verb: `document` as JSON with --json, otherwise `text` if it is not empty."""
+    """Print the result of a verb: `document` as JSON with --json, otherwise `text` unless empty."""
     if args.json:
         print(json_text(document))
     elif text:
@@ -127,7 +127,7 @@ def _amount(done: int, total: int | None, unit: str) -> str:
 
 
 def _rate(done: int, total: int | None, gained: int, elapsed: float, unit: str) -> str:
-    """Return rate and remaining time, "" before they can be estimated."""
+    """Return rate and remaining time, or "" before they can be estimated."""
     if gained <= 0 or not total or elapsed <= 0.0:
         return ""
     return f", {gained / elapsed:,.0f}{unit}/s, {(total - done) * elapsed / gained:.0f} s left"
@@ -144,7 +144,7 @@ def is_printed(kind: str, *, notable: bool) -> bool:
 
 
 def with_token(text: str) -> str:
-    """Return a line in which page addresses are completed by their access tokens, which are read from files."""
+    """Complete page addresses in a line with their access tokens, which are read from files."""
     from canopen_control.view.page_address import page_addresses
 
     with contextlib.suppress(CanopenError):
@@ -154,7 +154,7 @@ def with_token(text: str) -> str:
 
 
 def painted(lines: Iterable[str]) -> list[str]:
-    """Return lines in which words are coloured by level; unchanged without a terminal or with NO_COLOR."""
+    """Colour words in lines by level; unchanged without a terminal or with NO_COLOR."""
     if sys.stdout is None or not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return list(lines)
     return [

@@ -22,7 +22,7 @@ _ARGUMENT = re.compile(r"[A-Za-z_]\w*:=")
 
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
-    """Import the module of a verb, and return the parser of this verb."""
+    """Import the module of a verb and return the verb's parser."""
     module = importlib.import_module(f"canopen_control.cli.{verb}")
     parser = _VerbParser(
         prog=f"canopen-control {verb}",
@@ -48,7 +48,7 @@ def actions_of(parser: argparse.ArgumentParser, path: str) -> Iterator[tuple[str
 
 
 def _with_exit_codes(text: str) -> str:
-    """Return the description of a verb, with the common exit codes if the description contains none."""
+    """Return the description of a verb; the common exit codes are added if it contains none."""
     return text.strip() if "Exit codes" in text else f"{text.strip()}\n\n{_EXIT_CODES}"
 
 
@@ -69,7 +69,7 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 def _width() -> int:
-    """Return the width of help texts as argparse does, but without the import of shutil, which takes time."""
+    """Return the width of help texts like argparse, but without importing shutil, which takes time."""
     try:
         return int(os.environ.get("COLUMNS", "")) - 2
     except ValueError:
@@ -81,7 +81,7 @@ def _width() -> int:
 
 
 class _VerbParser(argparse.ArgumentParser):
-    """Parser of a verb; NAME:=VALUE is allowed anywhere on the line, if the verb accepts xacro arguments.
+    """Parser of a verb; NAME:=VALUE is allowed anywhere on the line if the verb accepts xacro arguments.
 
     argparse itself accepts such positional arguments in one place only, so that none could follow an option.
     """

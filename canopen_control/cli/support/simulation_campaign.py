@@ -87,7 +87,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
 
 
 def _run(campaign: Campaign, seeds: Sequence[int], order: CampaignOrder, totals: Totals) -> tuple[int, str]:
-    """Run seeds and print their breaches; return the exit code, and the reason of an early end or ""."""
+    """Run seeds and print their breaches; return the exit code, and the reason for an early end or ""."""
     with Progress("seeds", stream=sys.stderr) as progress:
         try:
             for result in _results(campaign, seeds, order, progress):
@@ -122,7 +122,7 @@ def _note(text: str, progress: Progress) -> None:
 def _shrink(
     campaign: Campaign, setup: RobotSetup, totals: Totals, order: CampaignOrder, folder: Path
 ) -> tuple[str, ...]:
-    """Write the minimal schedules of the first failing seeds, and return the paths of these files."""
+    """Write the minimal schedules of the first failing seeds; return the paths of these files."""
     command = shlex.join(["canopen-control", "simulate", *order.words])
     written: list[str] = []
     with contextlib.suppress(KeyboardInterrupt), Progress("shrinking", "tries", stream=sys.stderr) as progress:

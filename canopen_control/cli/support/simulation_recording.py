@@ -47,7 +47,7 @@ _SAMPLE_NS: Final = 100_000_000
 
 
 def check_recording_name(path: Path) -> None:
-    """Raise ConfigError if `path` is not the name of a flight recording, or if it cannot be written."""
+    """Raise ConfigError if `path` is not the name of a flight recording, or cannot be written."""
     if not is_flight_file(path):
         raise ConfigError(f"--record {path}: a recording of a simulation is a flight recording, as {path.stem}.zip")
     if path.is_dir():
@@ -108,7 +108,7 @@ class SimulationRecorder(SimulationObserver):
 
 
 def _requests_of(act: ScenarioEvent, active: Mapping[str, str]) -> list[Request[Any]]:
-    """Return the requests by which a client causes a scenario event; [] if clients do not cause this event."""
+    """Return the requests with which a client causes a scenario event; [] if clients cannot cause it."""
     name, values = act.target, list(act.values)
     controllers = [name for name, state in active.items() if state == "active" and "broadcaster" not in name]
     if act.kind == "command":

@@ -1,4 +1,4 @@
-"""Target of a verb: the nodes of a running robot through its API, or a bare bus.
+"""Target of a verb: the nodes of a running robot through its API, or those of a bare bus.
 
 An SDO server has one client. The nodes of a running robot are reached through the robot alone; on a bus on which a
 robot runs, only the other nodes are reached directly.
@@ -37,7 +37,7 @@ LABEL = "canopen-control"  # label of a verb as a member of a bus
 
 
 class Target(abc.ABC):
-    """Nodes that a verb can reach, with a session for each node; `eds` replaces the robot's own EDS files."""
+    """Nodes that a verb can reach, with a session for each; `eds` replaces the robot's own EDS files."""
 
     def __init__(self, eds: Path | None) -> None:
         self._eds = eds
@@ -51,7 +51,7 @@ class Target(abc.ABC):
 
     @abc.abstractmethod
     def session(self, word: str) -> NodeSession:
-        """Return the session with the node that `word` (name or node id) selects; ConfigError if there is none."""
+        """Return the session with the node selected by `word` (name or node id); ConfigError if it does not exist."""
 
     @abc.abstractmethod
     def close(self) -> None:
@@ -68,7 +68,7 @@ def add_target_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def open_target(args: argparse.Namespace, *, through_robot: bool = False) -> RobotTarget | BusTarget:
-    """Open the robot or bus that the arguments select: `can`, `name`, `eds` and `timeout` (s or None).
+    """Open the robot or bus selected by the arguments `can`, `name`, `eds` and `timeout` (s or None).
 
     With `through_robot`, a bus on which a robot runs is reached through that robot.
     """
@@ -88,7 +88,7 @@ def find_eds(text: str) -> Path:
 
 
 def robot_on(channel: str) -> tuple[str, NodeListing] | None:
-    """Return the name and the node listing of the running robot on `channel`, or None."""
+    """Return name and node listing of the running robot on `channel`, or None."""
     address = str(parse_channel(channel))
     for name in find_robots():
         try:
@@ -106,7 +106,7 @@ def robot_on(channel: str) -> tuple[str, NodeListing] | None:
 
 
 class RobotTarget(Target):
-    """Nodes of a running robot, reached through this robot."""
+    """Nodes of a running robot, reached through the robot."""
 
     def __init__(self, robot: RobotClient, eds: Path | None = None, timeout: float | None = None) -> None:
         super().__init__(eds)
@@ -143,7 +143,7 @@ class RobotTarget(Target):
 
 
 class BusTarget(Target):
-    """Nodes on a bus, reached directly, except the nodes of a robot that runs on the bus."""
+    """Nodes on a bus, reached directly, except those of a robot that runs on the bus."""
 
     def __init__(self, channel: str, eds: Path | None = None, timeout: float | None = None) -> None:
         super().__init__(eds)
@@ -154,7 +154,7 @@ class BusTarget(Target):
         self.bus.close()
 
     def session(self, word: str) -> NodeSession:
-        """Return the session with a node id; ConfigError if the id is invalid or a running robot has the node."""
+        """Return the session with a node id; ConfigError if it is invalid or a running robot has the node."""
         node_id = parse_node_id(word)
         name, listing = self.owner or ("", NodeListing())
         if any(node_id == node.node_id for node in listing.nodes):
@@ -195,7 +195,7 @@ class BusTransfers(Transfers):
                 raise DriveError(f"node {self._node_id} is {text}")
 
     def nmt_state(self) -> NmtState | None:
-        """Return the NMT state in the node's next heartbeat; None if no heartbeat arrives in time."""
+        """Return the NMT state in the node's next heartbeat, or None if none arrives in time."""
         bus, node_id = self._bus, self._node_id
         bus.states.pop(node_id, None)
         try:
@@ -209,11 +209,11 @@ class BusTransfers(Transfers):
         return bus.states.get(node_id)
 
     def taken_out(self) -> bool:
-        """Return True, because no robot uses the node."""
+        """Return True, since no robot uses the node."""
         return True
 
     def close(self) -> None:
-        """Do nothing: the bus belongs to the target."""
+        """Do nothing; the bus belongs to the target."""
 
 
 def parse_node_id(text: str) -> int:

@@ -1,4 +1,4 @@
-"""Declaration of a socket's methods: a request is a structure with the type of its answer.
+"""Declaration of a socket's methods: a request is a structure with the type of its reply.
 
     STORE: Api[Hello, Changed] = Api("store", Hello, {"changed": Changed})
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 PROTOCOL: Final = 2
-"""Protocol version of all sockets; it is increased when an older peer could misunderstand a message."""
+"""Protocol version of all sockets; increased when an older peer could misunderstand a message."""
 
 # number types in messages, with their ranges
 _LAST_COUNT: Final = (1 << 63) - 1
@@ -46,7 +46,7 @@ R = TypeVar("R", bound="Request[Any]")
 
 
 class Request(msgspec.Struct, Generic[A], frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base class of requests; the type parameter `A` is the type of the answer."""
+    """Base class of requests; the type parameter `A` is the type of the reply."""
 
 
 class Document(msgspec.Struct, frozen=True):
@@ -58,7 +58,7 @@ class Done(msgspec.Struct, frozen=True):
 
 
 class Refusal(msgspec.Struct, frozen=True):
-    """Error answer to a request; `kind` is the name of a class in errors.py."""
+    """Error reply to a request; `kind` is the name of a class in errors.py."""
 
     kind: str = "RemoteError"
     message: str = "refused without a reason"
@@ -74,7 +74,7 @@ class Effect(enum.Enum):
 
 
 class Method(NamedTuple):
-    """Method of a socket, with request and answer types."""
+    """Method of a socket, with request and reply types."""
 
     name: str
     request: type[Request[Any]]

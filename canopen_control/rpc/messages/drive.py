@@ -37,7 +37,7 @@ Inputs = Annotated[int, msgspec.Meta(ge=0, le=0xFFFFFFFF)]
 
 
 class DriveHello(msgspec.Struct, frozen=True, kw_only=True):
-    """Greeting of a virtual node; `channel` is the bus, such as "local:robby", `pid` the process id."""
+    """Greeting of a virtual node; `channel` is the bus, such as "local:robby", and `pid` the process id."""
 
     node_id: int
     name: str = ""
@@ -78,7 +78,7 @@ class FaultListing(msgspec.Struct, frozen=True, kw_only=True):
 
 @DRIVE.method("faults", Effect.READS)
 class ListFaults(Request[tuple[FaultListing, ...]], frozen=True):
-    """List the faults that can be injected into the node; the faults of inputs and axes depend on the node."""
+    """List the faults that can be injected into the node; faults of inputs and axes depend on the node."""
 
 
 class ActiveFaults(msgspec.Struct, frozen=True):
@@ -120,7 +120,7 @@ class QuirkListing(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True
 
 @DRIVE.method("quirks", Effect.READS)
 class ListQuirks(Request[tuple[QuirkListing, ...]], frozen=True):
-    """List the quirks that can be switched on in the node."""
+    """List the quirks that can be enabled in the node."""
 
 
 class ActiveQuirks(msgspec.Struct, frozen=True):
@@ -131,7 +131,7 @@ class ActiveQuirks(msgspec.Struct, frozen=True):
 
 @DRIVE.method("quirk", Effect.CHANGES)
 class SwitchQuirk(Request[ActiveQuirks], frozen=True, kw_only=True):
-    """Switch a quirk on or off; `quirk` is NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS."""
+    """Enable or disable a quirk; `quirk` is NAME, NAME=VALUE, NAME@AXIS or NAME=VALUE@AXIS."""
 
     quirk: str
     on: bool = True
@@ -157,7 +157,7 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class SetPointQuality(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Timing and smoothness of set-points in a cyclic mode since the enable or `restart_quality`.
+    """Timing and smoothness of set-points in a cyclic mode since the drive was enabled, or since `restart_quality`.
 
     `taken` counts the set-points that the drive used, `missed` the periods without a new set-point, `doubled` the
     set-points that repeated the previous one during a motion, `overwritten` the set-points that were replaced before
@@ -198,7 +198,7 @@ class AxisState(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BasePose(msgspec.Struct, frozen=True, omit_defaults=True):
-    """True pose of a simulated base in the world frame, in m and rad; `time_ns` is a monotonic time.
+    """True pose of a simulated base in the world frame, in m and rad; `time_ns` is monotonic time.
 
     `heading` is not wrapped, `z` is the height above the floor at the start, `roll` and `pitch` are as in REP 103:
     positive to the right side and to the front down.
@@ -259,7 +259,7 @@ class DriveState(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @DRIVE.method("state", Effect.READS)
 class GetDriveState(Request[DriveState], frozen=True):
-    """Return the state of the node, of the axes and of their mechanics."""
+    """Return the state of the node, its axes and their mechanics."""
 
 
 # -- inputs and mechanics
@@ -275,7 +275,7 @@ class SetInputs(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("signals", Effect.CHANGES)
 class SetSignals(Request[Done], frozen=True, kw_only=True):
-    """Set inputs of a device other than a drive, by name and in units; all values are set, or none.
+    """Set inputs of a device other than a drive by name, in their units; either all values are set or none.
 
     `values` is for example {"di0": 1, "position": 3.14}.
     """
@@ -285,7 +285,7 @@ class SetSignals(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("plant", Effect.CHANGES)
 class SetPlant(Request[Done], frozen=True, kw_only=True):
-    """Set parameters of an axis' mechanics by their names in a plant file; all are set, or none.
+    """Set parameters of an axis' mechanics by their names in a plant file; either all are set or none.
 
     For a motor with a load these are mainly `external` and `friction`, torques in per mille of the rated torque,
     `inertia` as a multiple of the motor's own inertia, `backlash` in counts, and whether the motor is `stalled`.
@@ -319,7 +319,7 @@ class AddPayload(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("push", Effect.CHANGES)
 class PushRobot(Request[Done], frozen=True, kw_only=True):
-    """Push a link at the centre of mass with `force` in N in the world frame; `on` "" is the heaviest link."""
+    """Push a link at its centre of mass with `force` in N in the world frame; if `on` is "", the heaviest link."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -328,7 +328,7 @@ class PushRobot(Request[Done], frozen=True, kw_only=True):
 
 @DRIVE.method("block", Effect.CHANGES)
 class BlockJoint(Request[Done], frozen=True, kw_only=True):
-    """Block a joint that a drive moves, or release the joint with `on` false."""
+    """Block a joint that a drive moves, or release it with `on` false."""
 
     joint: str
     on: bool = True
@@ -350,9 +350,9 @@ WorldAct = AddPayload | PushRobot | BlockJoint | SetGrip
 
 @DRIVE.method("world", Effect.READS)
 class GetWorld(Request[WorldState], frozen=True):
-    """Return the true pose of the base and the sensors, with the same result from all nodes of a simulation."""
+    """Return the true pose of the base and the sensors; all nodes of a simulation return the same result."""
 
 
 @DRIVE.method("shapes", Effect.READS)
 class GetWorldShapes(Request[tuple[WorldShape, ...]], frozen=True):
-    """Return the objects around the robot at present: patches, boxes, ramps, walls and other robots."""
+    """Return the objects currently around the robot: patches, boxes, ramps, walls and other robots."""

@@ -27,7 +27,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @classmethod
     def of_emcy(cls, message: EmcyMessage) -> FaultEvent:
-        """Return the fault, or the end of a fault, that an EMCY message reports."""
+        """Return the fault, or the end of a fault, reported by an EMCY message."""
         return cls(message.error_code, message.error_register, message.data.hex())
 
     @property
@@ -37,7 +37,7 @@ class FaultEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def code_text(self) -> str:
-        """Error code with its meaning, "" without a code."""
+        """Error code with its meaning, or "" without a code."""
         return "" if self.error_code is None else code_text(self.error_code)
 
     @property

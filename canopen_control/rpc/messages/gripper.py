@@ -58,7 +58,7 @@ class MoveGripper(_Goal[GripperResult], frozen=True, kw_only=True):
 
 
 class SendGripper(_Goal[GripperVerdict], frozen=True, kw_only=True):
-    """Send a gripper goal and return at once whether the goal is accepted; `gripper_end` waits for the end."""
+    """Send a gripper goal, and return at once whether it is accepted; `gripper_end` waits for the end."""
 
 
 class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
@@ -66,7 +66,7 @@ class GripperEnd(Request[GripperResult], frozen=True, kw_only=True):
 
 
 class CancelGripper(Request[Done], frozen=True, kw_only=True):
-    """Cancel the goal of a gripper controller, also of another client; the joint is held.
+    """Cancel the goal of a gripper controller, even of another client; the joint is held.
 
     With `own` true only a goal of this connection is cancelled. `why` becomes part of the result.
     """

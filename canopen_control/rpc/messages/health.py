@@ -54,7 +54,7 @@ ROBOT_STATES: Final = {
     "stopping": StateWords("stopping", WARN, "The joints ramp to zero."),
     "stopped": StateWords("stopped", IDLE, "The robot has ended its run."),
 }
-"""Meanings of the states of a robot as a whole; an unknown state of a newer version is shown by its name."""
+"""Meanings of the states of a robot as a whole; a state unknown to this version is shown by its name."""
 LATCHED: Final = StateWords("STOP is latched", BAD, "Press Release STOP, then Enable.", "release")
 
 
@@ -78,7 +78,7 @@ class Diagnosis(NamedTuple):
 
 
 def stale(age: float | None, after: float, *, is_known: bool) -> Diagnosis | None:
-    """Return STALE if no message was received, or if the data is older than `after` s; else None.
+    """Return STALE if no message was received or the data is older than `after` s, else None.
 
     `age` is the age of the newest data in s; `is_known` is True if any message was received.
     """
@@ -90,7 +90,7 @@ def stale(age: float | None, after: float, *, is_known: bool) -> Diagnosis | Non
 
 
 def diagnose(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> Diagnosis:
-    """Return the health of a drive, derived from axis states, boot, NMT state and error text."""
+    """Return the health of a drive from axis states, boot, NMT state and error text."""
     if any(state in _FAULTS for state in states):
         return Diagnosis(Health.ERROR, error or "the drive is in fault")
     if not ready:

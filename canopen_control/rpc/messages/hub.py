@@ -1,4 +1,4 @@
-"""Control socket of a ``local:`` bus: the members of the bus, and the injection of bus faults.
+"""Control socket of a ``local:`` bus: its members, and the injection of bus faults.
 
 A label is the name of a member of the bus, such as ``drive 3``; an optional label "" means all members. The kind of an
 error is a class in errors.py: ConfigError for an unknown label.
@@ -46,7 +46,7 @@ class Member(msgspec.Struct, frozen=True):
 
 
 class DropState(msgspec.Struct, frozen=True):
-    """Active `drop` rule, with the number of frames that matched (`seen`) and that were `lost`."""
+    """Active `drop` rule, with the numbers of frames that matched (`seen`) and that were `lost`."""
 
     label: str = ""
     can_id: int | None = None
@@ -57,7 +57,7 @@ class DropState(msgspec.Struct, frozen=True):
 
 
 class HubStatus(msgspec.Struct, frozen=True):
-    """Status of a local bus; `load` (0 to 1) exists if a bit rate is simulated, faults are listed by label."""
+    """Status of a local bus; `load` (0 to 1) exists if a bit rate is simulated; faults are listed by label."""
 
     bus: str
     pid: int
@@ -75,7 +75,7 @@ class HubStatus(msgspec.Struct, frozen=True):
 
 @HUB.method("status", Effect.READS)
 class GetHubStatus(Request[HubStatus], frozen=True):
-    """Return members, faults and traffic of the bus."""
+    """Return the members, faults and traffic of the bus."""
 
 
 # -- faults
@@ -97,7 +97,7 @@ class Uncut(Request[Done], frozen=True):
 
 @HUB.method("bus_off", Effect.CHANGES)
 class ForceBusOff(Request[Done], frozen=True):
-    """Set the CAN controller of a member to bus-off, which an error frame reports to the member."""
+    """Put the CAN controller of a member into bus-off; an error frame reports this to the member."""
 
     label: str
 
@@ -111,7 +111,7 @@ class Restart(Request[Done], frozen=True):
 
 @HUB.method("error_frame", Effect.CHANGES)
 class SendErrorFrame(Request[Done], frozen=True, kw_only=True):
-    """Report an error frame by the CAN controller of a member, or of all members."""
+    """Send an error frame from the CAN controller of a member, or of all members."""
 
     kind: ErrorKind = "bus-error"
     label: str = ""
@@ -144,4 +144,4 @@ class SetBitrate(Request[Done], frozen=True):
 
 @HUB.method("clear", Effect.CHANGES)
 class ClearFaults(Request[Done], frozen=True):
-    """Clear all faults; a simulated bit rate remains."""
+    """Clear all faults; a simulated bit rate stays active."""

@@ -39,7 +39,7 @@ class PdoLayout(msgspec.Struct, frozen=True):
 
 
 class NodeLayout(msgspec.Struct, frozen=True):
-    """Active PDOs of a node; `eds` is the path of the EDS, "" without an EDS."""
+    """Active PDOs of a node; `eds` is the path of the EDS, or "" without one."""
 
     name: str
     node_id: NodeId
@@ -59,6 +59,6 @@ class BusLayout(msgspec.Struct, frozen=True):
 
 
 class Layout(msgspec.Struct, frozen=True):
-    """PDO mappings of all buses, by the name of the bus."""
+    """PDO mappings of all buses, by bus name."""
 
     buses: dict[str, BusLayout] = {}

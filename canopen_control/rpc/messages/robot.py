@@ -45,7 +45,7 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
-    """Node in the files of a robot, with bus, path of the EDS, and settings from bus.yml.
+    """Node in the files of a robot: bus, path of the EDS, and settings from bus.yml.
 
     `axes` is the number of CiA 402 axes in the EDS; `joints` are the joints that the node moves, none for a proxy.
     """
@@ -64,7 +64,7 @@ class NodePlace(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BusPlace(msgspec.Struct, frozen=True):
-    """Channel of a bus, and the node id of the master on this bus."""
+    """Channel of a bus, and the node id of its master."""
 
     channel: str
     node_id: int | None = None
@@ -78,7 +78,7 @@ class NodeListing(msgspec.Struct, frozen=True):
 
 
 class GetNodes(Request[NodeListing], frozen=True):
-    """Return all buses, and all nodes with bus and EDS."""
+    """Return all buses, and all nodes with their bus and EDS."""
 
 
 class NmtRequest(Request[Done], frozen=True, kw_only=True):
@@ -101,7 +101,7 @@ class SdoData(msgspec.Struct, frozen=True):
 
 
 class SdoRead(Request[SdoData], frozen=True, kw_only=True):
-    """Upload an object; `timeout` is in s per answer (null: the timeout of the node), `block` uses block transfer."""
+    """Upload an object; `timeout` is in s per response (null: the node's timeout), `block` uses block transfer."""
 
     node: NodeName
     index: Index
@@ -125,14 +125,14 @@ class SdoWrite(Request[Done], frozen=True, kw_only=True):
 
 
 class SdoProgress(msgspec.Struct, frozen=True):
-    """Progress of an SDO transfer as transferred and total bytes, 0 and null if unknown."""
+    """Progress of an SDO transfer in transferred and total bytes; 0 and null if unknown."""
 
     done: Count = 0
     total: Count | None = None
 
 
 class GetSdoProgress(Request[SdoProgress], frozen=True, kw_only=True):
-    """Return the progress of the present SDO transfer with a node, also of another client."""
+    """Return the progress of the current SDO transfer with a node, even of another client."""
 
     node: NodeName
 
@@ -144,7 +144,7 @@ class SdoPiece(Request[Done], frozen=True, kw_only=True):
 
 
 class PdoWrite(Request[Done], frozen=True, kw_only=True):
-    """Send an object once, in the RPDO that maps the object; refused for objects that move an axis."""
+    """Send an object once in the RPDO that maps it; refused for objects that move an axis."""
 
     node: NodeName
     index: Index
@@ -212,7 +212,7 @@ class ProcessData(msgspec.Struct, frozen=True):
 
 
 class RequestSeen(msgspec.Struct, frozen=True):
-    """Accepted request of a client with parameters, except requests that only read."""
+    """Accepted request of a client with its parameters, except requests that only read."""
 
     time: float
     method: str
@@ -273,7 +273,7 @@ class CommandController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("command_by_name", Effect.MOVES)
 class CommandByName(Request[Done], frozen=True, kw_only=True):
-    """Command some interfaces of a controller by name, such as "io/lamp"; other interfaces are unchanged.
+    """Command some interfaces of a controller by name, such as "io/lamp"; the others are unchanged.
 
     Only GPIO command controllers accept this request. A `dead_man` command ends when this connection is closed.
     """
@@ -286,7 +286,7 @@ class CommandByName(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("twist", Effect.MOVES)
 class TwistController(Request[Done], frozen=True, kw_only=True):
-    """Command a base by a twist: `linear` forward and `lateral` to the left in m/s, `angular` in rad/s.
+    """Command a base with a twist: `linear` forward and `lateral` to the left in m/s, `angular` in rad/s.
 
     `lateral` must be 0 for a base that cannot drive sideways. `stamp` is the Unix time of the twist in s, null for now.
     """
@@ -306,7 +306,7 @@ ROBOT.declare(GRIPPER_METHODS)
 
 @ROBOT.method("stop", Effect.STOPS)
 class Stop(Request[Done], frozen=True, kw_only=True):
-    """Ramp all joints to zero and disable the drives; answered when no drive moves.
+    """Ramp all joints to zero and disable the drives; answered once nothing moves.
 
     With `latch` true the stop is latched: nothing moves before `release`, for any client.
     """
@@ -347,14 +347,14 @@ class SetFeedForward(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("set_measured_states", Effect.MOVES)
 class SetMeasuredStates(Request[Done], frozen=True, kw_only=True):
-    """Set the measured states, and then their derivatives, of a PID controller (`~/measured_state`)."""
+    """Set the measured states of a PID controller, and then their derivatives (`~/measured_state`)."""
 
     controller: str
     values: list[float]
 
 
 class AxisDone(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Result of an axis request; `text` names additionally affected axes of a base, "" without any."""
+    """Result of an axis request; `text` names additionally affected axes of a base, else ""."""
 
     text: str = ""
 
@@ -392,7 +392,7 @@ class ListControllerTypes(Request[list[str]], frozen=True):
 
 @ROBOT.method("load", Effect.CHANGES)
 class LoadController(Request[Done], frozen=True, kw_only=True):
-    """Load a controller in ros2_controllers.yaml and, unless `configure` is false, configure the controller."""
+    """Load a controller in ros2_controllers.yaml and configure it, unless `configure` is false."""
 
     controller: str
     configure: bool = True
@@ -407,7 +407,7 @@ class ConfigureController(Request[Done], frozen=True, kw_only=True):
 
 @ROBOT.method("cleanup", Effect.CHANGES)
 class CleanupController(Request[Done], frozen=True, kw_only=True):
-    """Clean up an inactive controller, which also unloads the controller."""
+    """Clean up an inactive controller, which also unloads it."""
 
     controller: str
 

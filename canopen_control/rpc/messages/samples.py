@@ -116,7 +116,7 @@ class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
-    """Desired and actual state of a trajectory's joints, the error, and the output to the hardware.
+    """Desired and actual state of a trajectory's joints, their error, and the output to the hardware.
 
     `executing` is true while a goal is executed, `holding` while the joints hold their position.
     """
@@ -132,7 +132,7 @@ class TrajectorySample(Sample, frozen=True, kw_only=True, tag="trajectory"):
 
 
 class DofReading(msgspec.Struct, frozen=True, kw_only=True):
-    """Degree of freedom of a PID controller (control_msgs/SingleDOFState); `time_step` in s, null if unknown."""
+    """Degree of freedom of a PID controller (control_msgs/SingleDOFState); `time_step` is in s, null if unknown."""
 
     name: str
     reference: float | None
@@ -234,7 +234,7 @@ class BatteryReading(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class BatteriesSample(Sample, frozen=True, kw_only=True, tag="batteries"):
-    """States of a robot's batteries, and the combined state `together`."""
+    """States of a robot's batteries, and their combined state `together`."""
 
     batteries: list[BatteryReading]
     together: BatteryReading
@@ -260,7 +260,7 @@ ControllerSample: TypeAlias = (
 
 
 def grown(kind: type[S], sample: Sample, **more: Any) -> S:  # noqa: ANN401 - fields of any type
-    """Return a sample of the derived type `kind`, from the fields of `sample` and further fields."""
+    """Return a sample of the derived type `kind` from the fields of `sample` and further fields."""
     return kind(**(msgspec.structs.asdict(sample) | more))
 
 

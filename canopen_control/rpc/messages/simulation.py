@@ -54,7 +54,7 @@ class GetSimulation(Request[Simulation], frozen=True):
 
 
 class GetLaserScans(Request[tuple[LaserScanReading, ...]], frozen=True):
-    """Return the present scans of the robot's simulated lidars; empty without lidars or physics."""
+    """Return the current scans of the robot's simulated lidars; empty without lidars or physics."""
 
 
 class PauseSimulation(Request[Simulation], frozen=True, kw_only=True):
@@ -74,7 +74,7 @@ class StepSimulation(Request[Simulation], frozen=True, kw_only=True):
 
 
 class ResetSimulation(Request[Simulation], frozen=True, kw_only=True):
-    """Reset the simulated robot to the initial state, or to a key frame of the MJCF, at standstill.
+    """Reset the simulated robot to its initial state, or to a key frame of the MJCF, at standstill.
 
     Odometry restarts and all commands are dropped; active controllers are restarted, and no other controller is
     activated. The simulated time continues, because a time that jumps back breaks subscribers.

@@ -50,7 +50,7 @@ class AxisReading(msgspec.Struct, frozen=True, rename={"state": "cia402_state"})
 
 
 class NodeReading(msgspec.Struct, frozen=True, kw_only=True, rename={"age": "age_s"}):
-    """State of a node: NMT state such as "OPERATIONAL", `age` of the newest frame in s, and errors.
+    """State of a node: NMT state such as "OPERATIONAL", `age` of the last frame in s, and errors.
 
     `taken_out` is True after an NMT command has stopped or reset the node; the robot then ignores the node until a
     command starts it. `void_outputs` are outputs that lost their command when the node was lost, and have no new
@@ -109,7 +109,7 @@ class JointReading(msgspec.Struct, frozen=True):
     tracking: TrackingReading | None = None
 
     def value(self, interface: str) -> float | None:
-        """Return the value of a state interface, None if unknown or missing."""
+        """Return the value of a state interface, or None if unknown or missing."""
         if interface == "position":
             return self.position
         if interface == "velocity":
@@ -135,7 +135,7 @@ class CycleTimes(msgspec.Struct, frozen=True):
 
 
 class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Event of the robot; `time` is Unix time in s, `level` is "info", "warning" or "error".
+    """Event of a robot; `time` is Unix time in s, `level` is "info", "warning" or "error".
 
     `node` is the name of the affected node, None for the robot itself; `controller` is the name of the controller.
     `kind` is one word for programs, `text` a sentence for users, which includes `count` and `since` if it summarises
@@ -154,7 +154,7 @@ class RobotEvent(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def first(self) -> float:
-        """Time of the first summarised event, or of the event itself."""
+        """Time of the first of the summarised events, or of the event itself."""
         return self.time if self.since is None else self.since
 
 
@@ -179,7 +179,7 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def in_odometry(self) -> Planar | None:
-        """True pose in the odometry frame; None if the odometry frame is unknown."""
+        """True pose in the odometry frame, or None if that frame is unknown."""
         if self.odom is None:
             return None
         x, y, turn = self.odom
@@ -189,12 +189,12 @@ class TruePose(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def rpy(self) -> Planar | None:
-        """Roll, pitch and yaw in the odometry frame, in rad; None if the odometry frame is unknown."""
+        """Roll, pitch and yaw in the odometry frame, in rad, or None if that frame is unknown."""
         return None if self.odom is None else (self.roll, self.pitch, self.heading - self.odom[2])
 
     @property
     def words(self) -> str:
-        """True pose, and the odometry error if known, as a text."""
+        """True pose as text, with the odometry error if known."""
         place = f"true pose {self.x:.3f}, {self.y:.3f} m, {math.degrees(self.heading):.1f} deg"
         if self.error is None:
             return place
@@ -234,13 +234,13 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimedSnapshot(Snapshot, frozen=True, kw_only=True):
-    """Snapshot at a `time`, with only the fields that recordings of every version have."""
+    """Snapshot at `time`, limited to the fields that recordings of every version have."""
 
     time: UnixTime
 
 
 class StateSample(TimedSnapshot, frozen=True, kw_only=True):
-    """Sample of the state stream; the `load` of a bus is from 0 to 1, `sim_time` the simulated time in s.
+    """Sample of the state stream; the `load` of a bus is from 0 to 1, `sim_time` is the simulated time in s.
 
     `sim_epoch` is the Unix time at which the simulation would have begun if it had never been paused: times of
     `samples` minus `sim_epoch` are simulated time. `samples` are the last publications of the active controllers, by
@@ -366,11 +366,11 @@ class ControllerReading(msgspec.Struct, frozen=True, kw_only=True, rename={"clai
 
     @property
     def width(self) -> int:
-        """Number of values in a command, 0 if unknown."""
+        """Number of values in a command; 0 if unknown."""
         return len(self.required_command_interfaces or self.claims)
 
     def published(self, kind: str) -> str | None:
-        """Return the joint state topic with the last part `kind`, None without such a topic."""
+        """Return the joint state topic whose last part is `kind`, or None."""
         return next((publish for publish in self.publishes if publish.rsplit("/", 1)[-1] == kind), None)
 
     def became(self, state: str) -> ControllerReading:

@@ -50,7 +50,7 @@ class TrajectoryResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TrajectoryAt(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a trajectory at a time; if not `known`, the present state, with a reason in `text`."""
+    """State of a trajectory at a time; if not `known`, the current state, with a reason in `text`."""
 
     known: bool
     text: str = ""
@@ -85,15 +85,15 @@ class FollowTrajectory(_Goal[TrajectoryResult], frozen=True, kw_only=True):
 
 
 class SendTrajectory(_Goal[TrajectoryVerdict], frozen=True, kw_only=True):
-    """Send a trajectory goal and return at once whether the goal is accepted; `trajectory_end` waits for the end."""
+    """Send a trajectory goal, and return at once whether it is accepted; `trajectory_end` waits for the end."""
 
 
 class SetTrajectory(_Trajectory[Done], frozen=True, kw_only=True):
-    """Set a trajectory without a goal, as from the ROS topic; an active goal's trajectory is replaced."""
+    """Set a trajectory without a goal, like the ROS topic; it replaces the trajectory of an active goal."""
 
 
 class TrajectoryData(Request[Done], frozen=True, kw_only=True):
-    """Send the first points of this connection's next trajectory, if too long for one request."""
+    """Send the first points of this connection's next trajectory if it is too long for one request."""
 
     points: list[TrajectoryPoint]
 
@@ -107,7 +107,7 @@ class TrajectoryHeartbeat(Request[Done], frozen=True, kw_only=True):
 
 
 class CancelTrajectory(Request[Done], frozen=True, kw_only=True):
-    """Cancel the trajectory of a controller, also of another client; the joints brake and hold.
+    """Cancel the trajectory of a controller, even of another client; the joints brake and hold.
 
     Refused if the controller follows no trajectory. With `own` true only a goal of this connection is cancelled. `why`
     becomes part of the result.
