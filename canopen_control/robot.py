@@ -120,7 +120,7 @@ class Robot:
         self._leave()
 
     def shutdown(self) -> None:
-        """Ramp to zero, disable the drives and end the robot, whichever process runs it; a second call does nothing."""
+        """Ramp to zero, disable the drives and end the robot, in whichever process it runs; idempotent."""
         if self._background is None and self._connected is not None:
             self._ask(messages.Shutdown())
         self.close()

@@ -61,7 +61,7 @@ class _Within:
         self.tell, self.close = file.tell, file.close
 
     def read(self, count: int) -> bytes:
-        """Return up to `count` bytes, b"" for a negative count."""
+        """Return up to `count` bytes, or b"" for a negative count."""
         return self._file.read(max(0, min(count, self._size - self._file.tell())))
 
 

@@ -373,7 +373,7 @@ def list_can_interfaces(run: Run = run_command) -> list[CanInterface]:
 
 
 def find_can_interface(name: str, run: Run = run_command) -> CanInterface | None:
-    """Return the CAN interface of this name, None if there is none."""
+    """Return the CAN interface of this name, or None if there is none."""
     return next((link for link in list_can_interfaces(run) if link.name == name), None)
 
 

@@ -253,7 +253,7 @@ class FrameRouter:
                 self._deliver(sender, record, end_ns)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns of the next delivery, None if no frame waits."""
+        """Return the time in ns of the next delivery, or None if no frame waits."""
         deadlines = [self._delayed[0][0]] if self._delayed else []
         wire = self.wire.next_deadline() if self.wire is not None else None
         return min([*deadlines, wire] if wire is not None else deadlines, default=None)

@@ -127,7 +127,7 @@ class LocalPort:
         return bool(self._abilities & GIVES_STAMPS)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return received records, and the time stamp of each by the hub in monotonic ns, 0 if unknown."""
+        """Return received records, and the time stamp of each by the hub in monotonic ns, or 0 if unknown."""
         records = self.receive()
         if self._chunks is None:
             return records, [0] * (len(records) // RECORD_SIZE)

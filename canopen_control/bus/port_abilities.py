@@ -47,7 +47,7 @@ class Stamping(Protocol):
         """Record time stamps from now on; a second call does nothing."""
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return the records of `receive` and the monotonic time of each in ns, 0 if unknown.
+        """Return the records of `receive` and the monotonic time of each in ns, or 0 if unknown.
 
         BusClosed when the channel is gone.
         """

@@ -415,7 +415,7 @@ _PACKAGES = {
 
 
 def missing_package(interface: str) -> str | None:
-    """Return the package that a python-can interface requires and that is missing, None if nothing is missing."""
+    """Return the package that a python-can interface requires and that is missing, or None if nothing is missing."""
     module, package = _PACKAGES.get(interface, ("can", "python-can"))
     return package if importlib.util.find_spec(module) is None else None
 

@@ -100,18 +100,18 @@ def ask_stamps(sock: CanSocket) -> None:
 
 
 def interface_of(address: object) -> str:
-    """Return the name of an interface from the source address of a frame, "" if there is none."""
+    """Return the name of an interface from the source address of a frame, or "" if there is none."""
     return str(address[0]) if isinstance(address, tuple) and address else ""
 
 
 def overflow_of(ancillary: Ancillary) -> int | None:
-    """Return the kernel's wrapping count of frames lost in the receive buffer, None if absent."""
+    """Return the kernel's wrapping count of frames lost in the receive buffer, or None if absent."""
     data = _find(ancillary, _SO_RXQ_OVFL, _U32.size)
     return None if data is None else int(_U32.unpack_from(data)[0])
 
 
 def stamp_of(ancillary: Ancillary) -> int | None:
-    """Return the time stamp of a frame in Unix ns, None if absent."""
+    """Return the time stamp of a frame in Unix ns, or None if absent."""
     data = _find(ancillary, _SO_TIMESTAMPNS, _TIMESPEC.size)
     if data is None:
         return None

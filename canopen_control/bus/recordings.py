@@ -102,7 +102,7 @@ def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
 
 
 def _start(days: str) -> float:
-    """Return the start time in Unix s of a day number, 0 if it is invalid."""
+    """Return the start time in Unix s of a day number, or 0 if it is invalid."""
     try:
         return (_DAY_ZERO + datetime.timedelta(days=float(days))).timestamp()
     except (ValueError, OverflowError):

@@ -216,13 +216,13 @@ class Chunk(NamedTuple):
 
     @property
     def stamps(self) -> list[int]:
-        """Time of each record in monotonic ns, 0 if unknown."""
+        """Time of each record in monotonic ns, or 0 if unknown."""
         count = len(self.records) // RECORD_SIZE
         return [*range(self.at_ns, self.next_ns, STAMP_STEP_NS)] if self.at_ns else [0] * count
 
     @property
     def next_ns(self) -> int:
-        """Time in ns of a record that follows the chunk without its own stamp, 0 if unknown."""
+        """Time in ns of a record that follows the chunk without its own stamp, or 0 if unknown."""
         return self.at_ns and self.at_ns + len(self.records) // RECORD_SIZE * STAMP_STEP_NS
 
 

@@ -282,7 +282,7 @@ class BaseLink:
                     pass
 
     def _states(self) -> Iterator[StateSample]:
-        """Yield the newest state sample each time; raise ControlError if none arrives within `_SILENT_S`."""
+        """Yield the latest state sample each time; raise ControlError if none arrives within `_SILENT_S`."""
         while True:
             newest: StateSample | None = None
             for message in self._robot.messages(_SILENT_S):

@@ -81,5 +81,5 @@ class CheckedRobot:
 
     @property
     def geometry(self) -> WheelGeometry | None:
-        """Positions and sizes of the wheels in the description, None without a description."""
+        """Positions and sizes of the wheels in the description, or None without a description."""
         return None if self.description is None else WheelGeometry(self.description.model)

@@ -82,7 +82,7 @@ class _Effort:
 
 
 class _Target:
-    """Limiter of a `target` command by the quantity of the present mode: velocity, position or effort."""
+    """Limiter of a `target` command by the quantity of the current mode: velocity, position or effort."""
 
     __slots__ = ("_command", "_effort", "_limit", "_position")
 
@@ -231,7 +231,7 @@ def save_record(setup: RobotSetup, serials: Mapping[str, int], joints: Iterable[
 
 
 def find_record(setup: RobotSetup) -> PreflightRecord | None:
-    """Return the last preflight record of a robot, None without a readable record."""
+    """Return the last preflight record of a robot, or None without a readable record."""
     try:
         content = json.loads(_file(setup).read_text())
         serials = {str(name): int(serial) for name, serial in content["serials"].items()}
@@ -242,7 +242,7 @@ def find_record(setup: RobotSetup) -> PreflightRecord | None:
 
 
 def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
-    """Return the reason why a record does not permit full speed, None if full speed is permitted."""
+    """Return the reason why a record does not permit full speed, or None if full speed is permitted."""
     if passed is None:
         return "this robot has not passed a pre-flight on this machine"
     if passed.config != config_hash(setup):

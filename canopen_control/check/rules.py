@@ -244,7 +244,7 @@ def find(
 def _started(
     files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, names: Sequence[str]
 ) -> frozenset[str] | None:
-    """Return the controllers that a run activates, None if this cannot be determined."""
+    """Return the controllers that a run activates, or None if this cannot be determined."""
     if control is None or description is None:
         return None
     try:

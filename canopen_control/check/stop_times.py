@@ -150,7 +150,7 @@ def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
 
 
 def _on_lost_master(facts: AxisFacts) -> int | None:
-    """Return the index of the option code for a lost master (0x6007), None for no reaction with a ramp."""
+    """Return the index of the option code for a lost master (0x6007), or None for no reaction with a ramp."""
     action = ABORT_CONNECTION.get(_option(facts, o.ABORT_CONNECTION_OPTION))
     return _LOST.get(action)
 

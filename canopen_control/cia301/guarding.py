@@ -202,7 +202,7 @@ class GuardingSlave:
             self.happened.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the life time expires, None if the master is not monitored now."""
+        """Return the time at which the life time expires, or None if the master is not monitored now."""
         if self._asked_ns is None or self._missed or not self.enabled or not self.life_time_ns:
             return None
         return self._asked_ns + self.life_time_ns

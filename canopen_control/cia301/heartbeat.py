@@ -176,7 +176,7 @@ class HeartbeatConsumer:
         return None if node is None else node.state
 
     def age_ns(self, node_id: int, now: int) -> int | None:
-        """Return the time in ns since the last heartbeat or boot-up, None if there was none."""
+        """Return the time in ns since the last heartbeat or boot-up, or None if there was none."""
         node = self._nodes.get(node_id)
         return None if node is None or node.last_ns is None else now - node.last_ns
 

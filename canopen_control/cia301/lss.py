@@ -94,7 +94,7 @@ def lss_frame(command: int, value: int = 0, *, tail: bytes = b"", cob_id: int = 
 
 
 def bit_timing_index(bitrate: int) -> int | None:
-    """Return the index of `bitrate` (bit/s) in bit timing table 0, None if it is not in the table."""
+    """Return the index of `bitrate` (bit/s) in bit timing table 0, or None if it is not in the table."""
     return next((index for index, table_bitrate in BIT_TIMINGS.items() if table_bitrate == bitrate), None)
 
 

@@ -112,7 +112,7 @@ _COMMANDS = {int(command): command for command in NmtCommand}
 
 
 def state_of_byte(value: int) -> NmtState | None:
-    """Return the state in the low seven bits of an error control byte, None if they are not a state."""
+    """Return the state in the low seven bits of an error control byte, or None if they are not a state."""
     return _STATES.get(value & 0x7F)
 
 
@@ -278,7 +278,7 @@ class NmtMaster:
                 self._pending[node] = _Pending(command, now, now + self._timeout(command))
 
     def pending(self, node_id: int) -> NmtCommand | None:
-        """Return the command of `node_id` that awaits confirmation, None if there is none."""
+        """Return the command of `node_id` that awaits confirmation, or None if there is none."""
         entry = self._pending.get(node_id)
         return None if entry is None else entry.command
 

@@ -549,7 +549,7 @@ class TpdoProducer:
             self._send(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next transmission that a timer triggers, None if there is none."""
+        """Return the time of the next transmission that a timer triggers, or None if there is none."""
         if not (self._driven_by_events and self.running and self._valid):
             return None
         if self._pending:

@@ -67,7 +67,7 @@ class ServedObjects(Protocol):
         """Write the bytes of an object; the store checks length, limits, access and state."""
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object in bytes, None if it is variable.
+        """Return the size of an object in bytes, or None if it is variable.
 
         Called before a download in several frames, so that a wrong size is refused at the initiate.
         """
@@ -335,7 +335,7 @@ class SdoServer:
         return not code
 
     def _size(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object, -1 if it is variable, None if the store aborted."""
+        """Return the size of an object, -1 if it is variable, or None if the store aborted."""
         try:
             size = self.store.size_of(index, subindex)
         except Exception as error:  # noqa: BLE001 - a defect of the store must not stop the device

@@ -206,7 +206,7 @@ class SyncConsumer:
             self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the next SYNC counts as missed, None if SYNC is not monitored."""
+        """Return the time at which the next SYNC counts as missed, or None if SYNC is not monitored."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:

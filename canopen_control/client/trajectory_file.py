@@ -45,7 +45,7 @@ class _Point:
 
 @dataclass(frozen=True)
 class _File:
-    """File in the form of trajectory_msgs/JointTrajectory; its header is ignored, as a trajectory starts when sent."""
+    """File in the form of trajectory_msgs/JointTrajectory; the header is ignored: a trajectory starts when sent."""
 
     joint_names: tuple[str, ...]
     points: tuple[_Point, ...]

@@ -1,1 +1,1 @@
-"""Commissioning tools for a single node, which is reached on a bare bus or through a running robot."""
+"""Commissioning tools for a single node, on a bare bus or through a running robot."""

@@ -58,12 +58,12 @@ def error_history(node: NodeSession) -> list[str]:
 
 
 def _additional_text(code: int) -> str:
-    """Return the manufacturer-specific upper half of an error history entry as text, or "" if that half is 0."""
+    """Return the manufacturer-specific upper half of an error history entry as text, or "" if it is 0."""
     return f", additional information 0x{code >> 16:04X}" if code >> 16 else ""
 
 
 def why_not_free(node: NodeSession) -> str:
-    """Return why the drive must not be moved, or "" if no other client has enabled the drive."""
+    """Return why the drive must not be moved (another client has enabled it), or ""."""
     powered = [state for state in node.drive_states().values() if state in _POWERED]
     if not powered or powered[0] is None:
         return ""
@@ -76,7 +76,7 @@ RENEWED_S: Final = 0.1
 CURRENT_S: Final = 0.2
 ENABLE_S: Final = 15.0
 CURRENTS: Final = ((0x6078, 0), (0x6077, 0))
-"""Objects with the current in per mille of the rated current, or else the torque in per mille of the rated torque."""
+"""Objects with the current in per mille of the rated current, else the torque in per mille of the rated torque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +188,7 @@ class AxisCommand:
 
 
 class DriveCurrent:
-    """Current of a drive in per mille of the rated current, read by SDO (0x6078, or the torque 0x6077 without it)."""
+    """Current of a drive in per mille of the rated current, read by SDO (0x6078, or without it the torque 0x6077)."""
 
     def __init__(self, drive: JogDrive) -> None:
         self.value: float | None = None
@@ -213,7 +213,7 @@ class DriveCurrent:
 
 
 def axis_reading(sample: StateSample | None, drive: JogDrive) -> AxisReading | None:
-    """Return the reading of the drive's axis in a sample, or None if the sample does not contain the axis."""
+    """Return the reading of the drive's axis in a sample, or None if the sample lacks the axis."""
     node = None if sample is None else sample.nodes.get(drive.node)
     axes = () if node is None else node.axes
     return next((axis for axis in axes if axis.joint == drive.joint), None)
@@ -226,7 +226,7 @@ def stop_drive(client: RobotClient, drive: JogDrive, source: str) -> None:
 
 
 def ended_words(sample: StateSample | None, drive: JogDrive) -> str:
-    """Return the state and the error of a drive that is not enabled any more, as text."""
+    """Return state and error of a drive that is no longer enabled, as text."""
     axis = axis_reading(sample, drive)
     if axis is None:
         return "the drive reports no state any more"

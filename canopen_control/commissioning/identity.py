@@ -1,4 +1,4 @@
-"""Identity of a node, and comparisons with other devices, EDS files and bus.yml.
+"""Identity of a node, and comparison with other devices, EDS files and bus.yml.
 
 Vendor and product (0x1018:01 and 02) decide which EDS fits a node; the revision only chooses among several. As in the
 boot of a node (CiA 302-2), an expected value of 0 accepts any value.
@@ -37,7 +37,7 @@ OBJECTS: Final = {**{field: address for field, (address, _) in FIELDS.items()}, 
 
 @dataclass(frozen=True, slots=True)
 class DeviceIdentity:
-    """Identity that a device reports in 0x1000, 0x1018, and 0x1008 to 0x100A; None or "" for missing values."""
+    """Identity that a device reports in 0x1000, 0x1018, and 0x1008 to 0x100A; missing values are None or ""."""
 
     device_type: int | None = None
     vendor_id: int | None = None
@@ -58,7 +58,7 @@ class DeviceIdentity:
         )
 
     def strangers(self, other: DeviceIdentity) -> list[str]:
-        """Return the differences of device type, vendor and product, each of which forbids to copy parameters."""
+        """Return the differences of device type, vendor and product; each forbids copying parameters."""
         return self._differences(other, ("device_type", "vendor_id", "product_code"))
 
     def variations(self, other: DeviceIdentity) -> list[str]:
@@ -89,7 +89,7 @@ class KnownEds:
 
 
 def identity_of(data: Mapping[Address, object]) -> DeviceIdentity:
-    """Return the identity from uploaded bytes by address, with None for missing objects."""
+    """Return the identity from uploaded bytes by address; missing objects are None."""
     name = data.get(NAME)
     text = name.rstrip(b"\0").decode("latin-1") if isinstance(name, bytes) else None
     return DeviceIdentity.of((_number(data.get(address)) for address, _ in FIELDS.values()), (text, None, None))
@@ -117,7 +117,7 @@ def read_known(paths: Iterable[Path]) -> tuple[list[KnownEds], list[str]]:
 
 
 def vendor_and_product(path: Path) -> tuple[int, int]:
-    """Return the vendor and product in an EDS, 0 if missing, or (0, 1) if the file is unreadable."""
+    """Return vendor and product in an EDS (0: missing), or (0, 1) if the file is unreadable."""
     try:
         od = read_eds(path).od
     except EdsError:
@@ -150,13 +150,13 @@ def match_eds(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple
 
 
 def _of_the_vendor(identity: DeviceIdentity, candidates: Iterable[KnownEds]) -> tuple[KnownEds | None, str]:
-    """Return the only EDS of the vendor without a product code, or None, with a remark."""
+    """Return the vendor's only EDS without a product code, or None, with a remark."""
     same = [eds for eds in candidates if not eds.product_code and eds.vendor_id and eds.vendor_id == identity.vendor_id]
     return (same[0], "without a product code, chosen by the vendor") if len(same) == 1 else (None, "")
 
 
 def differences(identity: DeviceIdentity, expected: NodeIdentity) -> list[str]:
-    """Return the differences from `expected` as texts; a number of 0 in `expected` accepts any value."""
+    """Return the differences from `expected` as texts; 0 in `expected` accepts any value."""
     texts = []
     for field, (_, label) in FIELDS.items():
         expected_number, has = getattr(expected, field), getattr(identity, field)

@@ -1,4 +1,4 @@
-"""Declarations of the commissioning jobs with their options, and the state of a running job.
+"""Declarations of the commissioning jobs and their options, and the state of a running job.
 
 A job is declared once, as an entry of `JOBS` with a dataclass of its options. Three user interfaces use this
 declaration: the command line for its arguments (`cli/support/job_verb.py`), the page for its inputs
@@ -69,7 +69,7 @@ def option(
     metavar: str = "",
     read: Callable[[str], Any] | None = None,
 ) -> Any:  # noqa: ANN401 - as `dataclasses.field`, of any type
-    """Declare a dataclass field as an option of a job; without `flag` the flag is derived from the field's name."""
+    """Declare a dataclass field as an option of a job; the flag defaults to the field's name."""
     declared = JobOption(text, flag=flag, former=former, metavar=metavar, read=read, repeats=default == ())
     return field(default=default, metadata={"option": declared})
 
@@ -125,7 +125,7 @@ class ProgramDate:
         return (midnight + datetime.timedelta(milliseconds=self.milliseconds)).isoformat(" ", "seconds")
 
     def fits(self, other: ProgramDate | None) -> bool:
-        """Whether two dates are equal; only the days are compared if a time is unknown."""
+        """Whether two dates are equal; if a time is unknown, only the days are compared."""
         if other is None or other.day != self.day:
             return False
         return self.milliseconds is None or self.milliseconds == other.milliseconds
@@ -207,7 +207,7 @@ class MotionOptions:
 
 @dataclass(frozen=True, slots=True)
 class TuneOptions(MotionOptions):
-    """Options of a tuning run, with `crossover` in Hz, `phase_margin` in degrees and `loop_delay` in ms."""
+    """Options of a tuning run: `crossover` in Hz, `phase_margin` in degrees and `loop_delay` in ms."""
 
     seconds: float | None = option(
         None, "duration in s (default: step 2, bode 8, identify 8)", flag="--for", metavar="S", read=seconds_above_0
@@ -225,7 +225,7 @@ class TuneOptions(MotionOptions):
 
 @dataclass(frozen=True, slots=True)
 class ScopeOptions:
-    """Options of a scope; `length` and `before` in s, where None as `before` means a fifth of `length`."""
+    """Options of a scope; `length` and `before` are in s, None for `before` means a fifth of `length`."""
 
     rate: float = option(
         50.0,
@@ -271,7 +271,7 @@ class Job:
 
     @property
     def asks(self) -> str:
-        """Hint for the monitor's input line: the argument of the job and its flags."""
+        """Hint for the monitor's input line: argument and flags of the job."""
         flags = [
             f"{one.flag}={one.metavar}" if one.metavar else one.flag
             for one in self.declared.values()
@@ -300,7 +300,7 @@ TUNE: Final = Job(
 DUMP: Final = Job("dump", "print all values", "table or csv")
 NMT: Final = Job("nmt", "change the NMT state", "preop, start, reset-node")
 JOBS: Final = {job.name: job for job in (JOG, SCOPE, TUNE, BACKUP, DIFF, RESTORE, CLONE, FIRMWARE, DUMP, NMT)}
-"""Jobs by the names of their commands."""
+"""Jobs by command name."""
 
 
 # -- one run
@@ -331,7 +331,7 @@ class JobRun:
     _ending: threading.Event = field(default_factory=threading.Event)
 
     def part(self, doing: str, unit: str = "") -> None:
-        """Begin a part of the work, whose progress is counted in `unit`."""
+        """Begin a part of the work whose progress is counted in `unit`."""
         self.doing, self.unit, self.done, self.total = doing, unit or self.unit, 0, None
 
     def at(self, done: int, total: int | None = None) -> None:
@@ -349,7 +349,7 @@ class JobRun:
         self.lines.append(text)
 
     def pace(self, now: float) -> tuple[float, float] | None:
-        """Return the progress per second and the remaining seconds, or None if they cannot be estimated yet."""
+        """Return progress per second and remaining seconds, or None if they cannot be estimated yet."""
         part, since, before = self._rated
         if part != self.doing or self.done < before or not self.done:
             self._rated = self.doing, now, self.done

@@ -1,4 +1,4 @@
-"""Command of a jog by held keys, or of a motion with an end, within limits of speed, travel and current.
+"""Command of a jog: by held keys or with a defined end, within limits of speed, travel and current.
 
 Sans-IO; times are monotonic nanoseconds. The drive moves only while a key is held, or until the end of the motion. Any
 other key, a limit, or a drive that is not enabled any more ends the jog; `ended` is the reason. Positions are angles of
@@ -52,7 +52,7 @@ class JogEnd(Enum):
 
     @property
     def failed(self) -> bool:
-        """Whether the jog ended by a limit of speed or current, or by the state of the drive."""
+        """Whether the jog was ended by a limit of speed or current, or by the state of the drive."""
         return self in (JogEnd.SPEED, JogEnd.CURRENT, JogEnd.STATE)
 
 
@@ -149,7 +149,7 @@ class JogMotion:
         )
 
     def key(self, name: str, now: int) -> None:
-        """Handle a key from `KeyDecoder`; every key ends a motion with an end."""
+        """Handle a key from `KeyDecoder`; any key ends a motion that has a defined end."""
         if name == "focus-in":
             return
         if not self._held:
@@ -178,12 +178,12 @@ class JogMotion:
             self.end(JogEnd.OVER)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick` that has an effect, or None if there is none."""
+        """Return the time of the next `tick` that has an effect, or None."""
         deadlines = [deadline for deadline in (self._keys.next_deadline(), self._deadline) if deadline is not None]
         return min(deadlines, default=None)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Check measured values in rad, rad/s and per mille against the limits; a value is None if unknown."""
+        """Check measured values in rad, rad/s and per mille against the limits; unknown values are None."""
         if not enabled:
             self.end(JogEnd.STATE)
         if current is not None and abs(current) > self.limits.current:
@@ -210,7 +210,7 @@ class JogMotion:
         return self._sign if self._keys.velocities.moving else 0
 
     def _blocked(self, sign: int) -> bool:
-        """Whether the travel in this direction is used up."""
+        """Whether the travel in this direction is exhausted."""
         return not math.isnan(self.travelled) and sign * self.travelled >= self.limits.travel
 
     def _check_travel(self, velocity: float | None) -> None:
@@ -228,6 +228,6 @@ class JogMotion:
             self.end(JogEnd.TRAVEL)
 
     def _bound(self) -> None:
-        """Limit the speed that keys have selected."""
+        """Limit the speed selected by keys."""
         most = self.limits.current if self.kind is JogKind.TORQUE else self.limits.speed
         self._keys.speed = self._keys.turn = min(self._keys.speed, most)

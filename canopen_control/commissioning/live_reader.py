@@ -1,4 +1,4 @@
-"""Reader that polls the objects on screens, for all nodes in turn, at a rate that does not delay a robot.
+"""Reader that polls the objects shown on screens, node by node, at a rate that does not delay a robot.
 
 One thread works for all screens of a process: an object on two screens is read once, and the rate is that of a single
 command. The object whose last reading is the oldest is next. The thread ends when no screen shows objects.
@@ -74,7 +74,7 @@ class NodeObjects:
             yield session
 
     def keep(self, live: LiveObject) -> None:
-        """Store the reading of an object, and count a change if the reading is different."""
+        """Store the reading of an object, and count a change if the reading differs."""
         before = self.live.get(live.entry.address)
         if before is None or before[1] != live:
             self._news += 1
@@ -99,7 +99,7 @@ class LiveReader:
         self._next_reads: dict[tuple[str, Address], float] = {}
 
     def watch(self, screen: str, node: NodeObjects, entries: Collection[Entry]) -> None:
-        """Set which objects of a node a screen shows; an empty collection ends the polling for the screen."""
+        """Set the objects of a node that a screen shows; an empty collection ends the screen's polling."""
         with self._lock:
             scanned = tuple(entry for entry in entries if is_scanned(entry))
             if scanned:
@@ -111,7 +111,7 @@ class LiveReader:
                 self._thread.start()
 
     def soon(self, node: NodeObjects, entry: Entry) -> None:
-        """Give an object priority, for instance because it was written."""
+        """Read an object with priority, for instance because it was written."""
         self._next_reads.pop((node.place.name, entry.address), None)
 
     def run(self) -> None:
@@ -138,7 +138,7 @@ class LiveReader:
                 self._read(node, entry, opened, sessions)
 
     def _next(self) -> tuple[NodeObjects, Entry | None] | None:
-        """Return the node and the entry to read next (None if no entry is due yet), or None if no screen is left."""
+        """Return the node and the entry to read next (None if none is due yet), or None if no screen is left."""
         with self._lock:
             if not self._requests:
                 self._thread = None

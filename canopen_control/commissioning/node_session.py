@@ -39,13 +39,13 @@ class Transfers(Protocol):
     """SDO transport to one node, and NMT commands if the transport allows them."""
 
     def read(self, index: int, subindex: int, *, block: bool = False) -> bytes:
-        """Upload an object; raise RemoteError or RemoteProtocolError if that fails."""
+        """Upload an object; raise RemoteError or RemoteProtocolError on failure."""
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Download an object; raise RemoteError or RemoteProtocolError if that fails."""
+        """Download an object; raise RemoteError or RemoteProtocolError on failure."""
 
     def be_patient(self, seconds: float | None) -> None:
-        """Set the timeout for an answer in s; None sets the default."""
+        """Set the timeout for a response in s; None restores the default."""
 
     def command(self, command: NmtCommand) -> None:
         """Send an NMT command, on a bare bus only; raise DriveError if the node does not enter the state."""
@@ -54,7 +54,7 @@ class Transfers(Protocol):
         """Return the last known NMT state of the node, or None if unknown."""
 
     def taken_out(self) -> bool:
-        """Whether the node is not in use by a running robot; always True on a bare bus."""
+        """Whether no running robot uses the node; always True on a bare bus."""
 
     def progress(self) -> tuple[int, int | None]:
         """Return the number of transferred bytes and the total (None if unknown); callable from any thread."""
@@ -115,7 +115,7 @@ class NodeSession:
         self.transfers.write(index, subindex, data)
 
     def read_value(self, entry: Entry) -> Value:
-        """Upload and decode an object; raise SdoLengthError for an answer of another length."""
+        """Upload and decode an object; raise SdoLengthError for a response of another length."""
         return self.decoded(entry, self.read(entry.index, entry.subindex))
 
     def decoded(self, entry: Entry, data: bytes) -> Value:
@@ -185,7 +185,7 @@ class NodeSession:
         return range(axis_count({index for index, _ in self.od.entries}))
 
     def drive_states(self) -> dict[int, State | None]:
-        """Return the CiA 402 state of each axis that has a statusword, or None for an undefined statusword."""
+        """Return the CiA 402 state of each axis that has a statusword; None for an undefined statusword."""
         words = {
             axis: self.number(axis_index(STATUSWORD, axis), 0, DataType.UNSIGNED16)
             for axis in self.axes()
@@ -194,7 +194,7 @@ class NodeSession:
         return {axis: decode_statusword(word) for axis, word in words.items() if word is not None}
 
     def powered_axes(self) -> list[int]:
-        """Return the axes whose motor may have torque, including those with an undefined state."""
+        """Return the axes whose motor may have torque, including those in an undefined state."""
         return [axis for axis, state in self.drive_states().items() if state is None or state in POWERED_STATES]
 
 
@@ -212,7 +212,7 @@ _WATCH_S: Final = 2.0
 
 
 class RobotTransfers(Transfers):
-    """SDO transport to a node through a running robot; a `timeout` of None (in s) is the timeout in bus.yml.
+    """SDO transport to a node through a running robot; `timeout` is in s, None for the timeout in bus.yml.
 
     `source` names the writer in the robot's events; None means the name of this program.
     """
@@ -249,7 +249,7 @@ class RobotTransfers(Transfers):
         self._timeout = seconds or self._default_timeout
 
     def command(self, command: NmtCommand) -> None:
-        """Raise ControlError, because the robot is the NMT master of its nodes."""
+        """Raise ControlError, since the robot is the NMT master of its nodes."""
         raise ControlError(
             f"NMT {command.name.replace('_', ' ').lower()} can only be sent by the robot; use `canopen-control nmt`"
         )

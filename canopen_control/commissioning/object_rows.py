@@ -133,7 +133,7 @@ def parse_type(text: str) -> DataType:
 
 
 def parse_value(text: str, data_type: DataType) -> bytes:
-    """Encode a value given as text; raise ConfigError if the value does not fit the type."""
+    """Encode a value given as text; raise ConfigError if it does not fit the type."""
     try:
         return encode(_value(text, data_type), data_type)
     except ValueError as error:
@@ -240,7 +240,7 @@ _NOT_IN_A_SCAN: Final = 2  # bit 1 of ObjFlags (CiA 306-1)
 
 
 def select_objects(od: ObjectDictionary, words: Iterable[str]) -> list[Entry]:
-    """Return the entries that match any of the words (all without words); raise ConfigError for an unmatched word."""
+    """Return the entries that match any of the words (all without words); ConfigError for a word without a match."""
     ordered = sorted(od, key=lambda entry: entry.address)
     patterns = list(words)
     if not patterns:
@@ -363,12 +363,12 @@ def _named(value: int, names: Mapping[int, str]) -> list[NamedBit]:
 
 
 READS_PER_S: Final = 60.0
-"""Maximum rate in Hz of reading objects through a running robot, so that the robot's own requests are not delayed."""
+"""Maximum rate in Hz for reading objects through a running robot without delaying its own requests."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveObject:
-    """Entry with its value, or with the reason `why` it could not be read (both empty if not read yet)."""
+    """Entry with its value, or the reason `why` it could not be read (both empty if not read yet)."""
 
     entry: Entry
     value: Value | None = None
@@ -381,7 +381,7 @@ class LiveObject:
 
 
 class ObjectRow(Document, frozen=True, kw_only=True):
-    """Object in `objects --json`, with values as texts, or null if missing or unread."""
+    """Object in `objects --json`, with values as texts; null if missing or unread."""
 
     index: str
     subindex: int
@@ -423,12 +423,12 @@ def rows_of(od: ObjectDictionary, objects: Iterable[LiveObject], node_id: int) -
 
 
 def _text(entry: Entry, value: Value, unit: str) -> str:
-    """Return a value on one line, in decimal if it is an integer with a unit, else as in a DCF."""
+    """Format a value on one line, in decimal if it is an integer with a unit, else as in a DCF."""
     return str(value) if unit and isinstance(value, int) else printable(format_value(value, entry.data_type))
 
 
 def _meaning(entry: Entry, value: Value, words: NodeWords) -> str | None:
-    """Return the meaning of a number, or None if the number has no particular meaning."""
+    """Return the meaning of a number, or None if it has no particular meaning."""
     if not isinstance(value, int):
         return None
     text = words.text(entry.index, entry.subindex, value)
@@ -458,7 +458,7 @@ _MOST_EDITS: Final = 100
 
 
 def why_fixed(entry: Entry) -> str:
-    """Return why a user must not write an object, or "" if the object may be written."""
+    """Return why a user must not write an object, or "" if it may be written."""
     if not entry.writable:
         return f"is {'constant' if entry.access == 'const' else 'read-only'}"
     if axis_of(entry.index)[0] in MOTION:
@@ -469,7 +469,7 @@ def why_fixed(entry: Entry) -> str:
 
 
 def limits_of(entry: Entry) -> tuple[int | float | None, int | float | None]:
-    """Return minimum and maximum from the EDS or the data type, with None where there is no limit."""
+    """Return minimum and maximum from the EDS or the data type; None means no limit."""
     is_integer = entry.data_type.is_integer
     low = entry.low if entry.low is not None else entry.data_type.minimum if is_integer else None
     high = entry.high if entry.high is not None else entry.data_type.maximum if is_integer else None
@@ -536,11 +536,11 @@ class EditHistory:
 
     @property
     def last(self) -> Edit | None:
-        """Newest edit that can be undone, or None if there is none."""
+        """Latest edit that can be undone, or None."""
         return next((edit for edit in reversed(self.edits) if edit.before is not None), None)
 
     def undo(self, session: NodeSession) -> Edit:
-        """Undo the newest edit; raise DriveError if the value has changed since, or ConfigError without an edit."""
+        """Undo the latest edit; raise DriveError if the value has changed since, ConfigError if no edit is left."""
         edit = self.last
         if edit is None or edit.before is None:
             raise ConfigError(f"{session}: there is no edit to undo")

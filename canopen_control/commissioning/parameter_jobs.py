@@ -1,4 +1,4 @@
-"""Jobs with the parameters of a node: backup, comparison with a file, restore, and clone.
+"""Jobs for the parameters of a node: backup, comparison with a file, restore, and clone.
 
 A job function gets a session and the run that the user watches, and returns the final sentence. Errors have the same
 text in all user interfaces.
@@ -59,7 +59,7 @@ def _all_of(session: NodeSession, run: JobRun) -> tuple[ParameterSet, list[str]]
 
 @dataclass(frozen=True, slots=True)
 class DifferentParameter:
-    """Parameter with different values, given as texts; None if one side lacks the object."""
+    """Parameter with different values, as texts; None if one side lacks the object."""
 
     index: int
     subindex: int
@@ -115,7 +115,7 @@ def run_diff(session: NodeSession, run: JobRun, file: ParameterSet) -> str:
 
 
 def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: RestoreOptions) -> str:
-    """Write the parameters of a file to the node and verify them; the job fails if the node refuses a parameter."""
+    """Write the parameters of a file to the node and verify them; the job fails if the node refuses one."""
     like_file(session, file)
     if not options.any_node:
         refuse_other_drive(file, session)
@@ -133,14 +133,14 @@ def run_restore(session: NodeSession, run: JobRun, file: ParameterSet, options: 
 def run_clone(
     session: NodeSession, run: JobRun, source: AbstractContextManager[NodeSession], options: RestoreOptions
 ) -> str:
-    """Read all parameters of another node through its session `source`, and restore them in this node."""
+    """Read all parameters of another node through its session `source`, and restore them to this node."""
     with source as other:
         parameters, _ = _all_of(other, run)
     return run_restore(session, run, parameters, replace(options, any_node=True))
 
 
 def like_file(session: NodeSession, file: ParameterSet) -> NodeSession:
-    """Return the session; a session without an EDS uses the object dictionary of the DCF."""
+    """Return the session; without an EDS it uses the object dictionary of the DCF."""
     if session.od is None:
         session.od = file.od.for_node(session.node_id)
     return session

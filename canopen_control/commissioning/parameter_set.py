@@ -78,7 +78,7 @@ _IDENTIFIER: Final = 0x1FFF_FFFF
 
 
 def parameters_of(od: ObjectDictionary) -> list[Entry]:
-    """Return the parameters that a backup of a node with this object dictionary contains, sorted by address."""
+    """Return the parameters in a backup of a node with this object dictionary, sorted by address."""
     signals = profile_signals(od, profile_of(od)).values()
     outputs = frozenset(signal.index for signal in signals if signal.output)
     commands = outputs | _VENDOR_COMMANDS.get(_vendor(od), frozenset())
@@ -270,7 +270,7 @@ def _backup_of(file: EdsFile, path: str, node_id: int | None) -> ParameterSet:
 
 
 def _refuse_unsound(file: EdsFile) -> None:
-    """Raise EdsError for an invalid value or a truncated backup, which would be restored only in part."""
+    """Raise EdsError for an invalid value or a truncated backup, which could only be restored in part."""
     is_backup = any(title.lower() == SECTION.lower() for title in file.od.sections)
     for issue in file.issues:
         if issue.code == "value-form" and issue.text.startswith("ParameterValue"):
@@ -280,7 +280,7 @@ def _refuse_unsound(file: EdsFile) -> None:
 
 
 def _is_set(entry: Entry) -> bool:
-    """Whether a file gives an object a value other than the default; identity objects do not count."""
+    """Whether a file gives an object a non-default value; identity objects do not count."""
     value = entry.parameter_value
     return value is not None and value != entry.default and entry.address not in OBJECTS.values()
 
@@ -299,7 +299,7 @@ def backup_file_text(parameters: ParameterSet, node_name: str = "") -> tuple[str
 
 
 def lost_in_text(parameters: ParameterSet, text: str) -> list[Address]:
-    """Return the addresses whose values change in a DCF: texts with line breaks or outer blanks."""
+    """Return the addresses whose values change in a DCF: texts with line breaks or leading or trailing blanks."""
     od = parse_eds(text.encode(), parameters.node_id).od
     return [
         address
@@ -340,7 +340,7 @@ def _backup_identity(lines: Mapping[str, str], od: ObjectDictionary) -> DeviceId
 
 
 def _identity_of(od: ObjectDictionary) -> DeviceIdentity:
-    """Return the identity in the objects of a file, with None for a number that is missing or 0."""
+    """Return the identity in the objects of a file; a number that is missing or 0 is None."""
     entries = (od.get(*OBJECTS[name]) for name in _NUMBERS.values())
     values = (None if entry is None else entry.value for entry in entries)
     identity = DeviceIdentity.of(value if isinstance(value, int) and value else None for value in values)
@@ -397,7 +397,7 @@ def _name(side: ParameterSet, entry: Entry) -> str:
 
 
 def parameter_text(side: ParameterSet, address: Address) -> str:
-    """Return a value for users, relative to $NODEID if it depends on the node id, else as in `value_text`."""
+    """Format a value for users, relative to $NODEID if it depends on the node id, else as in `value_text`."""
     value, entry = side.values[address], side.od[address]
     if isinstance(value, int) and address in side.relative:
         return f"$NODEID+0x{value - side.node_id:X}"
@@ -405,7 +405,7 @@ def parameter_text(side: ParameterSet, address: Address) -> str:
 
 
 def value_text(entry: Entry, value: Value) -> str:
-    """Return a value for users: decimal numbers from 0x2000 on, and the form of a DCF below."""
+    """Format a value for users: decimal numbers from 0x2000 on, and the form of a DCF below."""
     if isinstance(value, int | float) and entry.index not in _COMMUNICATION:
         return str(value)
     return format_value(value, entry.data_type) if value not in ("", b"") else "(empty)"
@@ -479,7 +479,7 @@ def _again(entry: Entry, again: Mapping[Address, Value], value: Value) -> bool:
 def read_values(
     session: NodeSession, entries: Iterable[Entry], progress: Callable[[int], None] | None = None
 ) -> tuple[dict[Address, Value], list[LeftOut]]:
-    """Read objects; return the values by address, and the objects that the node refused."""
+    """Read objects; return the values by address, and the objects refused by the node."""
     values: dict[Address, Value] = {}
     left_out = []
     for number, entry in enumerate(entries, 1):

@@ -122,7 +122,7 @@ class DownloadProgress:
 
     @property
     def untouched(self) -> bool:
-        """Whether nothing was written yet, or the download is complete."""
+        """Whether nothing has been written yet, or the download is complete."""
         return self.step in (DownloadStep.ASKING, DownloadStep.DONE)
 
 
@@ -212,7 +212,7 @@ def _prepare(number: int, progress: DownloadProgress, options: ProgramOptions) -
 
 
 def _command(number: int, command: int, expected: tuple[int, ...], seconds: float, word: str) -> Sequence:
-    """Write 0x1F51 until the object shows an expected state; raise DriveError after `seconds`.
+    """Write 0x1F51 until it shows an expected state; raise DriveError after `seconds`.
 
     While a node resets, short timeouts are used: a boot-loader that sees no master starts the program again.
     """
@@ -243,7 +243,7 @@ def _command(number: int, command: int, expected: tuple[int, ...], seconds: floa
 
 
 def _flash(number: int) -> Generator[DownloadOrder, DownloadAnswer, str]:
-    """Wait until the flash is not busy; return the error as text, or "" without an error or without 0x1F57."""
+    """Wait until the flash is not busy; return its error as text, or "" without an error or without 0x1F57."""
     seconds, pause = _BUSY_S, _FIRST_POLL_S
     while seconds > 0.0:
         status = yield from _number(FLASH, number)
@@ -300,7 +300,7 @@ def _date() -> Generator[DownloadOrder, DownloadAnswer, ProgramDate | None]:
 
 
 def _number(index: int, subindex: int, seconds: float = 0.0) -> Numbers:
-    """Read a number, or return None if the node aborts and `_SILENT` if the node does not answer."""
+    """Read a number; None if the node aborts, `_SILENT` if it does not respond."""
     outcome = yield DownloadOrder(DownloadAct.READ, index, subindex, seconds=seconds)
     if outcome.error is not None:
         return None if is_abort(outcome.error) else _SILENT
@@ -319,7 +319,7 @@ def is_loader(identity: DeviceIdentity) -> bool:
 
 
 def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None:
-    """Raise ConfigError if the node is not the product of its EDS; a boot-loader needs only the same vendor."""
+    """Raise ConfigError if the node is not the product of its EDS; for a boot-loader the vendor is sufficient."""
     if session.od is None:
         return
     differences = session.identity_differences()
@@ -333,7 +333,7 @@ def refuse_other_product(session: NodeSession, identity: DeviceIdentity) -> None
 
 
 def download(session: NodeSession, image: bytes, options: ProgramOptions, progress: DownloadProgress) -> None:
-    """Load a program into the node and start it; raises as `program_download` and, for the bus, BusError."""
+    """Load a program into the node and start it; raises errors like `program_download`, and BusError."""
     sequence = program_download(image, options, progress)
     outcome: DownloadAnswer | None = None
     while True:
@@ -360,7 +360,7 @@ class ProgramReport:
 
 
 def load_program(session: NodeSession, run: JobRun, image: bytes, options: ProgramOptions) -> str:
-    """Load a program, start it and check that it runs; a DriveError names the step that failed."""
+    """Load a program, start it and check that it runs; a DriveError names the failed step."""
     identity = session.identity()
     refuse_other_product(session, identity)
     if is_loader(identity):
@@ -412,7 +412,7 @@ def _watched(session: NodeSession, run: JobRun, progress: DownloadProgress, size
 
 
 def interrupted_words(session: NodeSession, progress: DownloadProgress, error: BaseException) -> str:
-    """Return a text with the failed step of a download, the reason, and what to do next."""
+    """Return a text with the failed step of a download, the reason and the remedy."""
     reason = str(error) or "interrupted"
     warning = "" if isinstance(error, DriveError) else "the old program may be gone: "
     return f"{session}: {progress.step.value}: {reason}; {warning}repeat the command to start again"
@@ -434,7 +434,7 @@ def _carry_out(session: NodeSession, order: DownloadOrder) -> DownloadAnswer:
 
 
 def _transferred(session: NodeSession, order: DownloadOrder) -> bytes:
-    """Read or write an object with the order's timeout (0: default), and return the data read."""
+    """Read or write an object with the order's timeout (0: default); return the data read."""
     session.transfers.be_patient(order.seconds or None)
     try:
         if order.act is DownloadAct.READ:

@@ -70,7 +70,7 @@ class Quantity(NamedTuple):
 
     @property
     def in_counts(self) -> bool:
-        """Whether the unit is counts, or counts per second."""
+        """Whether the unit is counts or counts per second."""
         return self.unit in COUNTS[self.kind]
 
     def __str__(self) -> str:
@@ -93,7 +93,7 @@ def parse_quantity(text: str, kind: str) -> Quantity:
 
 
 class JogScale(NamedTuple):
-    """Number of position counts per revolution of the shaft; `is_known` is false for a guess.
+    """Number of position counts per revolution of the shaft; `is_known` is False for a guess.
 
     `of_joint` means that the position is that of a joint of a running robot, in rad. Then `counts` only converts units,
     and the resolution is unknown.
@@ -105,7 +105,7 @@ class JogScale(NamedTuple):
 
     @property
     def resolution(self) -> float:
-        """Resolution of the position in rad; 0.0 if the resolution is unknown."""
+        """Resolution of the position in rad; 0.0 if unknown."""
         return 0.0 if self.of_joint else math.tau / self.counts
 
     def si(self, quantity: Quantity) -> float:
@@ -120,13 +120,13 @@ class JogScale(NamedTuple):
         return quantity.value * _KNOWN[quantity.kind][quantity.unit]
 
     def position_words(self, radians: float) -> str:
-        """Return a position as text, in degrees, or in counts if the counts per revolution are guessed."""
+        """Format a position in degrees, or in counts if the counts per revolution are guessed."""
         if not self.is_known:
             return f"{radians * self.counts / math.tau:.0f} counts"
         return f"{math.degrees(radians):.1f} deg"
 
     def velocity_words(self, speed: float) -> str:
-        """Return a velocity as text, in rad/s and rpm, or in counts/s if the counts per revolution are guessed."""
+        """Format a velocity in rad/s and rpm, or in counts/s if the counts per revolution are guessed."""
         if not self.is_known:
             return f"{speed * self.counts / math.tau:.0f} pps"
         return f"{_rounded(speed, 2)} rad/s ({_rounded(speed * 60.0 / math.tau, 1)} rpm)"

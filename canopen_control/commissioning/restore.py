@@ -120,7 +120,7 @@ def restore_groups(
 
 
 def _place(address: Address, target: Mapping[Address, Value], current: Mapping[Address, Value]) -> tuple[int, int, int]:
-    """Return the sort key of a parameter: rank, index, and subindex, negated if the upper limit has to be first."""
+    """Return the sort key of a parameter: rank, index, and subindex, negated if the upper limit comes first."""
     index, subindex = address
     base, _ = o.axis_of(index)
     if base in _PAIRS:
@@ -207,7 +207,7 @@ def check_device(parameters: ParameterSet, identity: DeviceIdentity, session: No
 
 
 def refuse_moving(session: NodeSession) -> None:
-    """Raise DriveError if an axis may have torque, because an enabled drive must not be reconfigured."""
+    """Raise DriveError if an axis may have torque, since an enabled drive must not be reconfigured."""
     if powered := session.powered_axes():
         axes = "" if powered == [0] else f" (axis {', '.join(map(str, powered))})"
         raise DriveError(f"{session} is enabled{axes}; nothing was written: disable it first, `axis disable`")
@@ -236,7 +236,7 @@ class Restore:
     undone: bool = False
 
     def run(self, *, keep: bool = False) -> bool:
-        """Write the parameters that differ and verify all; return whether the node refused nothing.
+        """Write the parameters that differ and verify all; return True unless the node has refused any.
 
         With `keep`, the accepted values stay in the drive even if other values were refused.
         """
@@ -274,7 +274,7 @@ class Restore:
         return failed
 
     def _write_group(self, group: RestoreGroup) -> str | None:
-        """Write a group; return the reason of a refusal, or None. A PDO with a refused mapping stays disabled."""
+        """Write a group; return the reason for a refusal, or None. A PDO with a refused mapping stays disabled."""
         for write in group.writes:
             try:
                 self.session.write(*write.address, write.data)
@@ -314,7 +314,7 @@ class Restore:
 
 
 def store(session: NodeSession) -> None:
-    """Store all parameters in the drive (0x1010:01, "save"), and wait until the drive answers again.
+    """Store all parameters in the drive (0x1010:01, "save"), and wait until the drive responds again.
 
     A drive that writes its flash may be silent for some time. Raise ConfigError if the drive has no such object, or
     DriveError if the drive stays silent.
@@ -367,7 +367,7 @@ class KeptParameters:
         return {} if parameters is None else parameters.values
 
     def keep(self, od: ObjectDictionary, values: Mapping[Address, Value]) -> None:
-        """Replace the content of the file; raise ConfigError if that fails."""
+        """Replace the content of the file; raise ConfigError on failure."""
         session = self._session
         listed = {address: value for address, value in values.items() if address in od}
         parameters = ParameterSet(od, session.node_id, self._identity, listed, str(session))
@@ -402,7 +402,7 @@ _FOLDER: Final = "restores"
 
 
 class RestoreJournal:
-    """Journal of a restore in a session's node; `reached` contains the command-line options that reach the node."""
+    """Journal of a restore to a session's node; `reached` has the command-line options that reach the node."""
 
     def __init__(self, session: NodeSession, identity: DeviceIdentity, reached: Reached) -> None:
         self._session, self._reached = session, reached
@@ -412,7 +412,7 @@ class RestoreJournal:
 
     @property
     def unfinished(self) -> str:
-        """Sentence about an interrupted earlier restore and the possible next commands, or "" without one."""
+        """Sentence about an interrupted earlier restore and the possible next commands, or ""."""
         if self._old is None:
             return ""
         return (
@@ -431,7 +431,7 @@ class RestoreJournal:
         self._stored.keep(od, {**current, **old})
 
     def end(self, restore: Restore) -> None:
-        """Delete the journal of a finished restore, unless it has values of an earlier, interrupted restore."""
+        """Delete the journal of a completed restore, unless it has values of an earlier, interrupted restore."""
         if restore.refused and restore.undone:
             remaining: Mapping[Address, Value] = {} if self._old is None else self._old.values
         else:
@@ -506,7 +506,7 @@ def refuse_other_drive(file: ParameterSet, session: NodeSession) -> None:
 def protected(
     od: ObjectDictionary, addresses: Iterator[Address], globs: Sequence[str], *, same_device: bool
 ) -> dict[Address, str]:
-    """Return the protected parameters with the reason; raise ConfigError for a glob that matches none."""
+    """Return the protected parameters with the reason; raise ConfigError for a glob that matches none of them."""
     reasons: dict[Address, str] = {}
     used: set[str] = set()
     for address in addresses:
@@ -530,7 +530,7 @@ def _fits(od: ObjectDictionary, entry: Entry, glob: str) -> bool:
 
 @contextlib.contextmanager
 def quiet_node(session: NodeSession, *, starts_again: bool = True) -> Iterator[None]:
-    """Context with the node in PRE-OPERATIONAL and without torque; raise DriveError if that is impossible.
+    """Context with the node in PRE-OPERATIONAL and without torque; raise DriveError if this is impossible.
 
     On exit a node that was OPERATIONAL is started again, if `starts_again`. Through a robot, the node must be taken
     out.
@@ -569,7 +569,7 @@ def guarded_restore(
     note: Callable[[str], None],
     progress: Callable[[int, int], None] | None = None,
 ) -> RestoreReport:
-    """Write the parameters of `source` to the node, with all checks, and verify them.
+    """Write the parameters of `source` to the node and verify them, with all checks.
 
     `note` gets remarks before the first write; `progress` gets the number of written groups and the total.
     Raise ConfigError or DriveError if a check refuses, or DriveError with the written parameters after an interruption.
@@ -606,7 +606,7 @@ def guarded_restore(
 
 @contextlib.contextmanager
 def _with_partial_report(restore: Restore, journal: RestoreJournal) -> Iterator[None]:
-    """Convert an interruption of a restore to a DriveError that lists the parameters already written."""
+    """Convert an interruption of a restore into a DriveError that lists the parameters already written."""
     try:
         yield
     except (CanopenError, KeyboardInterrupt) as error:

@@ -114,7 +114,7 @@ class Measures:
 
 @dataclass(frozen=True, slots=True)
 class CursorReading:
-    """Values of one signal at two cursors, and the root mean square between the cursors."""
+    """Values of one signal at two cursors, and the root mean square between them."""
 
     first: float
     second: float
@@ -153,7 +153,7 @@ class Shot:
         return Shot(tuple(rows), self.triggered)
 
     def cursors(self, place: int, first: float, second: float) -> CursorReading | None:
-        """Measure a signal at and between two times relative to `zero`, or None if a value is unknown."""
+        """Measure a signal at and between two times relative to `zero`; None if a value is unknown."""
         part = self.between(first, second)
         ends = [part.rows[at][1][place] for at in (0, -1)] if part.rows else [None]
         measured = part.measure(place) if part.rows else None
@@ -163,7 +163,7 @@ class Shot:
         return CursorReading(*((low, high) if first <= second else (high, low)), measured.rms)
 
     def measure(self, place: int) -> Measures | None:
-        """Measure a signal, with each value weighted by its duration, or None if no value is known."""
+        """Measure a signal, each value weighted with its duration; None if no value is known."""
         points = [(time, value) for time, row in self.rows if (value := row[place]) is not None and value == value]
         if not points:
             return None
@@ -187,7 +187,7 @@ class ScopeState(Enum):
 
 
 class ScopeCapture:
-    """Capture memory for `length` s, of which `before` s precede the trigger.
+    """Capture memory for `length` s, including `before` s before the trigger.
 
     Without a trigger a capture begins with the first sample. The scope is done after `shots` captures, if not None.
     """
@@ -215,7 +215,7 @@ class ScopeCapture:
         return len(self._rows)
 
     def feed(self, time: float, values: tuple[float | None, ...]) -> None:
-        """Add a sample; a time before the newest sample is replaced by the time of that sample."""
+        """Add a sample; a time before the latest sample is replaced by that sample's time."""
         time = self._newest = max(time, self._newest)
         if self._begin is not None and time >= self._end:
             self._finish()
@@ -285,7 +285,7 @@ _CURSOR: Final = "#16324f"
 
 @dataclass(frozen=True, slots=True)
 class NamedShot:
-    """Capture with the names and units of the signals ("" for an unknown unit), and the title `label`."""
+    """Capture with the names and units of its signals ("" for an unknown unit), and the title `label`."""
 
     shot: Shot
     names: tuple[str, ...]
@@ -315,7 +315,7 @@ def csv_of(named: NamedShot) -> str:
 
 
 def parse_csv(text: str, place: str) -> NamedShot:
-    """Parse a file written by `csv_of`; raise ConfigError, with the file name `place`, if the file is invalid."""
+    """Parse a file written by `csv_of`; a ConfigError for an invalid file names the file `place`."""
     lines = list(csv.reader(io.StringIO(text)))
     if len(lines) < 2 or lines[0][:2] != [_TIME, _FROM_ZERO] or len(lines[0]) < 3:
         raise ConfigError(f"{place} is not a capture of a scope, which begins with time,t and the names of signals")

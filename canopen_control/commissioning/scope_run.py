@@ -89,7 +89,7 @@ class Scope:
         self._before = self._source.cycles()
 
     def looks(self, ended: Callable[[], bool]) -> Iterator[list[Shot]]:
-        """Yield the new captures repeatedly, until all are complete or `ended` returns True.
+        """Yield the new captures repeatedly until all are complete or `ended` returns True.
 
         A capture in progress is then completed with the samples so far; samples before a trigger are dropped.
         """
@@ -115,7 +115,7 @@ _FAULT: Final = Condition.FAULT.value
 
 
 class ScopeRun:
-    """Scope at a node of a running robot, shared by all pages; `connect` can be replaced in tests.
+    """Scope at a node of a running robot, shared by all pages; tests can replace `connect`.
 
     The scope has its own connection and writes nothing. It continues when the page that started it is closed, since a
     trigger may occur days later. The last `KEPT` captures are stored.

@@ -44,7 +44,7 @@ class ScopeSource(Protocol):
 
 
 class PolledSource:
-    """Source on a bare bus, which reads every signal by SDO up to `rate` times a second."""
+    """Source on a bare bus that reads every signal by SDO up to `rate` times a second."""
 
     def __init__(self, values: SignalValues, sessions: Mapping[int, NodeSession], rate: float) -> None:
         self._values, self._sessions = values, sessions
@@ -247,7 +247,7 @@ def statusword_of(session: NodeSession) -> ScopeSignal:
 
 
 class SignalValues:
-    """Newest value of each signal, as a row for `ScopeCapture`."""
+    """Latest value of each signal, as a row for `ScopeCapture`."""
 
     def __init__(self, signals: Iterable[Signal]) -> None:
         self.signals = tuple(signals)
@@ -271,7 +271,7 @@ class SignalValues:
 
     @property
     def row(self) -> tuple[float | None, ...]:
-        """Newest values in the order of the signals."""
+        """Latest values in the order of the signals."""
         return tuple(self._values)
 
     def put(self, node_id: int, index: int, subindex: int, data: bytes) -> bool:
@@ -282,7 +282,7 @@ class SignalValues:
         return bool(places)
 
     def put_joints(self, readings: Mapping[str, JointReading]) -> bool:
-        """Store the joint signals in readings of a robot; return whether there are any joint signals."""
+        """Store the joint signals in a robot's readings; return whether the scope has joint signals."""
         for place, signal in self._joints:
             reading = readings.get(signal.joint)
             self._values[place] = None if reading is None else signal.value(reading)

@@ -1,4 +1,4 @@
-"""Controller gains of a drive: design, identification of the plant, writing to the drive, and reverting."""
+"""Controller gains of a drive: design, plant identification, writing to the drive, and reverting."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class GainChange:
 def gain_values(
     od: ObjectDictionary, objects: Mapping[LoopGain, GainObject], gains: CascadeGains, units_per_rad: float
 ) -> dict[Address, Value]:
-    """Return values for the gain objects; raise ConfigError for a gain that rounds to 0 or exceeds the range.
+    """Return values for the gain objects; raise ConfigError for a gain that rounds to 0 or is out of range.
 
     `gains` refer to the shaft in rad; `units_per_rad` is the number of user units of 0x6064 in a rad.
     """
@@ -76,7 +76,7 @@ def _raw(entry: Entry, value: float) -> Value:
 
 
 def set_gains(session: NodeSession, values: Mapping[Address, Value], stored: KeptParameters) -> list[GainChange]:
-    """Save the old gains, write new gains and verify them; raise DriveError if the drive is enabled or refuses."""
+    """Save the old gains, write new gains and verify them; DriveError if the drive is enabled or refuses."""
     refuse_moving(session)
     od = session.dictionary
     current, left_out = read_values(session, [od[address] for address in values])
@@ -151,7 +151,7 @@ class CascadeGains:
 def design_velocity_loop(
     plant: PlantModel, crossover: float, margin: float, delay: float = LOOP_DELAY_S
 ) -> CascadeGains:
-    """Return gains for a crossover in rad/s and a phase margin in rad; raise ConfigError if a PI cannot have both."""
+    """Return gains for a crossover in rad/s and a phase margin in rad; ConfigError if a PI cannot achieve both."""
     viscous = max(0.0, plant.viscous)
     lag = -math.atan2(plant.inertia * crossover, viscous) - crossover * delay
     needed = margin - math.pi - lag
@@ -209,7 +209,7 @@ _STANDING: Final = 0.05  # fraction of the highest speed that counts as standsti
 _FEWEST: Final = 50
 _VISCOUS, _COULOMB = 1, 2  # columns of the friction coefficients
 _MODELS: Final = ([0, 1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 3])
-"""Columns that are fitted: all, and subsets without a friction that would be negative; the last has no friction."""
+"""Fitted columns: all, and subsets without a friction that would be negative; the last has no friction."""
 _TRUSTED: Final = 0.7  # minimum fraction of the speed changes that the model must explain
 
 
@@ -236,7 +236,7 @@ class PlantModel:
 
 
 def identify_plant(torque: Sequence[float], speed: Sequence[float], period: float) -> PlantModel:
-    """Identify the plant from samples every `period` s; raise DriveError if the samples are unsuitable.
+    """Identify the plant from samples every `period` s; raise DriveError if they are unsuitable.
 
     An unknown sample is nan; it is left out, as are the following cycles in which its torque acts.
     """
@@ -341,7 +341,7 @@ def parse_gain(text: str) -> tuple[LoopGain, GainObject]:
 def settable_gains(
     session: NodeSession, axis: int, named: Iterable[str], units_per_rad: float
 ) -> Mapping[LoopGain, GainObject]:
-    """Return the gain objects of a drive, where `named` replaces known objects; raise ConfigError if some are unknown.
+    """Return the gain objects of a drive, with `named` in place of known objects; ConfigError if some are unknown.
 
     Scales in `named` refer to the shaft; `units_per_rad` is the number of user units per rad.
     """

@@ -1,4 +1,4 @@
-"""Tuning job of a page: the plan that the user confirms, the run within limits, the results, and the gains.
+"""Tuning job of a page: plan for the user's confirmation, run within limits, results, and gains.
 
 A run is a command source like any other. A run that a page started ends with the page: the page has to confirm
 repeatedly that it is open. If no confirmation arrives for `GONE_S`, or on a limit, a fault, STOP or the user's request
@@ -115,7 +115,7 @@ def excite(
 
 @dataclass(slots=True)
 class TuneFound:
-    """Results of the last run, written by the run's thread; None where the run has no such result."""
+    """Results of the last run, written by the run's thread; None for results that the run does not have."""
 
     plan: TunePlan
     curves: NamedShot | None = None

@@ -121,7 +121,7 @@ CSV, PICTURE = ".csv", ".png"
 
 
 def report(record: TuneRecord, request: TuneRequest, scale: JogScale, output: Path | None) -> list[str]:
-    """Return the lines of the result, and write the output file if any; raise DriveError if the record is unusable."""
+    """Return the lines of the result, and write the output file, if any; DriveError if the record is unusable."""
     if output is not None and request.test is not TuneTest.BODE:
         _write(output, record_picture(record) if output.suffix == PICTURE else record_csv(record).encode())
     if request.test is TuneTest.STEP:
@@ -179,7 +179,7 @@ def findings(record: TuneRecord, request: TuneRequest, scale: JogScale) -> Findi
 
 
 def bode_picture(bode: Bode) -> bytes:
-    """Draw gain and phase over the frequency, as a PNG."""
+    """Draw gain and phase over the frequency as a PNG."""
     bandwidth = bode.bandwidth()
     frequencies = [point.frequency for point in bode.points]
     rows = [
@@ -190,7 +190,7 @@ def bode_picture(bode: Bode) -> bytes:
 
 
 def record_picture(record: TuneRecord) -> bytes:
-    """Draw commanded and measured values over time, as a PNG."""
+    """Draw commanded and measured values over time as a PNG."""
     times = [record.seconds(sample) for sample in record.samples]
     rows = [
         ("command", times, [sample.command for sample in record.samples]),
@@ -226,7 +226,7 @@ def _speed(sample: TuneSample) -> float:
 
 
 def step_of(record: TuneRecord, height: float) -> StepMetrics:
-    """Measure the step in a record from the cycle of its command on; raise DriveError without a commanded step."""
+    """Measure the step in a record from the cycle of its command on; DriveError if no step was commanded."""
     begin = next((sample for sample in record.samples if sample.command), None)
     if begin is None:
         raise DriveError("the step was never commanded")
@@ -273,12 +273,12 @@ def plant_lines(plant: PlantModel) -> Iterator[str]:
 
 
 def proposed(plant: PlantModel, request: TuneRequest) -> CascadeGains:
-    """Return gains for the requested crossover and phase margin; raise ConfigError if there are none."""
+    """Return gains for the requested crossover and phase margin; raise ConfigError if none exist."""
     return design_velocity_loop(plant, request.crossover, request.margin, request.loop_delay)
 
 
 def proposal_lines(plant: PlantModel, request: TuneRequest) -> Iterator[str]:
-    """Format the proposed gains, or the reason why there are none."""
+    """Format the proposed gains, or the reason why none exist."""
     try:
         gains = proposed(plant, request)
     except ConfigError as error:

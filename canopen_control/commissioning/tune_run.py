@@ -1,4 +1,4 @@
-"""Loop of a tuning run: sends an excitation cycle by cycle, and records the response.
+"""Loop of a tuning run: sends an excitation cycle by cycle and records the response.
 
 As for a jog, commands expire when the connection ends, and `run` always requests a stop at the end and waits until the
 drive is disabled. Samples have a cycle number, so that lost cycles are counted.
@@ -92,7 +92,7 @@ class TuneRecord:
 
 
 class TuneMotion:
-    """Motion of an excitation by velocity or torque, as given by `kind`.
+    """Motion of an excitation by velocity or torque, selected by `kind`.
 
     The drive stops with `deceleration` in rad/s^2; 0 means a stop without distance.
     """
@@ -136,7 +136,7 @@ class TuneMotion:
             self.end(JogEnd.OVER)
 
     def see(self, position: float | None, velocity: float | None, current: float | None, *, enabled: bool) -> None:
-        """Check measured values in rad, rad/s and per mille (None if unknown); end the run beyond a limit."""
+        """Check measured values in rad, rad/s and per mille (None if unknown); end the run if a limit is exceeded."""
         if not enabled:
             self.end(JogEnd.STATE)
         self._check_current(current)
@@ -247,7 +247,7 @@ class TuneRun:
         return record
 
     def leave(self) -> None:
-        """Request the end of the run: the drive is stopped and disabled, and there is no result."""
+        """Request the end of the run: the drive is stopped and disabled, without a result."""
         self._page_closed = True
 
     def _begin(self, client: RobotClient) -> tuple[TuneMotion, TuneRecord]:
@@ -297,7 +297,7 @@ class TuneRun:
         self._keep_torque(record)
 
     def _take_torque(self, data: ProcessData) -> None:
-        """Remember the drive's torque if the process data contain it."""
+        """Remember the drive's torque if the process data contains it."""
         for mapped in data.nodes.get(self._drive.node, ()):
             if (mapped.index, mapped.subindex) == (self._torque_index, 0):
                 self._torque = float(int.from_bytes(mapped.data, "little", signed=True))
@@ -352,7 +352,7 @@ class Excitation(Protocol):
 
     @property
     def peak(self) -> float:
-        """Largest magnitude of the signal."""
+        """Maximum magnitude of the signal."""
 
     def at(self, seconds: float) -> float:
         """Return the value at a time in s after the start."""
@@ -401,7 +401,7 @@ class Chirp:
 
 @dataclass(frozen=True, slots=True)
 class Prbs:
-    """Pseudo-random binary sequence around `bias`, from a shift register of `bits` bits; a value lasts `hold` s."""
+    """Pseudo-random binary sequence around `bias` from a shift register of `bits` bits; a value lasts `hold` s."""
 
     amplitude: float
     hold: float
@@ -486,7 +486,7 @@ class TuneRequest:
 
     @property
     def band(self) -> tuple[float, float]:
-        """Lowest and highest frequency of a chirp in Hz, the latter slightly above a third of the sampling rate."""
+        """Lowest and highest frequency of a chirp in Hz; the latter is slightly above a third of the sampling rate."""
         return _LOW_HZ, _BEYOND * HIGHEST / self.period
 
     def height(self, scale: JogScale) -> float:
@@ -504,7 +504,7 @@ class TuneRequest:
         return Chirp(_AMPLITUDE, _BIAS, *self.band, self.seconds)
 
     def check(self, limits: JogLimits, scale: JogScale) -> None:
-        """Raise ConfigError if the test exceeds the limits, or is too short for a result."""
+        """Raise ConfigError if the test exceeds the limits, or is too short to give a result."""
         if self.seconds < _SHORTEST:
             raise ConfigError(
                 f"{self.seconds:g} s are too short for a {self.test.value}; at least {_SHORTEST:g} s are needed"

@@ -25,7 +25,7 @@ class CheckLevel(enum.Enum):
 
 
 class CheckTouch(enum.Enum):
-    """Effect of a check on the device; the value is the option that permits the check, "" if no option is needed."""
+    """Effect of a check on the device; the value is the option that permits the check, or "" if none is needed."""
 
     READ = ""
     CONFIGURE = "--configure"
@@ -119,17 +119,17 @@ def upload_request(index: int, subindex: int = 0) -> bytes:
 
 
 def client_abort(index: int) -> bytes:
-    """Return the SDO request by which a client aborts the transfer of an object with `GENERAL_ERROR`."""
+    """Return the SDO request with which a client aborts the transfer of an object, with code `GENERAL_ERROR`."""
     return bytes((ABORT, *mux(index), 0, 0, 0, 8))
 
 
 def answer_text(answer: bytes | None) -> str:
-    """Return an answer in hexadecimal, or "no answer"."""
+    """Return a response in hexadecimal, or "no answer"."""
     return "no answer" if answer is None else answer.hex(" ").upper()
 
 
 def expect_silence(answer: bytes | None, expected: str = "silence") -> None:
-    """Raise CheckFailed if there is an answer."""
+    """Raise CheckFailed if a response was received."""
     expect(answer is None, answer_text(answer), expected)
 
 

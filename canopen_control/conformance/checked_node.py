@@ -43,11 +43,11 @@ class CheckFailed(Exception):
 
 
 class NotApplicable(Exception):
-    """Raised by a check that does not apply: an optional object or the EDS is missing."""
+    """Error of a check that does not apply, since an optional object or the EDS is missing."""
 
 
 class MotionBounds(NamedTuple):
-    """Bounds of motions in the drive's units of position and velocity; 0 derives a bound from the drive's objects."""
+    """Bounds of motions in the drive's units of position and velocity; 0 derives a bound from its objects."""
 
     distance: int = 0
     speed: int = 0
@@ -108,7 +108,7 @@ class CheckedNode:
         return None if frame is None else frame.data
 
     def ask_remote(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Send a remote frame and return the answer, or None after the timeout."""
+        """Send a remote frame and return the response, or None after the timeout."""
         self._frames.clear()
         self._send([remote_frame(can_id)])
         return self.wait_for(can_id, seconds)
@@ -121,7 +121,7 @@ class CheckedNode:
         return list(self._frames)
 
     def wait_for(self, can_id: int, seconds: float | None = None) -> CanFrame | None:
-        """Return the first frame with an identifier, even one received before the call, or None after `seconds`."""
+        """Return the first frame with an identifier, even one received before the call; None after `seconds`."""
         limit = round((self.timeout_s if seconds is None else seconds) * 1e9)
         self.reactor.run_until(lambda: self._lost is not None or self._first(can_id) is not None, limit)
         self._check_bus()
@@ -150,7 +150,7 @@ class CheckedNode:
             self.reactor.run_for(MS)
 
     def reset(self, command: NmtCommand, seconds: float = 10.0) -> float | None:
-        """Reset the node and return the time in s to its boot-up message, or None if there is none.
+        """Reset the node and return the time in s to its boot-up message, or None if none is received.
 
         After two resets without a boot-up message, further resets are awaited for a second at most.
         """
@@ -170,12 +170,12 @@ class CheckedNode:
     # -- SDO
 
     def answers(self, seconds: float) -> int:
-        """Return the number of answers to a single SDO request within `seconds`."""
+        """Return the number of responses to a single SDO request within `seconds`."""
         self.send(REQUEST + self.node_id, bytes((0x40, 0x00, 0x10, 0, 0, 0, 0, 0)))
         return sum(frame.can_id == ANSWER + self.node_id for _, frame in self.listen(seconds))
 
     def ask(self, request: bytes) -> bytes | None:
-        """Send eight raw bytes to the SDO server and return its answer, or None after the timeout."""
+        """Send eight raw bytes to the SDO server and return its response, or None after the timeout."""
         return self.exchange(REQUEST + self.node_id, request, ANSWER + self.node_id)
 
     def read(self, index: int, subindex: int = 0, *, block: bool = False) -> bytes:

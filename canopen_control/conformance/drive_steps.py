@@ -55,13 +55,13 @@ def control(node: CheckedNode, word: int) -> None:
 
 
 def reset_fault(node: CheckedNode) -> None:
-    """Command a fault reset, for which bit 7 has to rise (CiA 402-2, transition 15)."""
+    """Command a fault reset, which needs a rising edge of bit 7 (CiA 402-2, transition 15)."""
     control(node, 0x00)
     control(node, 0x80)
 
 
 def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
-    """Wait until the drive reaches a state and return the time in s; raise CheckFailed after the timeout."""
+    """Wait until the drive reaches a state; return the time in s, or raise CheckFailed after the timeout."""
     begin = node.reactor.now()
     while True:
         word = statusword(node)
@@ -76,7 +76,7 @@ def reaches(node: CheckedNode, state: State, seconds: float = LIMIT_S) -> float:
 
 
 def stays(node: CheckedNode, state: State, seconds: float) -> None:
-    """Check that the drive remains in a state for `seconds`."""
+    """Check that the drive stays in a state for `seconds`."""
     for _ in range(10):
         word = statusword(node)
         shown = decode_statusword(word)
@@ -101,7 +101,7 @@ def go(node: CheckedNode, goal: State) -> None:
 
 
 def _word_to(state: State | None, goal: State) -> int:
-    """Return the controlword of the next transition from `state` towards `goal`, which is one of `_UP`."""
+    """Return the controlword of the next transition from `state` towards `goal`, one of `_UP`."""
     if state not in _UP or goal is _UP[0]:
         return 0x00
     place, target = _UP.index(state), _UP.index(goal)

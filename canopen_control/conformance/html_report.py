@@ -141,7 +141,7 @@ DEVIATIONS = (
     Deviation("sdo_first_lost", "S31"),
     Deviation("optional_missing", "D093f"),
 )
-"""Quirks and the checks that detect them; a check may be unable to tell several quirks apart."""
+"""Quirks and the checks that detect them; a check may not be able to distinguish between several quirks."""
 
 # Consequence of a failure for a master, by the first section or object of the clause that has an entry.
 _MEANINGS = (
@@ -327,7 +327,7 @@ def _untested(results: Iterable[CheckResult]) -> list[str]:
 
 
 def frame_name(line: str) -> str:
-    """Return the name of a logged frame, such as "SDO request: upload of 0x1000:00", or "" if the frame has no name."""
+    """Return the name of a logged frame, such as "SDO request: upload of 0x1000:00", or ""."""
     _time, _direction, identifier, *data = line.split()
     service = service_of(int(identifier, 16))
     if service is None:

@@ -25,7 +25,7 @@ _MUST, _SHOULD = CheckLevel.MUST, CheckLevel.SHOULD
 
 
 class MasterCheck(NamedTuple):
-    """Check of a master; `occasion` is the reason in the report if the run did not permit the check."""
+    """Check of a master; `occasion` is the reported reason if the run did not permit the check."""
 
     id: str
     group: str

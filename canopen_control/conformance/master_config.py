@@ -1,4 +1,4 @@
-"""Checks of a master's order of boot and configuration (CiA 302-2; CiA 301, 7.3.2 and 7.5.2)."""
+"""Checks of a master's boot and configuration sequence (CiA 302-2; CiA 301, 7.3.2 and 7.5.2)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_COMMANDS = 10  # maximum number of NMT commands per second
 
 
 def is_record(index: int, bases: tuple[int, int]) -> bool:
-    """Whether an object is a PDO record, where `bases` are the first indices of the ranges of 512 records."""
+    """Whether an object is a PDO record; `bases` are the first indices of the ranges of 512 records."""
     return any(base <= index < base + 0x200 for base in bases)
 
 

@@ -40,7 +40,7 @@ _UP = (Command.SWITCH_ON, Command.ENABLE_OPERATION)
 
 
 def window_of(node: VirtualNode) -> int:
-    """Return the following error window, the largest distance from 0x6064 that does not count as a jump."""
+    """Return the following error window, the largest distance from 0x6064 that is not considered a jump."""
     window = node.store.number(_WINDOW)
     return window if 0 < window < 1 << 31 else _FALLBACK_WINDOW
 
@@ -152,7 +152,7 @@ class ControlObserver(MasterObserver):
 
 @dataclass(slots=True)
 class Stage:
-    """Stage of the schedule: a fault of the device, and the master's actions during the fault. Times are in ns.
+    """Stage of the schedule: a fault of the device, and the actions of the master meanwhile. Times are in ns.
 
     `kind` determines the checks; `fault` and `also` are faults in `fault_table`. The fault lasts for `lasts`, and the
     reaction is awaited for a further time `after`. With `enables` the stage begins when the drive is enabled; with
@@ -180,7 +180,7 @@ class Stage:
 
     @property
     def total(self) -> int:
-        """Duration of the stage including the time for a reaction, in ns."""
+        """Duration of the stage, including the time for a reaction, in ns."""
         return self.lasts + self.after
 
 
@@ -265,7 +265,7 @@ class ReactionObserver(MasterObserver):
                 self._contacts.append(now)
 
     def controlword(self, word: int, now: int) -> None:
-        """Record a controlword; the first change of the controlword counts as a reaction of the master."""
+        """Record a controlword; the first change counts as a reaction of the master."""
         self._word = word
         stage = self.stage
         if stage is None:
@@ -305,7 +305,7 @@ class ReactionObserver(MasterObserver):
         return None
 
     def _not_enabled(self, stage: Stage, check_id: str) -> None:
-        """Check that the master does not enable the drive again if it was enabled at the beginning of the stage."""
+        """Check that the master does not re-enable the drive if it was enabled at the beginning of the stage."""
         if not stage.enabled:
             return
         commanded = self._commands_enable(stage, stage.begun)

@@ -262,7 +262,7 @@ def rpdos_of(node: VirtualNode, frame: CanFrame) -> Iterator[MappedRpdo]:
 
 
 def values_of(rpdo: MappedRpdo, frame: CanFrame) -> Iterator[tuple[int, int]]:
-    """Yield the index and the value of each mapped number in a frame; none if the frame is too short."""
+    """Yield index and value of each mapped number in a frame; nothing if the frame is too short."""
     if len(frame.data) >= rpdo.codec.length:
         values = rpdo.codec.unpack(frame.data[: rpdo.codec.length])
         for entry, value in zip(rpdo.entries, values, strict=True):

@@ -48,7 +48,7 @@ _OF_STAGE = {
 
 
 class _HeldAnswers:
-    """Withholds one SDO response until the master's next request.
+    """Holds back one SDO response until the master's next request.
 
     The answer to that request follows `_BEHIND_NS` later. A master that mistakes the late answer for the answer to its
     next request continues before the right answer arrives.
@@ -63,11 +63,11 @@ class _HeldAnswers:
         self._until: int | None = None
 
     def arm(self, *, on: bool) -> None:
-        """Delay the next SDO answer; with `on` False, cancel the delay."""
+        """Delay the next SDO response; with `on` False, cancel the delay."""
         self._armed = on
 
     def request(self, frame: CanFrame, now: int) -> None:
-        """Release the delayed answer at the next request other than an abort."""
+        """Release the delayed response at the next request other than an abort."""
         if self._late is None or frame.can_id != REQUEST_BASE + self._node.node_id or frame.data[:1] == bytes((ABORT,)):
             return
         self._released.append(self._late)
@@ -180,7 +180,7 @@ class MasterJudge:
         return ConformanceReport(self.node.node_id, identity, self.findings.results(), "master")
 
     def _log(self, direction: str, frame: CanFrame) -> None:
-        """Log a frame from or to the device; an RPDO is logged only if its data have changed."""
+        """Log a frame from or to the device; an RPDO is logged only if its data has changed."""
         node_id, can_id = self.node.node_id, frame.can_id & 0x7FF
         services = (
             NMT_COB_ID,
@@ -194,7 +194,7 @@ class MasterJudge:
 
 
 class MasterRun:
-    """Run of the master checks on a port, which ends after `seconds` or with the schedule."""
+    """Run of the master checks on a port; ends after `seconds` or with the schedule."""
 
     def __init__(
         self, reactor: Reactor, port: Port, node: VirtualNode, seconds: float, report: Callable[[str], object]
@@ -214,7 +214,7 @@ class MasterRun:
         self._timer = reactor.call_at(now, self._on_timer)
 
     def run(self, progress: Callable[[int, int], object] = lambda _done, _total: None) -> ConformanceReport:
-        """Run to the end and return the report; `progress` is called with the elapsed and the total seconds."""
+        """Run to the end and return the report; `progress` is called with elapsed and total seconds."""
         total = (self._end - self._begin) // S
         while not self.done:
             self._reactor.run_for(min(S // 2, self._end - self._reactor.now()))
@@ -224,7 +224,7 @@ class MasterRun:
 
     @property
     def done(self) -> bool:
-        """Whether the schedule or the time has ended, or the bus is lost."""
+        """Whether the schedule or the time has ended, or the bus was lost."""
         return self._closing or self._lost is not None or self._reactor.now() >= self._end
 
     def close(self) -> None:

@@ -60,7 +60,7 @@ class TransferListener(Protocol):
 
 @dataclass(slots=True)
 class MasterTransfer:
-    """Transfer in progress; `requested_at` is the time of the last request, `answered` whether the device replied."""
+    """Transfer in progress; `requested_at` is the time of the last request, `answered` whether the device responded."""
 
     kind: str
     mux: Mux
@@ -160,7 +160,7 @@ class SdoObserver(MasterObserver):
                 listener.reading(mux)
 
     def _abandoned(self, transfer: MasterTransfer, mux: Mux, now: int) -> None:
-        """Check a transfer that another transfer replaces before its end."""
+        """Check a transfer that is replaced by another transfer before its end."""
         gap, which = now - transfer.requested_at, f"{transfer.kind} of {name_of(transfer.mux)}"
         if not transfer.answered and transfer.stale:
             good = mux == transfer.mux or gap > 2 * S

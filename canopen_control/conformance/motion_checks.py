@@ -347,7 +347,7 @@ def _one_move(node: CheckedNode) -> None:
 
 
 def _time(motion: MotionBounds, distances: int = 1) -> float:
-    """Return the time in s for which to observe a PP motion: its expected duration, with an upper limit."""
+    """Return the time in s for observing a PP motion: its expected duration, up to a limit."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
@@ -448,7 +448,7 @@ def _limit_shown(node: CheckedNode) -> None:
 
 @contextmanager
 def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[MotionBounds]:
-    """Context with the drive in homing mode with `method`, and with the present position as the home offset."""
+    """Context with the drive in homing mode with `method`, and with the current position as the home offset."""
     is_drive(node)
     with node.kept(o.HOMING_METHOD), ExitStack() as stack:
         try:

@@ -162,7 +162,7 @@ def sample(node: CheckedNode, motion: MotionBounds) -> DriveSample:
 def until(
     node: CheckedNode, motion: MotionBounds, holds: Callable[[DriveSample], bool], seconds: float, expected: str
 ) -> list[DriveSample]:
-    """Return the samples up to the first that fulfils `holds`; raise CheckFailed after the timeout."""
+    """Return the samples up to the first one that fulfils `holds`; raise CheckFailed after the timeout."""
     samples = [sample(node, motion)]
     while not holds(samples[-1]):
         last = samples[-1]
@@ -184,7 +184,7 @@ def watch(node: CheckedNode, motion: MotionBounds, seconds: float) -> list[Drive
 
 
 def window(node: CheckedNode, motion: MotionBounds) -> int:
-    """Return the position window 0x6067, or at least a hundredth of the distance of the motion."""
+    """Return the position window 0x6067, but at least a hundredth of the motion's distance."""
     value = _present(node, o.POSITION_WINDOW)
     return max(0 if value == 0xFFFFFFFF else value, abs(motion.distance) // 100, 2)
 
@@ -193,7 +193,7 @@ def window(node: CheckedNode, motion: MotionBounds) -> int:
 
 
 def turn(node: CheckedNode, motion: MotionBounds, velocity: int) -> list[DriveSample]:
-    """Command a velocity in PV and return the samples until the shaft has this velocity."""
+    """Command a velocity in PV and return the samples until the shaft has reached it."""
     node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
     return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
 
@@ -209,7 +209,7 @@ def still(one: DriveSample, velocity: int) -> bool:
 
 
 def set_point(node: CheckedNode, target: int, bits: int = 0) -> None:
-    """Command a PP set-point and reset bit 4; raise CheckFailed unless bit 12 acknowledges the set-point."""
+    """Command a PP set-point and reset bit 4; raise CheckFailed unless bit 12 acknowledges it."""
     control(node, ENABLE | bits)
     node.put(o.TARGET_POSITION, 0, target & 0xFFFFFFFF, 4)
     control(node, ENABLE | NEW_SET_POINT | bits)

@@ -81,7 +81,7 @@ def emergencies(node: CheckedNode, can_id: int, seconds: float) -> list[int]:
 
 
 def boot(node: CheckedNode, command: NmtCommand = NmtCommand.RESET_NODE) -> float:
-    """Reset the node and return the time in s to its boot-up message; raise CheckFailed if there is none."""
+    """Reset the node and return the time in s to its boot-up message; CheckFailed if none is received."""
     seconds = node.reset(command)
     if seconds is None:
         raise CheckFailed("no boot-up message within 10 s", f"{ERROR_CONTROL_COB_ID + node.node_id:03X} 00")
@@ -277,7 +277,7 @@ def other_node_id(node: CheckedNode) -> int:
 
 @contextmanager
 def _watching(node: CheckedNode, timeout_ms: int = 100) -> Iterator[int]:
-    """Context in which the device monitors the heartbeat of another node; yields the id of that node."""
+    """Context in which the device monitors the heartbeat of another node; yields that node's id."""
     other = other_node_id(node)
     with node.kept(0x1016, 1):
         node.put(0x1016, 1, other << 16 | timeout_ms, 4)
@@ -350,7 +350,7 @@ def _start_with_error(node: CheckedNode) -> None:
 
 
 def _guard(node: CheckedNode) -> int:
-    """Return the answer to a node guarding request; raise NotApplicable without an answer."""
+    """Return the response to a node guarding request; raise NotApplicable without a response."""
     frame = node.ask_remote(ERROR_CONTROL_COB_ID + node.node_id, 0.2)
     if frame is None or len(frame.data) != 1:
         raise NotApplicable("the device does not answer a remote frame of guarding")
@@ -408,7 +408,7 @@ def _lss(node: CheckedNode) -> None:
 
 
 def _ask_lss(node: CheckedNode, command: int, value: int = 0, *, tail: bytes = b"") -> bytes | None:
-    """Send a frame as LSS master and return the slave's answer, or None if there is none."""
+    """Send a frame as LSS master and return the slave's response, or None."""
     return node.exchange(MASTER_COB_ID, lss_frame(command, value, tail=tail).data, SLAVE_COB_ID, 0.2)
 
 

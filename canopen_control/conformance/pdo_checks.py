@@ -82,7 +82,7 @@ def pdo_records(node: CheckedNode, base: int) -> list[PdoRecord]:
 
 
 def first_pdo(node: CheckedNode, base: int = RPDO) -> PdoRecord:
-    """Return the first valid PDO that maps an object; raise NotApplicable if there is none."""
+    """Return the first valid PDO that maps an object; raise NotApplicable if none does."""
     for record in pdo_records(node, base):
         if record.entries and not record.cob_id & _OFF:
             return record
@@ -162,7 +162,7 @@ def _frames(node: CheckedNode, can_id: int, seconds: float) -> list[tuple[int, C
 
 
 class CountedSync:
-    """Sender of SYNC with the identifier in 0x1005, and with a counter if 0x1019 is not 0 (CiA 301, 7.2.5)."""
+    """Sender of SYNC with the identifier in 0x1005, and with a counter unless 0x1019 is 0 (CiA 301, 7.2.5)."""
 
     def __init__(self, node: CheckedNode) -> None:
         self._node, self._can_id = node, node.number(0x1005) & 0x7FF
@@ -607,7 +607,7 @@ def _mapped_operational(node: CheckedNode) -> None:
 
 
 def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, Address]:
-    """Return RPDO data that differ in one object without causing motion, and the address of the object."""
+    """Return RPDO data that differs in one object without causing motion, and the address of that object."""
     data, shift = bytearray(present_values(node, record)), 0
     for entry in record.entries:
         index, subindex, bits = parse_mapping_entry(entry)
@@ -619,7 +619,7 @@ def _other_values(node: CheckedNode, record: PdoRecord) -> tuple[bytes, Address]
 
 
 def _expect_value(node: CheckedNode, frame: bytes, address: Address, *, applied: bool) -> None:
-    """Check whether the device applies the value in an RPDO; then restore the old value."""
+    """Check whether the device applies the value in an RPDO, then restore the old value."""
     record = first_pdo(node)
     before = node.read(*address)
     node.send(record.can_id, frame)

@@ -30,7 +30,7 @@ def report_lines(report: ConformanceReport) -> Iterator[str]:
 
 
 def junit(report: ConformanceReport) -> bytes:
-    """Return JUnit XML in pytest's xunit2 form; a failed recommendation is output text instead of a failure."""
+    """Return JUnit XML in pytest's xunit2 form; a failed recommendation is output text, not a failure."""
     failures = [result for result in report.results if result.verdict == FAILED and result.level == "must"]
     counts = {
         "tests": str(len(report.results)),

@@ -77,7 +77,7 @@ class CheckResult:
 
 @dataclass(frozen=True, slots=True)
 class ConformanceReport:
-    """Results of a run; `subject` is "device" or "master", `node_id` that of the device in both cases."""
+    """Results of a run; `subject` is "device" or "master", `node_id` is the device's in both cases."""
 
     node_id: int
     identity: dict[str, str]
@@ -109,7 +109,7 @@ def choose(level: str, allowed: Collection[CheckTouch]) -> list[Check]:
 def run_checks(
     node: CheckedNode, checks: Sequence[Check], progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> ConformanceReport:
-    """Run `checks` and return the report; raise ConfigError if the node does not answer, BusError if the bus is lost.
+    """Run `checks` and return the report; ConfigError if the node does not respond, BusError if the bus is lost.
 
     `progress` is called with the number of completed checks and the number of all checks.
     """
@@ -154,7 +154,7 @@ def _identity(node: CheckedNode) -> dict[str, str]:
 
 
 def _refuse_confusion(node: CheckedNode) -> None:
-    """Raise ConfigError if two nodes answer with the same id, or if the EDS describes another device."""
+    """Raise ConfigError if two nodes respond with the same id, or if the EDS describes another device."""
     if all(node.answers(0.05) > 1 for _ in range(3)):  # a bus can deliver a single frame twice
         raise ConfigError(
             f"two nodes on {node.port.channel} answer as node {node.node_id}; disconnect one of them, and give it "
@@ -181,7 +181,7 @@ _LATE_S = 5.0  # timeout for a device that answers late
 
 
 def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
-    """Return why the device does not answer: late start, another node id, absence, or a flooded bus."""
+    """Return why the device does not respond: late start, another node id, absence, or a flooded bus."""
     node.listen(1.0)  # discard answers to earlier requests
     begin = node.reactor.now()
     if node.exchange(REQUEST + node.node_id, upload_request(0x1000), ANSWER + node.node_id, _LATE_S) is not None:
@@ -198,7 +198,7 @@ def _reason_of_silence(node: CheckedNode, identity: Mapping[str, str]) -> str:
 
 
 def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
-    """Return the fields of another node's identity that this node reports as well."""
+    """Return the fields of another node's identity that this node reports too."""
     identity = {}
     for name, index, subindex in _IDENTITY:
         data = node.exchange(REQUEST + other, upload_request(index, subindex), ANSWER + other)
@@ -208,7 +208,7 @@ def _identity_of(node: CheckedNode, other: int) -> dict[str, str]:
 
 
 def _floods(node: CheckedNode) -> str:
-    """Return a text about identifiers received too often, or "" if there are none."""
+    """Return a text about identifiers received too often, or ""."""
     answers = ANSWER + node.node_id
     often = {can_id: rate for can_id, rate in node.rates.items() if rate >= _FLOOD and can_id != answers}
     return ", ".join(
@@ -225,7 +225,7 @@ def _flood(node: CheckedNode) -> CheckResult:
 
 
 def _run(node: CheckedNode, check: Check) -> tuple[CheckResult, bool]:
-    """Return the result of a check, and whether the check ended because the device did not answer.
+    """Return the result of a check, and whether it ended because the device did not respond.
 
     A check that measures times is repeated before it counts as failed, because this computer or its adapter may have
     been late.
@@ -278,7 +278,7 @@ def _result(
 
 
 def _parameters(node: CheckedNode) -> dict[Address, bytes]:
-    """Read everything that a check could change: all readable and writable objects except process data."""
+    """Read everything that a check could change: all objects that are readable and writable, except process data."""
     if node.eds is None:
         return {}
     values: dict[Address, bytes] = {}
@@ -292,7 +292,7 @@ def _parameters(node: CheckedNode) -> dict[Address, bytes]:
 
 
 def _compare(node: CheckedNode, before: Mapping[Address, bytes], *, restore: bool) -> CheckResult:
-    """Compare the parameters with their values before the run; with `restore` write the differing values back."""
+    """Compare the parameters with their values before the run; with `restore`, write the old values back."""
     node.begin()
     check = Check(
         "Z01", "301", "7.4", "the parameters of the device are unchanged", CheckLevel.MUST, CheckTouch.READ, _nothing

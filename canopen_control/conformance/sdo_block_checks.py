@@ -68,7 +68,7 @@ def _start_upload(node: CheckedNode, index: int, block_size: int) -> tuple[int, 
 
 
 def _segments(node: CheckedNode, data: bytes, seconds: float = 0.1) -> list[bytes]:
-    """Send a request; return the data of all SDO answers received within `seconds`."""
+    """Send a request; return the data of all SDO responses received within `seconds`."""
     node.send(REQUEST + node.node_id, data)
     return [frame.data for _, frame in node.listen(seconds) if frame.can_id == ANSWER + node.node_id]
 

@@ -49,7 +49,7 @@ def _od(node: CheckedNode) -> ObjectDictionary:
 
 
 def _segmented(node: CheckedNode) -> tuple[int, int]:
-    """Return index and announced length of an object with segmented upload; raise NotApplicable if there is none."""
+    """Return index and announced length of an object with segmented upload; raise NotApplicable if none exists."""
     for index in _STRINGS:
         answer = node.ask(upload_request(index))
         if answer is not None and answer[0] & 0xE2 == 0x40:
@@ -312,7 +312,7 @@ def _every_object(node: CheckedNode) -> None:
 
 
 def _read_badly(node: CheckedNode, entry: Entry) -> str:
-    """Return how the upload of an object fails or deviates in length, or "" if the upload is correct."""
+    """Return how the upload of an object fails or deviates in length, or "" if it is correct."""
     if not entry.readable or entry.obj_flags & _UNREAD:
         return ""
     name = f"0x{entry.index:04X}:{entry.subindex:02X}"

@@ -355,7 +355,7 @@ class GatewayService:
 
 
 def _abort_of(error: CanopenError) -> int | None:
-    """Return the SDO abort code with which the gateway answers an error, None for an error without an abort code."""
+    """Return the SDO abort code with which the gateway answers an error, or None for an error without an abort code."""
     if isinstance(error, SdoAbort):
         return error.code
     if isinstance(error, SdoTimeout) or (isinstance(error, RemoteError) and error.kind in _SILENT):

@@ -51,7 +51,7 @@ class LifecycleState(enum.Enum):
 
 
 class StateInterface:
-    """Measured value in SI units, nan if unknown; `name` is "joint/interface"."""
+    """Measured value in SI units (nan: unknown); `name` is "joint/interface"."""
 
     __slots__ = ("interface", "joint", "name", "value")
 
@@ -72,7 +72,7 @@ class ValueRange(Protocol):
 
 
 class CommandInterface:
-    """Commanded value in SI units, nan if not commanded; `owner` is the claiming controller, or None.
+    """Commanded value in SI units (nan: no command); `owner` is the claiming controller, or None.
 
     - `minimum`, `maximum`: limits in the description, infinite without limits.
     - `enabled`: the hardware follows commands at present; always True without drives.

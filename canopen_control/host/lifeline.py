@@ -16,7 +16,7 @@ READY_WORD: Final = b"ready"
 
 
 def lifeline_fd() -> int | None:
-    """Return the descriptor of this process's lifeline, None without a lifeline.
+    """Return the descriptor of this process's lifeline, or None without a lifeline.
 
     The descriptor becomes readable, at end of file, when the parent has ended. Nothing is ever written to it.
     """
@@ -24,7 +24,7 @@ def lifeline_fd() -> int | None:
 
 
 def gate_fd() -> int | None:
-    """Return the descriptor of this process's gate, None without a gate; the caller must close the descriptor.
+    """Return the descriptor of this process's gate, or None without a gate; the caller must close the descriptor.
 
     The descriptor becomes readable when the parent opens the gate, with one byte, or at end of file if the gate will
     never be opened.

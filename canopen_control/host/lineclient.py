@@ -51,7 +51,7 @@ class LineBuffer:
             self._data += data
 
     def next_line(self) -> bytes | None:
-        """Return the next line without its newline, None if no line is complete; empty lines are skipped."""
+        """Return the next line without its newline, or None if no line is complete; empty lines are skipped."""
         if self.overflow:
             return None
         data = self._data
@@ -118,7 +118,7 @@ class LineClient:
                 raise RemoteError("Timeout", f"{self.label} has not read for {timeout:g} s; check whether it hangs")
 
     def receive(self, timeout: float | None = 5.0) -> bytes | None:
-        """Return the next line without its newline, None if no line arrived within `timeout` s.
+        """Return the next line without its newline, or None if no line arrived within `timeout` s.
 
         With 0 the method does not wait, with None it waits without limit.
         """

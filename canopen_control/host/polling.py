@@ -26,7 +26,7 @@ class Poller(Protocol):
 
 
 def open_poller(selector: selectors.BaseSelector) -> Poller | None:
-    """Return a poller that is faster than `selector` itself, None if there is none.
+    """Return a poller that is faster than `selector` itself, or None if there is none.
 
     The epoll poller has a descriptor of its own, so that both the poller and the selector can be closed.
     """

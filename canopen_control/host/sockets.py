@@ -161,7 +161,7 @@ def list_sockets(kind: SocketKind) -> list[str]:
 
 
 def _peer(sock: socket.socket) -> tuple[int, int] | None:
-    """Return the process id (0 if unknown) and user id of a socket's peer, None if the peer is gone."""
+    """Return the process id (0 if unknown) and user id of a socket's peer, or None if the peer is gone."""
     try:
         if _LINUX:
             pid, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
@@ -179,7 +179,7 @@ def same_user(sock: socket.socket) -> bool:
 
 
 def peer_pid(sock: socket.socket) -> int:
-    """Return the process id of a Unix socket's peer, 0 if unknown."""
+    """Return the process id of a Unix socket's peer, or 0 if unknown."""
     peer = _peer(sock)
     return peer[0] if peer is not None else 0
 

@@ -76,7 +76,7 @@ class Child:
 
     @property
     def log_path(self) -> Path | None:
-        """Path of the log with the child's output, None without a log."""
+        """Path of the log with the child's output, or None without a log."""
         return None if self._log is None else self._log.path
 
     @property
@@ -365,7 +365,7 @@ def _start_detached(argv: Sequence[str], report_fd: int, log: LogFile, main: Mai
 
 
 def _read_report(fd: int, deadline: float) -> bytes | None:
-    """Return the reported line, b"" if all possible senders have ended, None after the deadline."""
+    """Return the reported line; b"" if all possible senders have ended, None after the deadline."""
     report = b""
     while not report.endswith(b"\n"):
         readable, _, _ = select.select([fd], [], [], max(deadline - time.monotonic(), 0))

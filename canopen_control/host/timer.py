@@ -105,7 +105,7 @@ class TimerQueue:
         return timer
 
     def next_deadline(self) -> int | None:
-        """Return the deadline of the earliest active timer, None if there is none."""
+        """Return the deadline of the earliest active timer, or None if there is none."""
         heap = self._heap
         while heap:
             deadline_ns, _, timer = heap[0]
@@ -243,7 +243,7 @@ class _CtypesAlarm:
 
 
 def open_alarm() -> Alarm | None:
-    """Return the kernel's timer, None if it is missing, so that the selector's timeout is used."""
+    """Return the kernel's timer, or None if it is missing, so that the selector's timeout is used."""
     if not sys.platform.startswith("linux"):
         return None
     try:

@@ -52,7 +52,7 @@ class Core(FrameListener, Protocol):
         """Process timeouts up to `now`, in monotonic ns."""
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick` in monotonic ns, None if not needed."""
+        """Return the time of the next `tick` in monotonic ns, or None if not needed."""
 
     def frames(self) -> list[CanFrame]:
         """Return and clear the frames to send."""

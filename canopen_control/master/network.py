@@ -295,7 +295,7 @@ class Network:
             self._stale = True
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`, None if not needed."""
+        """Return the time of the next `tick`, or None if not needed."""
         if self._stale:
             self._deadline, self._stale = self._earliest(), False
         return self._deadline

@@ -456,7 +456,7 @@ class RemoteNode:
         self.log.tick(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next `tick`, None if not needed."""
+        """Return the time of the next `tick`, or None if not needed."""
         task = self._task.next_deadline() if self._task is not None else None
         earliest = self.sdo.next_deadline()
         for deadline in (task, self._retry_at, self._stopping_until, self.log.deadline):

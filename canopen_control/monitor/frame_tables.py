@@ -1,4 +1,4 @@
-"""Frames of a bus in the monitor: one row for each identifier, and the newest frames that pass a filter.
+"""Frames of a bus in the monitor: one row for each identifier, and the latest frames that pass a filter.
 
 Memory is bounded. A filter is a line of words separated by commas: a service (`pdo`, `sdo`, ...), a node (name or
 number), an identifier or a range of identifiers (`0x181`, `0x180-0x1FF`), or `changes`. Words of the same kind are
@@ -93,7 +93,7 @@ class FrameTable:
 
 
 class TraceLog:
-    """Newest frames, with a filter; stores `KEPT` frames so that a new filter can be applied to earlier frames."""
+    """Latest frames, with a filter; stores `KEPT` frames so that a new filter can be applied to earlier frames."""
 
     def __init__(self) -> None:
         self.filter = Filter()

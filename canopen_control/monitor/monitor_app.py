@@ -488,7 +488,7 @@ class MonitorApp(App[None]):
 
     @property
     def _selected(self) -> str:
-        """Name of the node whose row has the cursor, "" without rows."""
+        """Name of the node whose row has the cursor, or "" without rows."""
         return (self._drives.selected or "").partition("/")[0]
 
     def action_filter(self) -> None:

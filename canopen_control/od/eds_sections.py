@@ -68,7 +68,7 @@ class Section:
         return self.values.get(key, "")
 
     def pair(self, key: str) -> Pair | None:
-        """Return the pair of a lower-case key, None if the key is absent."""
+        """Return the pair of a lower-case key, or None if the key is absent."""
         return Pair(self.spelled(key), self.values[key], self.line_of(key)) if key in self.values else None
 
     def spelled(self, key: str) -> str:
@@ -181,7 +181,7 @@ def _with_plain_ends(text: str) -> str:
 
 
 def what_else(text: str) -> str:
-    """Return the format indicated by the beginning of a text, "" if unknown or possibly an EDS."""
+    """Return the format indicated by the beginning of a text, or "" if unknown or possibly an EDS."""
     begin = text[:1000].lstrip(_BLANK)
     return next((meaning for start, meaning in _NOT_CANOPEN if begin.startswith(start)), "")
 

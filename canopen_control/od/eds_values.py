@@ -38,7 +38,7 @@ class ValueIssue(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """Parsed value, None if the text is empty; `relative` is True if the text contained $NODEID."""
+    """Parsed value, or None if the text is empty; `relative` is True if the text contained $NODEID."""
 
     value: Value | None
     relative: bool = False

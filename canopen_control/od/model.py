@@ -247,7 +247,7 @@ class ObjectDictionary:
         return len(self.entries)
 
     def get(self, index: int, subindex: int = 0) -> Entry | None:
-        """Return the entry at an address, None if absent."""
+        """Return the entry at an address, or None if absent."""
         return self.entries.get((index, subindex))
 
     def add(self, entry: Entry) -> None:
@@ -340,7 +340,7 @@ _VARIABLES: Final = {
 
 
 def communication_type(index: int, subindex: int) -> DataType | None:
-    """Return the data type that CiA 301 specifies for an object of the communication area, None if unspecified."""
+    """Return the data type that CiA 301 specifies for an object of the communication area, or None if unspecified."""
     if subindex == 0 and index in _VARIABLES:
         return _VARIABLES[index]
     records = ((types, other) for indices, types, other in _RECORDS if index in indices)

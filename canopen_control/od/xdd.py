@@ -123,7 +123,7 @@ class _Element:
         return next((descendant for descendant in self.descendants() if descendant.tag == tag), None)
 
     def value_of(self, tag: str) -> str | None:
-        """Return the attribute `value` of the first child with this tag, None if absent."""
+        """Return the attribute `value` of the first child with this tag, or None if absent."""
         return next((child.attributes.get("value") for child in self.children if child.tag == tag), None)
 
 

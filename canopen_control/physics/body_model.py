@@ -63,7 +63,7 @@ class JointPlace:
     motor: EstimatedMotor
 
     def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
-        """Lock the joint at its present position if `on`, else release the lock."""
+        """Lock the joint at its current position if `on`, else release the lock."""
         if on:
             model.eq_data[self.lock, 0] = data.qpos[self.qpos] - model.qpos0[self.qpos]
         data.eq_active[self.lock] = on

@@ -106,7 +106,7 @@ class Disturbances:
         return grip
 
     def next_ns(self) -> int | None:
-        """Return the time in ns of the next scheduled disturbance, None if there is none."""
+        """Return the time in ns of the next scheduled disturbance, or None if there is none."""
         return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
@@ -189,7 +189,7 @@ class Disturbances:
     # -- friction
 
     def update_friction(self) -> None:
-        """Set the friction of every wheel and caster for its present position on the floor."""
+        """Set the friction of every wheel and caster for its current position on the floor."""
         for geom in (*self._wheels, *self._casters):
             grip = self.grip_at(float(self._data.geom_xpos[geom, 0]), float(self._data.geom_xpos[geom, 1]))
             self._model.geom_friction[geom, 0] = grip if geom in self._wheels else min(self._slide, grip)

@@ -321,7 +321,7 @@ class PhysicsWorld:
 
     @property
     def shown_ns(self) -> int:
-        """Time in ns up to which the world was advanced, 0 before the first call."""
+        """Time in ns up to which the world was advanced, or 0 before the first call."""
         return max(0, self._shown)
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:

@@ -198,7 +198,7 @@ class LidarScanner:
         self._random = random.Random(f"{self._settings.seed} {self._settings.name}")
 
     def scan(self, seconds: float) -> LaserScanReading:
-        """Return a scan of the present state with the time stamp `seconds` (simulation time)."""
+        """Return a scan of the current state with the time stamp `seconds` (simulation time)."""
         settings = self._settings
         rays = (self._rays @ self._turn.reshape(3, 3).T).flatten()
         place, count, cutoff = self._place.copy(), settings.count, settings.range_max
@@ -325,7 +325,7 @@ class JointMotor:
         self._robot.data.qvel[self._place.dof] = value
 
     def rest(self) -> None:
-        """Reset the control loops, with the present position as target."""
+        """Reset the control loops, with the current position as target."""
         self._target, self._reference, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._reference
         self._loop.begin()

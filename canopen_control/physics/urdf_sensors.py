@@ -74,7 +74,7 @@ def urdf_sensors(
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
-    """Return the kind of a sensor tag, None if a world cannot simulate the sensor."""
+    """Return the kind of a sensor tag, or None if a world cannot simulate the sensor."""
     mujoco_type = part.parameters.get("mujoco_type")
     if mujoco_type is not None:
         return _TYPES.get(mujoco_type.strip())
@@ -83,7 +83,7 @@ def _kind(part: ControlJoint) -> SensorKind | None:
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
-    """Return the settings of a sensor tag, None if a world cannot simulate the sensor; append errors to `wrong`."""
+    """Return the settings of a sensor tag, or None if a world cannot simulate the sensor; append errors to `wrong`."""
     params = part.parameters
     mujoco_type = params.get("mujoco_type", "").strip()
     if mujoco_type and mujoco_type not in (*_TYPES, *_OTHERS):

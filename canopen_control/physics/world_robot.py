@@ -68,7 +68,7 @@ class WorldRobot:
         self.count_turns()
 
     def _weight(self) -> float:
-        """Return the robot's weight in N, 0 for a fixed root."""
+        """Return the robot's weight in N, or 0 for a fixed root."""
         if self.body.base is None:
             return 0.0
         model = self.body.model

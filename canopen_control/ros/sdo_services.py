@@ -310,7 +310,7 @@ def _one_by_one(
 
 
 def _fill(into: RosMessage, kind: str, result: SdoData | None, error: str | None) -> None:
-    """Set a ParameterValue to an object's value, or to the error as a text with the type not set."""
+    """Set a ParameterValue to an object's value, or to the error as text with the type not set."""
     try:
         if result is None:
             raise ValueError(error)

@@ -146,7 +146,7 @@ T = TypeVar("T")
 
 
 class Mailbox(Generic[T]):
-    """Store of the newest value per name; any thread may call `put`, only the reading thread `take`."""
+    """Store of the latest value per name; any thread may call `put`, only the reading thread `take`."""
 
     def __init__(self, interval_ns: int) -> None:
         self.interval_ns = interval_ns
@@ -268,7 +268,7 @@ class RosTime:
         return None if self._simulated else self._clock()
 
     def _epoch_of(self, message: StateSample) -> float | None:
-        """Return the start of the simulation as Unix time in s, None if stamps are not simulated time."""
+        """Return the start of the simulation as Unix time in s, or None if stamps are not simulated time."""
         return message.sim_epoch if self.in_simulation or self._clock() is not None else None
 
     def _of(self, name: str, time: float, now: float) -> tuple[float, float]:

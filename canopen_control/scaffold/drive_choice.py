@@ -244,7 +244,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return position counts per shaft revolution by the EDS defaults, None if the EDS has none."""
+    """Return position counts per shaft revolution by the EDS defaults, or None if the EDS has none."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

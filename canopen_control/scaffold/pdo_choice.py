@@ -204,7 +204,7 @@ def _usable(od: ObjectDictionary, pdo: Pdo, required: PdoRequirement) -> bool:
 
 
 def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
-    """Return the number of objects that can be mapped by SDO, 0 for a fixed mapping."""
+    """Return the number of objects that can be mapped by SDO, or 0 for a fixed mapping."""
     count = od.get(pdo.mapping, 0)
     if count is None or not count.writable or not od[pdo.communication, 1].writable:
         return 0

@@ -49,7 +49,7 @@ _ENDS: Final = ("stop", "latch", "axis", "activate", "deactivate", "leave", "can
 
 @dataclass(slots=True)
 class _Request:
-    """Motion of a joint that a client has requested: first and last time of the request, and its newest value."""
+    """Motion of a joint that a client has requested: first and last time of the request, and its latest value."""
 
     since: int
     last: int

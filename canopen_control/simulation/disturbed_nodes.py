@@ -37,15 +37,15 @@ class DisturbedNodes:
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
-        """Return the last time of a count change that may not be a motion of the drive, 0 for never."""
+        """Return the last time of a count change that may not be a motion of the drive, or 0 for never."""
         return self._moved[node_id]
 
     def put(self, node_id: int) -> int:
-        """Return the last time at which a fault set the count near its 32-bit limit, 0 for never."""
+        """Return the last time at which a fault set the count near its 32-bit limit, or 0 for never."""
         return self._put[node_id]
 
     def last(self, node_id: int) -> int:
-        """Return the time of the last disturbance of the node, its bus or the robot, 0 for never."""
+        """Return the time of the last disturbance of the node, its bus or the robot, or 0 for never."""
         return self._last[node_id]
 
     def is_calm(self, view: ObservedNode, now: int) -> bool:

@@ -145,7 +145,7 @@ def cells_words(hit: Iterable[Cell], faults: Sequence[str]) -> str:
 
 
 def states_of(robot: RobotUnderTest, node_id: int) -> Iterator[tuple[str, str]]:
-    """Yield pairs of state machine and present state of a node, for every axis."""
+    """Yield pairs of state machine and current state of a node, for every axis."""
     device = robot.drives[node_id].device
     if device is not None:
         yield NMT, device.nmt.state.name

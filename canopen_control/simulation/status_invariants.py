@@ -78,7 +78,7 @@ class _Shaft:
         self._bounds: dict[int, tuple[float, float]] = {}  # by kind of value in the last cycles
 
     def take(self, robot: RobotUnderTest, now: int) -> None:
-        """Record the present position and velocity of the shaft."""
+        """Record the current position and velocity of the shaft."""
         device, truth = robot.drives[self.view.node_id].device, self.truth
         if device is None:
             truth.clear()
@@ -185,7 +185,7 @@ class StatusInvariants:
         self._judge_jumps(status.events)
 
     def true_place(self, joint: str) -> tuple[float, float] | None:
-        """Return the lowest and highest joint position of the last cycles in SI units, None if unknown."""
+        """Return the lowest and highest joint position of the last cycles in SI units, or None if unknown."""
         for shaft in self._shafts:
             if shaft.joint == joint and shaft.truth and shaft.offset is not None and self._calm.get(shaft.view.node_id):
                 places = [truth[_POSITION] for truth in shaft.truth]

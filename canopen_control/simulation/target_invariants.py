@@ -211,7 +211,7 @@ class TargetInvariants:
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target beyond the limits of an enabled drive, "" if there is none."""
+        """Return a text about a target beyond the limits of an enabled drive, or "" if there is none."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:

@@ -52,7 +52,7 @@ class VirtualTime:
         self._limit_ns = START_NS
 
     def at(self, when_ns: int, callback: Callable[[], object]) -> None:
-        """Schedule a callback for `when_ns`, or for the present time if `when_ns` has passed."""
+        """Schedule a callback for `when_ns`, or for the current time if `when_ns` has passed."""
         self._sequence += 1
         now = self.now_ns
         heapq.heappush(self._heap, (when_ns if when_ns > now else now, self._sequence, callback))
@@ -62,7 +62,7 @@ class VirtualTime:
         self.at(self.now_ns + delay_ns, callback)
 
     def next_ns(self) -> int | None:
-        """Return the time of the next event, None if there is none."""
+        """Return the time of the next event, or None if there is none."""
         return self._heap[0][0] if self._heap else None
 
     def jump(self, when_ns: int) -> bool:
@@ -122,7 +122,7 @@ class Actor:
         self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
-        """End the process as by SIGKILL: no callback runs any more."""
+        """End the process as by SIGKILL: no callback runs any longer."""
         if not self._ended:
             self._ended = True
             self.reactor.close()

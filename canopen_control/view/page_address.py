@@ -82,7 +82,7 @@ class AccessRules:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
 
     def refusal(self, path: str, headers: Mapping[str, str], method: str = "GET") -> str | None:
-        """Return the reason why a request is refused, None if allowed; `headers` are by canonical name."""
+        """Return the reason why a request is refused, or None if allowed; `headers` are by canonical name."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if is_loopback(self.host) and host not in self._own_names():
             return f"{host!r} is not an address of this page"

@@ -37,7 +37,7 @@ _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}
 
 @dataclass(frozen=True, slots=True)
 class DriveTarget:
-    """Axis of a drive that a target controller commands, with its present state and mode.
+    """Axis of a drive that a target controller commands, with its current state and mode.
 
     `mode` is "" if the present mode of operation takes no target.
     """
@@ -50,7 +50,7 @@ class DriveTarget:
 
     @property
     def quantity(self) -> str:
-        """Quantity of the target, such as "velocity"; "" if the present mode takes no target."""
+        """Quantity of the target, such as "velocity"; "" if the current mode takes no target."""
         return MODES.get(self.mode, "")
 
     @property

@@ -85,12 +85,12 @@ class DriveUnits:
         return wrap32((position - self.zero) / self.position)
 
     def lose_counts(self, counts: float) -> None:
-        """Shift the position in user units by `counts`, as after lost encoder counts (a fault)."""
+        """Shift the position in user units by `counts`, as if encoder counts had been lost (a fault)."""
         self.zero -= counts
 
 
 class AxisObjects:
-    """Access to the objects of one axis in `store`, addressed by the indices of axis 0."""
+    """Access to the objects of one axis in `store`, addressed by their indices on axis 0."""
 
     def __init__(self, store: VirtualStore, axis: int, model: DeviceModel) -> None:
         self.axis, self.store, self.model = axis, store, model
@@ -99,7 +99,7 @@ class AxisObjects:
         self._values = store.values
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return the value of an integer object, `default` if missing or of another type."""
+        """Return the value of an integer object; `default` if missing or of another type."""
         value = self._values.get((index + self.offset, subindex), default)
         return value if isinstance(value, int) else default
 
@@ -107,7 +107,7 @@ class AxisObjects:
         return (index + self.offset, subindex) in self._values
 
     def set(self, index: int, value: Value) -> None:
-        """Set an object without checks, like the firmware of a drive; no effect if the object is missing."""
+        """Set an object without checks, like the firmware of a drive; no effect if it is missing."""
         self.store.set(index + self.offset, 0, value)
 
     def ramp(self, index: int) -> float:
@@ -123,7 +123,7 @@ class AxisObjects:
         return self.number(index) * self.units.length
 
     def ratio(self, index: int) -> float:
-        """Return subindex 1 of an object divided by subindex 2; a missing or zero value counts as 1."""
+        """Return subindex 1 of an object divided by subindex 2; missing and zero values count as 1."""
         return float(self.number(index, 1, 1) or 1) / float(self.number(index, 2, 1) or 1)
 
     @property
@@ -134,7 +134,7 @@ class AxisObjects:
 
     @property
     def speed_unit(self) -> float:
-        """Velocity unit 0x60A9 in counts/s, 0 unless the unit is rpm or a power of ten of rpm."""
+        """Velocity unit 0x60A9 in counts/s; 0 unless the unit is rpm or a power of ten of rpm."""
         return self.counts_per_rpm * rpm_of_unit(self.number(o.SI_UNIT_VELOCITY))
 
     @property
@@ -172,14 +172,14 @@ class Switches:
     homing: bool = False
 
     def inputs(self, position: float) -> int:
-        """Return bits 0 to 2 of 0x60FD (negative limit, positive limit, home); 0 while no switch is in use."""
+        """Return bits 0 to 2 of 0x60FD (negative limit, positive limit, home); 0 while no switch is used."""
         if not (self.wired or self.homing):
             return 0
         home = HOME if self.home_low <= position <= self.home_high else 0
         return home | (NEGATIVE if position <= self.negative else 0) | (POSITIVE if position >= self.positive else 0)
 
     def next_hit(self, demand: DemandCurve, now: int) -> int | None:
-        """Return the time at which `demand` reaches a wired limit switch, None if never."""
+        """Return the time at which `demand` reaches a wired limit switch, or None if never."""
         if not self.wired:
             return None
         position = demand.at(now)[0]
@@ -203,11 +203,11 @@ class Switches:
         self.wired, self.positive, self.negative = True, position, -_OUT_OF_REACH
 
     def open_positive(self) -> None:
-        """Undo `close_positive`; only homing uses the limit switches."""
+        """Undo `close_positive`; the limit switches are then used only for homing."""
         self.wired, self.positive, self.negative = False, _LIMIT, -_LIMIT
 
     def place(self, *, reachable: bool) -> None:
-        """Move the switches to their normal positions, or beyond the reach of homing (a fault)."""
+        """Move the switches to their normal positions, or out of reach of homing (a fault)."""
         far = 0.0 if reachable else _OUT_OF_REACH
         self.negative, self.positive = -_LIMIT - far, _LIMIT + far
         self.home_low, self.home_high = _HOME_LOW + far, _HOME_HIGH + far
@@ -225,7 +225,7 @@ _PERIOD_S: Final = PERIOD_NS * 1e-9
 
 
 class VelocityLoop:
-    """Position P loop over a velocity PI loop, with `gains` and the feed-forward `fed` (0x60B1, 0x60B2)."""
+    """Position P loop around a velocity PI loop, with `gains` and the feed-forward `fed` (0x60B1, 0x60B2)."""
 
     def __init__(self, gains: ServoGains) -> None:
         self.gains = gains
@@ -233,7 +233,7 @@ class VelocityLoop:
         self._integral = self._torque = 0.0
 
     def rest(self, torque: float = 0.0) -> None:
-        """Restart the loop at `torque`, without feed-forward."""
+        """Restart the loop at `torque` without feed-forward."""
         self._integral = self._torque = torque
         self.fed = (0.0, 0.0)
 
@@ -332,7 +332,7 @@ class AxisMotion:
             self.timers.pop(name, None)
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, and call each timer at its due time."""
+        """Advance the axis to `now`, calling each timer at its due time."""
         while self._rings(now):
             name, (deadline, callback) = min(self.timers.items(), key=_deadline_of)
             del self.timers[name]
@@ -348,11 +348,11 @@ class AxisMotion:
         return False
 
     def next_event(self) -> int | None:
-        """Return the time in ns of the next timer, None if no timer is set."""
+        """Return the time in ns of the next timer, or None if no timer is set."""
         return min([deadline for deadline, _ in self.timers.values()]) if self.timers else None
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `advance` is due next, None if no timer is set.
+        """Return the time in ns at which `advance` is next due, or None if no timer is set.
 
         The checks of a coupled plant on its fixed grid are not counted: the next call of `advance` makes up for them.
         """
@@ -392,7 +392,7 @@ class AxisMotion:
 
     @property
     def time(self) -> int:
-        """Time in ns to which the axis was advanced, 0 before the first call."""
+        """Time in ns to which the axis has been advanced, or 0 before the first call."""
         return self.now or 0
 
     # -- motion
@@ -403,7 +403,7 @@ class AxisMotion:
         return abs(self.plant.velocity) < 0.5
 
     def state(self, now: int) -> tuple[float, float]:
-        """Return the position and the velocity from which a new demand starts."""
+        """Return position and velocity from which a new demand starts."""
         if self.torque is not None or not self.powered:
             return self.plant.position, self.plant.velocity
         position, velocity = self.demand.at(now)
@@ -415,7 +415,7 @@ class AxisMotion:
         return self.velocity_mode and (self.loop is not None or self._coupled is not None)
 
     def power(self, on: bool, now: int) -> None:
-        """Switch the power stage on or off, and set the demand to the plant's present position."""
+        """Switch the power stage on or off, and set the demand to the plant's current position."""
         self._move(now)
         self.cancel("arrive", "follow", "switch", "index", "interpolate", "set point", "following error")
         self.powered, self.torque, self._fed = on, None, (0.0, 0.0)
@@ -434,7 +434,7 @@ class AxisMotion:
             self.demand = demand.shifted(distance)
 
     def run(self, demand: DemandCurve, now: int) -> None:
-        """Follow `demand`; `arrived` is called at the end of the demand, or immediately if there is no motion."""
+        """Follow `demand`; `arrived` is called at its end, or at once if there is no motion."""
         self._move(now)
         if self.loop is not None and self.torque is not None:
             self.loop.rest(self.torque.at(now)[1])
@@ -479,7 +479,7 @@ class AxisMotion:
             self.at("sample", now + SAMPLE_NS, self._sample)
 
     def watch_index(self, now: int) -> None:
-        """Set a timer for the next index pulse of the demand, if a touch probe waits for an index pulse."""
+        """Set a timer for the next index pulse of the demand if a touch probe is waiting for one."""
         pulse = self.owner.next_index(self.demand, now) if self.torque is None else None
         if pulse is None:
             self.cancel("index")
@@ -494,7 +494,7 @@ class AxisMotion:
         self.owner.limit_switch_hit(int(math.copysign(1.0, self.demand.at(now)[1])), now)
 
     def _follow(self, now: int) -> None:
-        """Check the following error of a lagging plant periodically, until demand and plant stand still."""
+        """Check the following error of a lagging plant periodically until demand and plant stand still."""
         if not self.powered or self.torque is not None:
             return
         position, velocity = self.demand.at(now)

@@ -51,12 +51,12 @@ _ENGINES: Final = {"mujoco": "canopen_control.physics.engine"}  # imported only 
 
 
 class GroupError(ConfigError):
-    """Error in a file of several buses."""
+    """Error in a file that defines several buses."""
 
 
 @dataclass(frozen=True)
 class BusFile:
-    """Section of a bus in the file: the channel, and the EDS file of each node by node-ID."""
+    """Section of a bus in the file: channel, and EDS file of each node by node-ID."""
 
     channel: str
     nodes: dict[str, str]
@@ -65,7 +65,7 @@ class BusFile:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """Section of a robot in the file: the plant file, and the buses by name."""
+    """Section of a robot in the file: plant file, and buses by name."""
 
     plant: str
     buses: dict[str, BusFile]
@@ -74,7 +74,7 @@ class RobotFile:
 
 @dataclass(frozen=True)
 class BusGroup:
-    """Contents of a file of several buses."""
+    """Contents of a file that defines several buses."""
 
     robots: dict[str, RobotFile]
     engine: Literal["mujoco"] = "mujoco"
@@ -83,7 +83,7 @@ class BusGroup:
 
 
 def read_group(path: Path) -> BusGroup:
-    """Read a file of several buses; GroupError lists all errors with their lines."""
+    """Read a file that defines several buses; GroupError lists all errors by line."""
     return load(path, BusGroup, error=GroupError, check=_check)
 
 

@@ -1,4 +1,4 @@
-"""Communication objects 0x1000 to 0x1FFF of a node, except PDOs, and the CiA 301 services configured by them.
+"""Communication objects 0x1000 to 0x1FFF of a node, except PDOs, and the CiA 301 services that they configure.
 
 Guards refuse values with the abort codes of the standard; `apply` configures all services from the store, after a reset
 and after a write.
@@ -127,7 +127,7 @@ class ProgramArea:
 
     @property
     def runs(self) -> bool:
-        """Whether the application program runs, not the boot-loader."""
+        """Whether the application program is running, not the boot-loader."""
         return self.state is ProgramState.RUNNING
 
     @property
@@ -138,12 +138,12 @@ class ProgramArea:
 
     @property
     def identification(self) -> int:
-        """CRC-32 at the end of the program, 0 without a complete program."""
+        """CRC-32 at the end of the program, or 0 without a complete program."""
         return int.from_bytes(self.image[-_CRC_BYTES:], "little") if self.is_whole else 0
 
     @property
     def date(self) -> tuple[int, int]:
-        """Date of the program: days since 1984-01-01 and milliseconds after midnight, zeros without a date."""
+        """Date of the program: days since 1984-01-01 and milliseconds after midnight; zeros without a date."""
         end = len(self.image) - _CRC_BYTES
         if not self.is_whole or end < _DATE.size:
             return 0, 0
@@ -166,7 +166,7 @@ class ProgramArea:
         return self.reset_at
 
     def reset(self) -> None:
-        """Start the program after a reset, or the boot-loader if the program is incomplete or was stopped."""
+        """Start the program after a reset, or the boot-loader if it is incomplete or was stopped."""
         requested, self._next, self.reset_at, self._busy_until = self._next, None, None, 0
         stopped = requested is ProgramState.STOPPED
         self.state = ProgramState.RUNNING if self.is_whole and not stopped else ProgramState.STOPPED
@@ -205,7 +205,7 @@ class ProgramArea:
         self._busy_until = self._clock.now + self.erase_ns.value
 
     def _take(self, entry: Entry, value: Value) -> Value:
-        """Write the flash; after a failed write partial data remains, and 0x1F57 shows the error."""
+        """Write the flash; after a failed write, partial data remains and 0x1F57 shows the error."""
         if entry.subindex != self.number:
             raise SdoServerAbort(AbortCode.INVALID_VALUE)
         self._admit()
@@ -222,7 +222,7 @@ class ProgramArea:
         return b""  # the data is in the flash and cannot be read
 
     def _admit(self) -> None:
-        """Refuse a download before data is transferred, unless the flash is cleared and not busy."""
+        """Refuse a download before its data is transferred, unless the flash is cleared and not busy."""
         if self.state is not ProgramState.CLEARED:
             self.error = FlashError.NOT_CLEARED
         self._require(self.state is ProgramState.CLEARED and not self._busy)
@@ -236,7 +236,7 @@ class ProgramArea:
 
 
 def _loader_od(od: ObjectDictionary) -> ObjectDictionary:
-    """Return the objects of a dictionary that the boot-loader supports."""
+    """Return the objects in a dictionary that the boot-loader supports."""
     entries = {address: entry for address, entry in od.entries.items() if address[0] in _LOADER_OBJECTS}
     return replace(od, entries=entries)
 
@@ -259,7 +259,7 @@ class PoweredAxis(Protocol):
 
 
 class ErrorControl:
-    """Monitor of heartbeats, guarding and CAN controller, which stops the axes when communication is lost."""
+    """Monitor of heartbeats, guarding and the CAN controller; stops the axes when communication is lost."""
 
     def __init__(
         self,
@@ -286,7 +286,7 @@ class ErrorControl:
                 self._heartbeats.watch(node_id, timeout)
 
     def follow(self, event: HeartbeatEvent | GuardingEvent, now: int) -> None:
-        """Handle an event of the heartbeat consumer or of guarding."""
+        """Handle an event of the heartbeat consumer or of node guarding."""
         node_id = event.node_id if isinstance(event, HeartbeatEvent) else 0
         if event.kind in (HeartbeatEventKind.MISSED, GuardingEventKind.MISSED):
             self._outbox.publish(HeartbeatMissed(node_id, missed=True))
@@ -316,16 +316,16 @@ class ErrorControl:
                 self.report_recovery()
 
     def report_recovery(self) -> None:
-        """Send the EMCY for the recovery from bus-off (0x8140)."""
+        """Send the EMCY for recovery from bus-off (0x8140)."""
         self._outbox.report(RECOVERED, ErrorRegister.COMMUNICATION, self._model.communication_data)
 
     def _clear_if_all_received(self) -> None:
-        """Clear the heartbeat error if the heartbeats of all monitored nodes arrive."""
+        """Clear the heartbeat error once the heartbeats of all monitored nodes arrive."""
         if not any(self._heartbeats.is_missed(node_id) for node_id in self._heartbeats.watched()):
             self._outbox.clear_error(HEARTBEAT_ERROR)
 
     def _leave_operational(self) -> None:
-        """Change the NMT state as specified by 0x1029:01 for lost communication."""
+        """Change the NMT state as defined by 0x1029:01 for lost communication."""
         command = reaction(self._store.number(0x1029, 1), self._nmt.state)
         if command is not None:
             self._nmt.command(command)
@@ -402,7 +402,7 @@ class CommunicationObjects:
                 store.on_read(index, subindex, lambda: 1)
 
     def identify(self, serial: int, more: Mapping[Address, int | str]) -> None:
-        """Set the identity and the device names where the EDS has none, and the values `more`.
+        """Set the identity and the device names that the EDS lacks, and the values `more`.
 
         A serial number that is only a default in the file is ignored: all devices with this file would have the same
         one.
@@ -515,7 +515,7 @@ class CommunicationObjects:
         return 1
 
     def _keep(self, change: Callable[[], None]) -> None:
-        """Change the power-on values; if saving fails, restore the old values and abort the write."""
+        """Change the power-on values; if they cannot be saved, restore the old values and abort the write."""
         before = dict(self._store.power_on)
         change()
         if not self._stored():

@@ -63,7 +63,7 @@ def _emergencies(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
 
 
 def _answers(change: Callable[[CanFrame], CanFrame]) -> NodeAct:
-    """Return a quirk action that changes the answers of the SDO server."""
+    """Return a quirk action that changes the responses of the SDO server."""
 
     def outgoing(node: VirtualNode, frame: CanFrame, _now: int) -> Sent:
         return [(0, change(frame) if is_sdo_answer(node, frame) else frame)]
@@ -307,7 +307,7 @@ def _refuses(
     when: Callable[[VirtualNode, Entry, int, float], bool],
     indices: Callable[[VirtualNode], Iterable[int]],
 ) -> NodeAct:
-    """Return a quirk action that refuses writes with `code` if `when` is true."""
+    """Return a quirk action that refuses writes with `code` while `when` is true."""
 
     def act(hooks: QuirkHooks, strength: float) -> None:
         def check(entry: Entry, value: Value, before: Guard) -> Value:

@@ -46,7 +46,7 @@ A = TypeVar("A")
 
 
 def describe(node: VirtualNode, world: WorldState | None = None) -> DriveState:
-    """Return the state of a node, with the state of the world if `world` is given."""
+    """Return the state of a node, including the state of the world if `world` is given."""
     return DriveState(
         node_id=node.node_id,
         name=node.name,
@@ -74,7 +74,7 @@ class NodeMethods:
         return tuple(self._WORK)
 
     def do(self, request: Request[A]) -> A:
-        """Execute a request of a client or of this process; raise ConfigError if the node lacks the function."""
+        """Execute a request by a client or by this process; raise ConfigError if the node lacks the function."""
         self._node.tick(self._host.reactor.now())
         answer: A = self._WORK[type(request)](self, request)
         self._host.wake(self._node)
@@ -169,7 +169,7 @@ class NodeMethods:
 
 
 class NodeControl:
-    """Server of the control socket of `node`; raises SocketInUse if another process has that socket.
+    """Server of the control socket of `node`; raises SocketInUse if another process uses that socket.
 
     Without a socket only this process can send requests.
     """
@@ -213,7 +213,7 @@ class NodeControl:
 
 
 def _holder(plant: Plant, name: str) -> object:
-    """Return the object with the number `name`, the plant or the motor of a wheel; ConfigError if there is none."""
+    """Return the object that has the parameter `name`, the plant or a wheel's motor; ConfigError if none has it."""
     holder = plant if hasattr(plant, name) else getattr(plant, "inner", plant)
     if name.startswith("_") or not isinstance(getattr(holder, name, None), int | float):
         raise ConfigError(f"plant: {name!r} is not a number of this plant")

@@ -1,4 +1,4 @@
-"""Virtual devices from EDS files: the node, and a drive on each axis with a controlword.
+"""Virtual devices from EDS files: the node, and a drive for each axis with a controlword.
 
 The object dictionary alone determines the device: a known identity or vendor selects the device model, every other
 device is generic; a dictionary without CiA 402 objects becomes a plain node.
@@ -108,7 +108,7 @@ class ParameterFile:
                 self._report(f"{self.path}: {name} of node {node.node_id} does not fit its EDS and is ignored")
 
     def keep(self, node: VirtualNode) -> bool:
-        """Write the parameters of a node to the file; return whether the write succeeded."""
+        """Write the parameters of a node to the file; return False on failure."""
         key, lss = self._keys[node], node.lss
         values = {_name(a): encode(v, node.od[a].data_type).hex() for a, v in sorted(node.store.saved().items())}
         record: _Record = {
@@ -237,7 +237,7 @@ TMCM1270 = DeviceModel(
 
 
 def device_model_of(od: ObjectDictionary) -> DeviceModel:
-    """Return the device model for the identity or vendor in a dictionary, `GENERIC` if both are unknown."""
+    """Return the device model for the identity or vendor in a dictionary; `GENERIC` if both are unknown."""
     return TMCM1270 if is_tmcm1270(od) else vendor_model(od) or GENERIC
 
 

@@ -1,4 +1,4 @@
-"""Device models: the differences between models of drives, as data.
+"""Device models: the differences between drive models, as data.
 
 The code implements the profile; each difference of a device is a field here. `GENERIC` is a drive that supports
 everything in its EDS; a supported device has its own instance. `VENDOR_MODELS` are drives of which only the handling
@@ -48,10 +48,10 @@ class DeviceFunction(Protocol):
         """Set the outputs to their error values at NMT STOPPED or a reset of communication."""
 
     def tick(self, now: int) -> None:
-        """Update values that change over time, such as noise, to `now`."""
+        """Update values that change over time, such as noise, up to `now`."""
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None if no value changes over time."""
+        """Return the time in ns at which `tick` is next due, or None if no value changes over time."""
 
     def starts(self, mapped: Collection[Address]) -> bool:
         """Whether a TPDO with these objects is sent when the node becomes OPERATIONAL."""
@@ -69,12 +69,12 @@ class DeviceFunction(Protocol):
         """Return the state of every signal; for outputs the state at the terminals."""
 
     def break_inputs(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a fault of the inputs on or off; `kind` is "stuck", "noise" or "jump"."""
+        """Inject or clear a fault of the inputs; `kind` is "stuck", "noise" or "jump"."""
 
 
 @runtime_checkable
 class ShaftFollower(Protocol):
-    """Device function, such as an encoder, that is turned by the shaft of a drive."""
+    """Device function, such as an encoder, whose shaft is turned by a drive."""
 
     def follow(self, world: ShaftWorld, node_id: int) -> None:
         """Follow the shaft of node `node_id` in `world`."""
@@ -128,7 +128,7 @@ class MissingSetPoint:
 
 @dataclass(frozen=True, slots=True)
 class DeviceModel:
-    """Differences of one drive model from a generic drive, in counts/s^2, counts/s and ns.
+    """Differences of a drive model from a generic drive, in counts/s^2, counts/s and ns.
 
     `unset_ramp` is the ramp of an object that is absent or 0. `delays` maps the number of a transition to the object of
     axis 0 with the delay in ms. With `single_set_point`, PP has neither buffered nor immediate set-points: bit 12 shows
@@ -167,7 +167,7 @@ class DeviceModel:
 GENERIC = DeviceModel()
 
 PLAIN: Final = DeviceModel(recovers_sync=False)
-"""Drive that treats every SYNC as the exact time: a late SYNC causes a standstill, an early SYNC a jump."""
+"""Drive that treats every SYNC as exactly on time: a late SYNC causes a standstill, an early SYNC a jump."""
 
 INTERPOLATION_UNDERFLOW: Final = 0xFF02  # EMCY of Elmo
 _EXTRAPOLATION_CYCLES: Final = (0x2F75, 0)
@@ -185,7 +185,7 @@ VENDOR_MODELS: Final[Mapping[int, DeviceModel]] = MappingProxyType({0x9A: ELMO, 
 
 
 def vendor_model(od: ObjectDictionary) -> DeviceModel | None:
-    """Return the device model for the vendor-ID in a dictionary, None if the vendor is unknown."""
+    """Return the device model for the vendor-ID in a dictionary, or None if the vendor is unknown."""
     entry = od.get(0x1018, 1)
     vendor = None if entry is None else entry.value
     return VENDOR_MODELS.get(vendor) if isinstance(vendor, int) else None

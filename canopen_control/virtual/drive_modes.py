@@ -72,7 +72,7 @@ class StreamMode(FollowingMode):
         self.mover.feed_forward(0.0, 0.0)
 
     def start(self, now: int) -> None:
-        """Continue from the present motion to the target; the statistics restart, except after a halt."""
+        """Continue from the current motion to the target; the statistics restart, except after a halt."""
         if not self._begun:
             self._begun = self.meter.used = True
             self.meter.restart()
@@ -102,7 +102,7 @@ class StreamMode(FollowingMode):
 
     @property
     def period_ns(self) -> int:
-        """Time between set-points in ns: the interpolation time 0x60C2, or 1 ms if that is 0."""
+        """Time between set-points in ns: the interpolation time 0x60C2, or 1 ms if it is 0."""
         return round(self.objects.interpolation_s * 1e9) or _MS
 
     def take(self, now: int) -> None:
@@ -113,7 +113,7 @@ class StreamMode(FollowingMode):
         self.supervise(now)
 
     def compared(self) -> float | None:
-        """Return the set-point to compare with the previous set-point; None if repetition is normal."""
+        """Return the set-point to compare with the previous one; None if repetition is normal."""
         return None
 
     def missed(self) -> None:
@@ -121,14 +121,14 @@ class StreamMode(FollowingMode):
             self.meter.missed += 1
 
     def supervise(self, now: int) -> None:
-        """Schedule the fault for missing set-points, if the device model has such a fault."""
+        """Schedule the fault for missing set-points if the device model has one."""
         cycles = self.cycles if self.model.missing.fault and self.streaming else 0
         if cycles:
             period = self.period_ns
             self.mover.at("set point", now + (1 + cycles) * period + period // 2, self._lost)
 
     def feed(self) -> None:
-        """Apply 0x60B1 and 0x60B2 as feed-forward of the control loops, without effect on the demand."""
+        """Apply 0x60B1 and 0x60B2 as feed-forward of the control loops; the demand is unchanged."""
         number = self.objects.number
         self.mover.feed_forward(number(o.VELOCITY_OFFSET) * self.units.velocity, float(number(o.TORQUE_OFFSET)))
 
@@ -160,7 +160,7 @@ class CyclicPosition(StreamMode):
         super().start(now)
 
     def take(self, now: int) -> None:
-        """Apply a set-point of an RPDO, even if unchanged while the drive extrapolates or recovers SYNC."""
+        """Apply a set-point in an RPDO, even if unchanged while the drive extrapolates or recovers SYNC."""
         self._unseen += 1
         if not self._drifts and (self.cycles or self._in_rhythm(now)):
             self._inputs = None
@@ -182,12 +182,12 @@ class CyclicPosition(StreamMode):
 
     @property
     def _drifts(self) -> bool:
-        """Whether the drive's clock runs at another rate than the master's, without following SYNC."""
+        """Whether the drive's clock runs at a different rate from the master's and does not follow SYNC."""
         locked = self.model.follows_sync and self.clock.sync_ns is not None
         return bool(self.clock.drift_ppm.value) and not locked
 
     def _evaluate(self, now: int) -> None:
-        """Evaluate the target now, and then once per period of the drive's own clock."""
+        """Evaluate the target now, then once per period of the drive's own clock."""
         ppm = self.clock.drift_ppm.value
         if self.power.live and self._in_use and self._drifts:
             period = round(self.objects.interpolation_s * (1e9 - 1e3 * ppm)) or _MS
@@ -295,7 +295,7 @@ class Torque(StreamMode):
         self.set_point = o.TARGET_TORQUE if cyclic else 0
 
     def start(self, now: int) -> None:
-        """Continue from the present motion with the target torque; only CST has set-point statistics."""
+        """Continue from the current motion with the target torque; only CST has set-point statistics."""
         self._begun = self._begun or not self._cyclic
         super().start(now)
 
@@ -360,7 +360,7 @@ class SetPointBuffer:
         return min(self._objects.number(o.INTERPOLATION_BUFFER, SIZE) or maximum, maximum)
 
     def put(self, position: float) -> None:
-        """Append a record, or drop the record if the buffer is full."""
+        """Append a record; a full buffer drops it."""
         if len(self._waiting) < self.size:
             self._waiting.append(position)
 
@@ -368,7 +368,7 @@ class SetPointBuffer:
         return len(self._waiting)
 
     def get(self) -> float | None:
-        """Remove and return the oldest record, None if the buffer is empty."""
+        """Remove and return the oldest record, or None if the buffer is empty."""
         return self._waiting.popleft() if self._waiting else None
 
     def clear(self) -> None:
@@ -434,7 +434,7 @@ class InterpolatedPosition(CyclicPosition):
             super().missed()
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO, or append the set-point to an open buffer."""
+        """Apply the set-point in an RPDO, or append it to an open buffer."""
         if not self.buffer.open:
             super().take(now)
         else:
@@ -447,7 +447,7 @@ class InterpolatedPosition(CyclicPosition):
             self.update(now)
 
     def _next(self, now: int) -> None:
-        """Move to the next position of the buffer, and schedule the following position."""
+        """Move to the next position in the buffer, and schedule the one after."""
         if not (self.power.live and self._in_use and self._enabled and self.buffer.open):
             return
         set_point = self.buffer.get()
@@ -531,23 +531,23 @@ class DriveModes:
         self._all[number] = MODES[like](self._axis)
 
     def remove(self, number: int) -> None:
-        """Remove a mode that `add` added."""
+        """Remove a mode added by `add`."""
         self._all.pop(number, None)
 
     @property
     def is_open(self) -> bool:
-        """Whether set-points reach the active mode, because no gate is closed."""
+        """Whether set-points reach the active mode, since no gate is closed."""
         return self.gate is None or not self.gate.closed_by
 
     def start(self, now: int) -> None:
-        """Start the active mode from the present motion, or stop the axis while the gate is closed."""
+        """Start the active mode from the current motion, or stop the axis while the gate is closed."""
         if self.is_open:
             self.active.start(now)
         else:
             self.active.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Pass a controlword to the active mode, if the gate and all filters of the gate allow it."""
+        """Pass a controlword to the active mode if the gate and its filters permit."""
         if self.is_open and (self.gate is None or all(takes(word, previous, now) for takes in self.gate.takes)):
             self.active.control(word, previous, now)
 
@@ -561,12 +561,12 @@ class DriveModes:
         self.number, self.active = 0, self._none
 
     def reset(self) -> None:
-        """Reset every mode after the motor lost power."""
+        """Reset every mode after the motor has lost power."""
         for mode in self._all.values():
             mode.reset()
 
     def select(self, now: int) -> None:
-        """Activate the mode in 0x6060, in any state; an enabled axis continues from the present motion."""
+        """Activate the mode in 0x6060, in any state; an enabled axis continues from the current motion."""
         mover, delay = self._axis.mover, self.delay_ns.value
         if self.stuck.value or (self.conditions and not all(holds() for holds in self.conditions)):
             return

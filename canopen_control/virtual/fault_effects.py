@@ -55,7 +55,7 @@ def _injects(point: Callable[[VirtualDrive], InjectionPoint[T]], value: T) -> Sw
 
 
 def boot_after(delay_ns: int | None) -> Switch:
-    """Return a switch for the time in ns from a reset to the boot-up message; None: the node never boots."""
+    """Return a switch for the time in ns from a reset to the boot-up message (None: the node never boots)."""
 
     def turn(node: VirtualNode, on: bool, now: int) -> None:
         node.set_reset_delay(delay_ns if on else 0, now)
@@ -81,7 +81,7 @@ def start_by_itself(node: VirtualNode, on: bool, now: int) -> None:
 
 
 def short_emcy(node: VirtualNode, _on: bool, _now: int) -> None:
-    """Send an EMCY of four bytes with an unknown code."""
+    """Send a four-byte EMCY with an unknown code."""
     node.outbox.send(CanFrame(node.emcy.cob_id, bytes.fromhex("CDAB8107")))
 
 
@@ -92,13 +92,13 @@ def partial_reset(node: VirtualNode, _on: bool, _now: int) -> None:
 
 
 def flood(node: VirtualNode, now: int) -> None:
-    """Send one EMCY message of a flood, with the time in ms as data."""
+    """Send one message of an EMCY flood, with the time in ms as data."""
     data = (now // _MS & 0xFFFFFFFF).to_bytes(4, "little")
     node.outbox.send(EmcyMessage(node.node_id, 0xFF80, ErrorRegister.GENERIC, data).encode(node.emcy.cob_id))
 
 
 def lasting_fault(code: int, register: int) -> Switch:
-    """Return a switch that raises a fault; the cause persists while the switch is on."""
+    """Return a switch that raises a fault, whose cause persists while the switch is on."""
     return _each(lambda drive, on, now: _last(drive, on, now, code, register))
 
 
@@ -154,7 +154,7 @@ def count_wraps(drive: VirtualDrive, _on: bool, _now: int) -> None:
 
 @_each
 def limit_switch(drive: VirtualDrive, on: bool, now: int) -> None:
-    """Activate the positive limit switch at the present position, or deactivate the switch."""
+    """Activate or deactivate the positive limit switch at the current position."""
     if on:
         drive.mover.switches.close_positive(drive.mover.plant.position)
         drive.limit_switch_hit(1, now)
@@ -174,7 +174,7 @@ def clock_off_by(ppm: float) -> Switch:
 
 
 def rpdos_lost(one_of: int) -> Switch:
-    """Return a switch that makes the node lose every n-th RPDO; `one_of` is n."""
+    """Return a switch that makes the node lose one of every `one_of` RPDOs."""
     return lambda node, on, _now: node.pdos.input.lost.switch(on, one_of)
 
 
@@ -219,7 +219,7 @@ def hardware_error(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def output_overload(node: VirtualNode, on: bool, _now: int) -> None:
-    """Switch the outputs off at the terminals, as an overload protection does, and send EMCY 0x2310."""
+    """Switch the outputs off at the terminals, like an overload protection, and send EMCY 0x2310."""
     if node.function is not None:
         node.function.overloaded = on
     if on:
@@ -277,7 +277,7 @@ def error_passive(node: VirtualNode, on: bool, _now: int) -> None:
 
 
 def recovered_from_bus_off(node: VirtualNode, on: bool, _now: int) -> None:
-    """Report the recovery from bus-off when the fault is switched off."""
+    """Report recovery from bus-off when the fault is switched off."""
     if not on:
         node.error_control.report_recovery()
 
@@ -294,22 +294,22 @@ _ABORT = 0x80
 
 
 def is_heartbeat(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is a heartbeat or boot-up message of the node."""
+    """Whether a frame is a heartbeat or boot-up message of the node."""
     return frame.can_id == cob_id(Service.HEARTBEAT, node.node_id)
 
 
 def is_sdo_answer(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is a response of the node's SDO server."""
+    """Whether a frame is a response of the node's SDO server."""
     return frame.can_id == node.sdo.answer_cob_id and len(frame.data) == 8
 
 
 def is_sdo_request(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is a request to the node's SDO server."""
+    """Whether a frame is a request to the node's SDO server."""
     return frame.can_id == node.sdo.request_cob_id and len(frame.data) == 8
 
 
 def is_tpdo(node: VirtualNode, frame: CanFrame) -> bool:
-    """Whether the frame is a TPDO of the node."""
+    """Whether a frame is a TPDO of the node."""
     ids = {tpdo.producer.parameters.cob_id for tpdo in node.pdos.tpdos.values() if tpdo.producer.parameters.enabled}
     return frame.can_id in ids
 
@@ -358,7 +358,7 @@ def _pre_operational(frame: CanFrame) -> list[tuple[int, CanFrame]]:
 
 
 def jittered(node: VirtualNode, frame: CanFrame, now: int) -> list[tuple[int, CanFrame]]:
-    """Delay every heartbeat by a different time, up to 60 % of the heartbeat period."""
+    """Delay each heartbeat by a different time, up to 60 % of the heartbeat period."""
     if not is_heartbeat(node, frame) or frame.data == b"\0":
         return [(0, frame)]
     period = node.heartbeat.period_ns

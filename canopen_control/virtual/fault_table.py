@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Fault of a virtual node, with the row in the catalogue, the effect and the expected reaction of the master.
+    """Fault of a virtual node: row in the catalogue, effect, and expected reaction of the master.
 
     `acts` is ``wire``, ``node``, ``axis``, ``program`` (nodes whose program can be loaded over CANopen), ``input`` or
     ``output`` (devices other than drives). A fault with a `quirk` is normal behaviour of other drives: switching the
@@ -59,7 +59,7 @@ class Fault:
         return parts.get(self.acts, True)
 
     def listing(self, *, on: bool = False) -> FaultListing:
-        """Return the row of the fault for lists."""
+        """Return the entry of the fault for lists."""
         return FaultListing(
             name=self.name,
             row=self.row,
@@ -157,7 +157,7 @@ option codes or its device model; row 19 is row 18 from the start.
 
 
 def find_fault(name: str) -> Fault:
-    """Return a fault by name; ConfigError for an unknown name suggests the nearest name."""
+    """Return a fault by name; ConfigError, with the nearest name, if unknown."""
     fault = FAULTS.get(name)
     if fault is None:
         if name.partition("=")[0].partition("@")[0] in QUIRKS:
@@ -194,7 +194,7 @@ _DEVICES = {"axis": "drives", "program": "devices with a loadable program (0x1F5
 
 
 class FaultSwitches:
-    """Fault switches of `node`, and the filter that applies faults and quirks to the node's frames."""
+    """Fault switches of `node`, and the filter that applies faults and quirks to its frames."""
 
     def __init__(self, node: VirtualNode) -> None:
         self._node = node

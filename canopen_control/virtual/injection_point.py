@@ -1,4 +1,4 @@
-"""Injection points, which are values that only faults and quirks change, and the filter between node and wire.
+"""Injection points: values that only faults and quirks change; and the filter between node and wire.
 
 A node depends only on this module; the faults are in `fault_table`, the quirks in `quirks`.
 """
@@ -26,7 +26,7 @@ class InjectionPoint(Generic[T]):
         self.value = value
 
     def switch(self, on: bool, value: T) -> None:
-        """Set `value` while the fault is `on`, else restore the healthy value."""
+        """Set `value` while the fault is `on`, otherwise restore the healthy value."""
         self.value = value if on else self.healthy
 
     def clear(self) -> None:
@@ -56,16 +56,16 @@ class FaultFilter(Protocol):
         """Switch a fault on or off; raise ConfigError for a fault that is unknown or impossible on the node."""
 
     def set_quirks(self, outgoing: tuple[Any, ...], incoming: tuple[Any, ...]) -> None:
-        """Replace the functions by which quirks change the frames of the node."""
+        """Replace the functions with which quirks change the frames of the node."""
 
     def incoming(self, frame: CanFrame, now: int) -> CanFrame | None:
-        """Return a received frame as changed by faults and quirks, None if the frame is lost."""
+        """Return a received frame as changed by faults and quirks, or None if the frame is lost."""
 
     def outgoing(self, frames: list[CanFrame], now: int) -> list[CanFrame]:
-        """Return the frames to send now; delayed frames are stored until due."""
+        """Return the frames to send now; delayed frames are stored until they are due."""
 
     def tick(self, now: int) -> None:
-        """Switch the faults scheduled for `now` on, and release the delayed frames that are due."""
+        """Switch on the faults scheduled for `now`, and release delayed frames that are due."""
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None if nothing is scheduled or delayed."""
+        """Return the time in ns at which `tick` is next due, or None if nothing is scheduled or delayed."""

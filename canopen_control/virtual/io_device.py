@@ -1,4 +1,4 @@
-"""Virtual I/O modules, sensors, encoders, batteries and chargers (CiA 401 to 419), with inputs set by a client.
+"""Virtual I/O modules, sensors, encoders, batteries and chargers (CiA 401 to 419); clients set their inputs.
 
 A digital input causes an event according to the masks 0x6006 (any change), 0x6007 (rising) and 0x6008 (falling) if
 0x6005 allows it. An analogue input causes an event once 0x6423 is set, as selected in 0x6421: above the upper limit
@@ -40,7 +40,7 @@ _INPUT_STEPS: Final = 101  # of the course of the noise, which is the same each 
 
 
 class InputFaults:
-    """Active faults of the inputs of one device, and the effect of these faults on the input values."""
+    """Active faults of a device's inputs, and their effect on the input values."""
 
     def __init__(self) -> None:
         self._on: set[str] = set()
@@ -49,7 +49,7 @@ class InputFaults:
         self._step = 0
 
     def switch(self, kind: str, *, on: bool, now: int) -> None:
-        """Switch a kind of fault on or off; raise ConfigError for an unknown kind."""
+        """Switch a kind of fault on or off; raise ConfigError if unknown."""
         if kind not in KINDS:
             raise ConfigError(f"unknown fault of inputs {kind!r}; choose one of: {', '.join(KINDS)}")
         if on:
@@ -75,7 +75,7 @@ class InputFaults:
         return value
 
     def due(self, now: int) -> bool:
-        """Advance the noise if a step is due; return whether a step was due."""
+        """Advance the noise if a step is due; return whether one was due."""
         if "noise" not in self._on or now < self._noise_at:
             return False
         self._step += 1
@@ -83,7 +83,7 @@ class InputFaults:
         return True
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns of the next noise step, None without noise."""
+        """Return the time in ns of the next noise step, or None without noise."""
         return self._noise_at if "noise" in self._on else None
 
 
@@ -125,7 +125,7 @@ class TerminalDevice:
         self.show_all()
 
     def number(self, address: Address, default: float = 0) -> float:
-        """Return the number in an object, `default` if the object is missing or not numeric."""
+        """Return the number in an object; `default` if missing or not numeric."""
         value = self.store.values.get(address, default)
         return value if isinstance(value, int | float) else default
 
@@ -255,7 +255,7 @@ class IoDevice(TerminalDevice):
         return True
 
     def _take_source(self, sub: int) -> int:
-        """Return the bits of the inputs that had an event (0x6422), and clear these bits."""
+        """Return and clear the bits of the inputs that had an event (0x6422)."""
         return self._sources.pop(sub, 0)
 
     def starts(self, mapped: Collection[Address]) -> bool:
@@ -378,7 +378,7 @@ class SensorDevice(TerminalDevice):
                 self._outbox.values_changed()
 
     def cut_off(self, signal: Signal, by: float) -> None:
-        """Handle a raw value that exceeds the range of the object by `by`, 0 if in range."""
+        """Handle a raw value that exceeds the range of the object by `by` (0: in range)."""
 
     # -- life
 
@@ -396,7 +396,7 @@ class SensorDevice(TerminalDevice):
         return (self._moved_at or 0) + self.step_ns if moving else None
 
     def _move(self, now: int) -> bool:
-        """Advance the values that change over time, if a step is due; return whether a step was due."""
+        """Advance the values that change over time if a step is due; return whether one was due."""
         deadline = self._moves_at()
         if self._moved_at is not None and deadline is not None and now >= deadline:
             self.move((now - self._moved_at) / _NS)
@@ -419,7 +419,7 @@ class SensorDevice(TerminalDevice):
         return bool(changed)
 
     def tpdos_checked(self) -> None:
-        """Do nothing, because no event is ever pending."""
+        """Do nothing, since no event is ever pending."""
 
 
 class MeasuringDevice(SensorDevice):
@@ -452,7 +452,7 @@ class BatteryDevice(SensorDevice):
     _RESISTANCE: Final = 0.05  # Ohm
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return the raw number of a value, with the voltage drop by the discharge current."""
+        """Return the raw number of a value, including the voltage drop caused by the discharge current."""
         if signal.name == "battery_voltage":
             value += self._RESISTANCE * self.outside["battery_current"]
         return super().raw_of(signal, value, gain)
@@ -469,7 +469,7 @@ class Charger(SensorDevice):
     """Battery charger (CiA 419), which receives battery data and a requested current."""
 
     def fail(self, _now: int) -> None:
-        """Set the requested current to zero when communication is lost, because the battery may be disconnected."""
+        """Set the requested current to zero when communication is lost, since the battery may be disconnected."""
         requested = self.signals.get("charge_current_requested")
         if requested is not None and requested.output:
             self.store.set(*requested.address, 0)
@@ -538,7 +538,7 @@ class Encoder(SensorDevice):
             self.show_all()
 
     def _timer_written(self, _entry: Entry, value: Value) -> None:
-        """Copy the cyclic timer 0x6200 to the event timer of TPDO 1, like encoders with both objects."""
+        """Copy the cyclic timer 0x6200 to the event timer of TPDO 1, like encoders that have both objects."""
         timer = self.store.od.get(*_EVENT_TIMER)
         if timer is not None and self.store.number(*_EVENT_TIMER) != value:
             self.store.write(timer, value)
@@ -548,7 +548,7 @@ class Encoder(SensorDevice):
         self.move(0.0)
 
     def set_signals(self, values: Mapping[str, float], now: int) -> None:
-        """Set inputs by name; raise ConfigError for position or velocity of an encoder on the shaft of a drive."""
+        """Set inputs by name; ConfigError for position or velocity of an encoder on the shaft of a drive."""
         if self._world is not None and (led := [name for name in ("position", "velocity") if name in values]):
             raise ConfigError(f"{led[0]} follows the shaft of a drive, as defined in the plant file; move that drive")
         super().set_signals(values, now)
@@ -566,7 +566,7 @@ class Encoder(SensorDevice):
         self.outside["position"] += self.outside["velocity"] * seconds
 
     def passes(self, changed: Collection[Address]) -> bool:
-        """Whether changes trigger a TPDO; a position does not while an event timer is set."""
+        """Whether changes trigger a TPDO; a change of position does not while an event timer is set."""
         timed = self.number((_TIMER, 0)) or self.number(_EVENT_TIMER)
         return any(address[0] != _POSITION or not timed for address in changed)
 
@@ -593,14 +593,14 @@ class Inclinometer(SensorDevice):
         store.on_write([axis + 2 for axis in axes], self._preset_written)
 
     def raw_of(self, signal: Signal, value: float, gain: float) -> float:
-        """Return an angle in steps, with the enabled inversion and offsets."""
+        """Return an angle in steps, with inversion and offsets where enabled."""
         raw, axis = super().raw_of(signal, value, gain), signal.index & 0xFFF0
         operation = int(self.number((axis + 1, 0)))
         raw = -raw if operation & self._INVERT else raw
         return raw + self.number((axis + 3, 0)) + self.number((axis + 4, 0)) if operation & self._SCALE else raw
 
     def _preset_written(self, entry: Entry, value: Value) -> None:
-        """Set the offset so that the present angle equals the written preset."""
+        """Set the offset so that the current angle equals the written preset."""
         axis = entry.index - 2
         signal = next((signal for signal in self.signals.values() if signal.index == axis), None)
         if signal is not None and isinstance(value, int):

@@ -53,7 +53,7 @@ class NodeIdCheck:
         port.send(pack_records([CanFrame(REQUEST_BASE + node_id, _DEVICE_TYPE) for node_id in node_ids]))
 
     def finish(self) -> None:
-        """Wait for the rest of the response time; raise NodeIdTaken if another node answered."""
+        """Wait for the rest of the response time; raise NodeIdTaken if another node has responded."""
         self._reactor.add_reader(self._port, self._listen)
         self._reactor.run_until(lambda: self._used_id is not None, max(0, self._until - self._reactor.now()))
         self._reactor.remove_reader(self._port)
@@ -127,7 +127,7 @@ def run_drives(
 
 
 def reopen(channel: str, label: str) -> Port | None:
-    """Reopen a lost channel; None if the channel is still missing, or is a bus inside this process.
+    """Reopen a lost channel; None if it is still missing, or is a bus inside this process.
 
     The port joins a local bus without a check, because a hub that is about to end may pass the check and be gone when
     the port is opened.

@@ -1,4 +1,4 @@
-"""Base classes of the modes of operation of one axis, and the statistics of set-points.
+"""Base classes of the modes of operation of one axis, and statistics of the set-points.
 
 A mode acts only while the power state machine is `live`. `update` is called after every write that may affect the
 mode, and makes a new demand only if an input of the mode changed. `control` gets the present and the previous
@@ -127,7 +127,7 @@ class SetpointStatistics:
         self._phases.add(after_sync_ns * 1e-3)
 
     def take(self, set_point: float | None, now: int) -> None:
-        """Count a set-point, and check whether the previous set-point is repeated; None only counts."""
+        """Count a set-point, and check whether it repeats the previous one; None only counts."""
         self.taken += 1
         if set_point is None:
             return
@@ -150,7 +150,7 @@ class SetpointStatistics:
         self._position = self._distance = 0.0
 
     def follow(self, demand: DemandCurve, now: int) -> None:
-        """Sample the active demand every 0.5 ms, from the last sample up to `now`."""
+        """Sample the active demand every 0.5 ms, from the last sample to `now`."""
         grid = self._grid
         if not grid or now - grid > _GAP_NS:
             self.pause()
@@ -184,7 +184,7 @@ class SetpointStatistics:
             self._accelerations.add(change)
 
     def _record_evenly(self, position: float, points: int) -> None:
-        """Record `points` further samples at constant velocity, the last sample at `position`."""
+        """Record `points` further samples at constant velocity, the last one at `position`."""
         self._position = position
         self._points += points
         if self._distance == 0.0:
@@ -194,7 +194,7 @@ class SetpointStatistics:
             self._accelerations.add(0.0, points)
 
     def _record_step(self, distance: float) -> None:
-        """Record a step of the motion; a short standstill before the step is attributed to a late set-point."""
+        """Record a step of the motion; a short standstill before it is attributed to a late set-point."""
         if self._resting and self._velocities.count:
             self._velocities.add(0.0, self._resting)
             if self._resting > 1:  # the acceleration at the first point of the standstill is counted already
@@ -205,7 +205,7 @@ class SetpointStatistics:
     # -- results
 
     def quality(self, velocity_unit: float) -> SetPointQuality | None:
-        """Return the statistics, None if no cyclic mode was used; `velocity_unit` is in counts/s."""
+        """Return the statistics, or None if no cyclic mode was used; `velocity_unit` is in counts/s."""
         if not self.used:
             return None
         velocities, accelerations = self._velocities, self._accelerations
@@ -249,7 +249,7 @@ class AxisParts:
 
 
 class Mode:
-    """Base class of all modes of operation; as a mode (0) the class stops the axis.
+    """Base class of all modes of operation; this class itself is "no mode" (0) and stops the axis.
 
     `set_point` is the index of the object whose values in RPDOs are set-points, 0 if the mode has no stream of them.
     """
@@ -270,7 +270,7 @@ class Mode:
         """Discard the state of the mode when the axis is disabled or changes to another mode."""
 
     def start(self, now: int) -> None:
-        """Start the mode in OPERATION ENABLED from the present motion; also called at the end of a halt."""
+        """Start the mode in OPERATION ENABLED from the current motion; also called at the end of a halt."""
         self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def stop(self, now: int, reaction: Reaction) -> None:
@@ -287,11 +287,11 @@ class Mode:
         """Apply changed set-points."""
 
     def take(self, now: int) -> None:
-        """Apply the set-point of an RPDO, even if unchanged."""
+        """Apply the set-point in an RPDO, even if unchanged."""
         self.update(now)
 
     def missed(self) -> None:
-        """Count a SYNC at which no set-point arrived."""
+        """Count a SYNC at which no set-point had arrived."""
 
     def control(self, word: int, previous: int, now: int) -> None:
         """Apply the mode-specific bits of the controlword."""
@@ -328,7 +328,7 @@ class Mode:
 
 
 class ModeGate:
-    """Block of the set-points of one axis, active while `closed_by` is not empty.
+    """Block of an axis' set-points, active while `closed_by` is not empty.
 
     `brake_ns` is the time after an enable for which the brake keeps the gate closed.
     A controlword is passed to the mode only if every filter in `takes` (word, previous word, time) returns True.
@@ -341,7 +341,7 @@ class ModeGate:
 
 
 class FollowingMode(Mode):
-    """Base class of the modes that follow a target without a handshake; `update` acts only on changed inputs."""
+    """Base class of modes that follow a target without a handshake; `update` acts only on changed inputs."""
 
     def reset(self) -> None:
         self._inputs: object = None
@@ -353,12 +353,12 @@ class FollowingMode(Mode):
             self.update(now)
 
     def inputs_may_change(self) -> bool:
-        """Whether inputs may have changed since the last call; always True if limit switches are wired."""
+        """Whether inputs may have changed since the last call; always True with wired limit switches."""
         present = None if self.mover.switches.wired else (self.objects.store.version, self.units.zero)
         before, self._applied = self._applied, present
         return present is None or present != before or self._inputs is None
 
     def changed(self, inputs: object) -> bool:
-        """Store `inputs` (target and limits); return whether `inputs` differ from the previous inputs."""
+        """Store `inputs` (target and limits); return whether they differ from the previous inputs."""
         differs, self._inputs = inputs != self._inputs, inputs
         return differs

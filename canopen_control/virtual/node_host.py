@@ -41,7 +41,7 @@ class NodeIdTaken(BusError):
 
 
 class NodeHost:
-    """Host that runs `nodes` on `port`; the nodes are powered on in the next turn of the reactor.
+    """Host that runs `nodes` on `port`; the nodes are powered on in the next iteration of the reactor.
 
     `on_event(node, event)` is called for events of a node, `on_bus_event` for events of the channel, and `on_closed`
     when the port is lost; `rejoin` then sets another port. The caller closes the port.
@@ -70,7 +70,7 @@ class NodeHost:
         reactor.call_soon(self._on_timer)
 
     def close(self) -> None:
-        """Remove the nodes from the reactor; further calls have no effect."""
+        """Remove the nodes from the reactor; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
@@ -88,7 +88,7 @@ class NodeHost:
             self._writing = False
 
     def rejoin(self, port: Port) -> None:
-        """Continue on a new port of the channel; no effect while the present port works."""
+        """Continue on a new port of the channel; no effect while the current port works."""
         if self._closed or not self._off:
             return
         self.port, self._off = port, False
@@ -97,7 +97,7 @@ class NodeHost:
         self._notify_all(BusEventKind.UP)
 
     def wake(self, node: VirtualNode) -> None:
-        """Send the frames of a node that a client changed, and update the timer."""
+        """Send the frames of a node changed by a client, and update the timer."""
         if not self._closed:
             self._finish({node: None})
 
@@ -123,7 +123,7 @@ class NodeHost:
         self._deliver(frame, now, self._touched)
 
     def _take_run(self, records: bytes, start: int, now: int) -> int:
-        """Pass SDO records from `start` on to the only receiver of the identifier; return the number processed."""
+        """Pass SDO records from `start` on to the identifier's only receiver; return the number processed."""
         can_id = RECORD.unpack_from(records, start)[0]
         listeners = self._routes.get(can_id, ())
         if len(listeners) != 1 or can_id != listeners[0].sdo.request_cob_id:

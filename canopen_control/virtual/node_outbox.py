@@ -1,4 +1,4 @@
-"""Clock, SYNC timing and outbox of one node: the frames, events and errors of the services.
+"""Clock, SYNC timing and outbox of one node: frames, events and errors of its services.
 
 An error is passed to the EMCY producer and added to the events. `changed` means that values changed without a write;
 the node then compares the values of event-driven TPDOs at the end of the current event.
@@ -72,7 +72,7 @@ class EmergencyRaised:
 
 @dataclass(frozen=True, slots=True)
 class HeartbeatMissed:
-    """Event: the heartbeat of a node in 0x1016 is lost or back (node 0: node guarding by the master)."""
+    """Event: the heartbeat of a node in 0x1016 is lost or has returned (node 0: node guarding by the master)."""
 
     node_id: int
     missed: bool
@@ -110,7 +110,7 @@ class BitRateActivated:
 
 @dataclass(frozen=True, slots=True)
 class PdoLeftOff:
-    """Event: a PDO is valid in its record but disabled, because the COB-ID is reserved or in use."""
+    """Event: a PDO is valid in its record but disabled, since its COB-ID is reserved or in use."""
 
     kind: str
     number: int
@@ -152,7 +152,7 @@ _WORDS: dict[type, Callable[..., str]] = {
 
 
 def in_words(event: object) -> str | None:
-    """Return an event as a line of the log, None for an event without text."""
+    """Return an event as a line of the log, or None for an event without text."""
     words = _WORDS.get(type(event))
     return None if words is None else words(event)
 
@@ -229,7 +229,7 @@ _MAX_WAITING = 1000  # events, and frames of injected faults
 
 
 class NodeClock:
-    """Time of the node, and time of the last SYNC (None before the first SYNC), in monotonic ns.
+    """Time of the node and of the last SYNC (None before the first SYNC), in monotonic ns.
 
     `rhythm` recovers the period of SYNC. Injection point `drift_ppm`: by how much this clock is faster than that of the
     master.
@@ -245,7 +245,7 @@ class NodeClock:
 
 
 class NodeOutbox:
-    """Frames and events of a node's services that wait to be sent, limited in number.
+    """Frames and events of a node's services waiting to be sent; their number is limited.
 
     `happened` are the waiting events, for a check that does not remove them.
     """
@@ -258,14 +258,14 @@ class NodeOutbox:
         self.changed = False
 
     def values_changed(self) -> None:
-        """Request a check of the event-driven TPDOs after values changed without a write."""
+        """Request a check of the event-driven TPDOs after values have changed without a write."""
         self.changed = True
 
     def publish(self, event: object) -> None:
         self._events.put(event)
 
     def send(self, frame: CanFrame) -> None:
-        """Append a frame that no service creates, such as a frame of an injected fault."""
+        """Append a frame that does not come from a service, such as a frame of an injected fault."""
         self.outgoing.put(frame)
 
     def events(self) -> list[object]:
@@ -281,19 +281,19 @@ class NodeOutbox:
         self.changed = True
 
     def report(self, code: int, register: int, data: bytes = b"") -> None:
-        """Report an error once, without a duration; no report is made while the error is active."""
+        """Report an error once, without a duration; nothing is reported while the error is active."""
         if code not in self._emcy.active:
             self._emcy.report(code, self._clock.now, data, register=int(register))
             self.publish(EmergencyRaised(code, data))
 
     def clear_error(self, code: int) -> None:
-        """Clear an error; no effect if the error is not active."""
+        """Clear an error; no effect if it is not active."""
         if self._emcy.clear_error(code, self._clock.now):
             self.publish(EmergencyRaised(0))
             self.changed = True
 
     def clear_errors(self) -> None:
-        """Clear every error except lost communication (0x8130), as transition 15 does."""
+        """Clear every error except lost communication (0x8130), like transition 15."""
         for code in self._emcy.active:
             if code != HEARTBEAT_ERROR:
                 self.clear_error(code)

@@ -1,4 +1,4 @@
-"""Process data of a node: its RPDOs and TPDOs, created from the records 0x1400 to 0x1BFF.
+"""Process data of a node: RPDOs and TPDOs, created from the records 0x1400 to 0x1BFF.
 
 The records are authoritative: an accepted write to a record rebuilds its PDO at once. All values of an RPDO are written
 before any of them is used, and the controlword of an axis is used last. At SYNC the TPDOs are sampled before the
@@ -64,17 +64,17 @@ class AxisPorts(Protocol):
         """Advance the axis to `now`."""
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Apply written objects; the flags tell whether the controlword or the set-point is among them."""
+        """Apply written objects; the flags tell whether controlword and set-point are among them."""
 
     @property
     def set_point(self) -> int:
-        """Index of the object whose values in RPDOs are set-points of the active mode, 0 for none."""
+        """Index of the object whose values in RPDOs are set-points of the active mode; 0 if none."""
 
     def set_point_received(self, now: int, *, overwrites: bool) -> None:
         """Count an RPDO with a set-point; `overwrites` is True if another RPDO was waiting for SYNC."""
 
     def set_point_missed(self) -> None:
-        """Count a SYNC at which no set-point arrived."""
+        """Count a SYNC at which no set-point had arrived."""
 
 
 class AxisWrite(NamedTuple):
@@ -86,7 +86,7 @@ class AxisWrite(NamedTuple):
 
 
 class MappedRpdo:
-    """RPDO with the mapped entries and the axes that the RPDO affects."""
+    """RPDO with its mapped entries and the axes to which it writes."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -104,7 +104,7 @@ class MappedRpdo:
 
 
 class MappedTpdo:
-    """TPDO with the sources of the values and the last sampled data."""
+    """TPDO with the sources of its values and the last sampled data."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -116,7 +116,7 @@ class MappedTpdo:
         self.producer = TpdoProducer(PdoParameters(0, enabled=False), self.sample)
 
     def sample(self) -> bytes:
-        """Sample the mapped objects, and return the PDO data."""
+        """Sample the mapped objects and return the PDO data."""
         try:
             self.last = self.codec.pack([source() for source in self.sources])
         except LocalProtocolError:  # a file that maps an object narrower than its type
@@ -276,7 +276,7 @@ class PdoRecords:
         return objects
 
     def shared(self, entries: Sequence[Entry | None]) -> tuple[tuple[int, Entry], ...]:
-        """Return the copies of shared objects on further axes, each with the position of the value in the RPDO."""
+        """Return the copies of shared objects on further axes, each with the position of its value in the RPDO."""
         copies = {} if self._motors is None else self._motors.shared
         return tuple(
             (position, self._store.od[copy])
@@ -285,7 +285,7 @@ class PdoRecords:
         )
 
     def codec(self, record: int) -> tuple[PdoCodec, tuple[Entry | None, ...]]:
-        """Return the codec of a mapping record and the entries (None for a gap); empty for an invalid mapping."""
+        """Return the codec of a mapping record and its entries (None for a gap); empty for an invalid mapping."""
         objects = self._mapping(record)
         try:
             return PdoCodec([mapped for mapped, _ in objects]), tuple(entry for _, entry in objects)
@@ -328,7 +328,7 @@ class RpdoInput:
             receive(frame, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which the next delayed frame is due, None if no frame is delayed."""
+        """Return the time in ns at which the next delayed frame is due, or None if none is delayed."""
         return self.delayed[0][0] if self.delayed else None
 
 
@@ -401,7 +401,7 @@ class PdoExchange:
         self._on_rebuilt()
 
     def _make_waiting(self) -> None:
-        """Create the valid PDOs whose identifier was used by another PDO until now."""
+        """Create the valid PDOs whose identifier has just become free."""
         for base, numbers in ((RPDO, self.rpdos), (TPDO, self.tpdos)):
             for number in numbers:
                 if self.records.is_valid(base + number) and not self._is_valid(base, number):
@@ -548,7 +548,7 @@ class PdoExchange:
                 self._check(rpdo, rpdo.wrong - {RpdoEventKind.TIMEOUT})
 
     def _check(self, rpdo: MappedRpdo, wrong: set[RpdoEventKind]) -> None:
-        """Send EMCYs for the errors of an RPDO, and clear the errors that no RPDO has any more."""
+        """Send EMCYs for the errors of an RPDO, and clear the errors that no RPDO has any longer."""
         cleared, rpdo.wrong = rpdo.wrong - wrong, wrong
         for kind in wrong:
             self._outbox.emergency(EMCY_OF[kind], ErrorRegister.COMMUNICATION)

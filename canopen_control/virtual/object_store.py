@@ -81,12 +81,12 @@ class VirtualStore:
         return (index, subindex) in self.values
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value of an entry; raise KeyError if the dictionary lacks the entry."""
+        """Return the current value of an entry; raise KeyError if the dictionary lacks the entry."""
         source = self._sources.get((index, subindex))
         return self.values[index, subindex] if source is None else source()
 
     def number(self, index: int, subindex: int = 0, default: int = 0) -> int:
-        """Return the stored integer of an entry (not from a source), `default` if missing or not an integer."""
+        """Return the stored integer of an entry (not from a source); `default` if missing or not an integer."""
         value = self.values.get((index, subindex), default)
         return value if isinstance(value, int) else default
 
@@ -104,7 +104,7 @@ class VirtualStore:
             self.version += 1
 
     def defaults(self, first: int = 0, last: int = 0xFFFF) -> None:
-        """Restore the power-on values of the indices `first` to `last`."""
+        """Restore the power-on values of indices `first` to `last`."""
         self.version += 1
         values, power_on = self.values, self.power_on
         for address, value in self._initial.items():
@@ -112,7 +112,7 @@ class VirtualStore:
                 values[address] = power_on.get(address, value)
 
     def rebase(self, od: ObjectDictionary) -> None:
-        """Replace the dictionary; the new defaults apply from the next reset on."""
+        """Replace the dictionary; its defaults apply from the next reset on."""
         self.od = od
         self._initial = {entry.address: default_of(entry) for entry in od}
 
@@ -126,7 +126,7 @@ class VirtualStore:
         }
 
     def keep(self, addresses: Iterable[Address]) -> None:
-        """Store the present values of `addresses` as power-on values (0x1010)."""
+        """Store the current values of `addresses` as power-on values (0x1010)."""
         self.power_on.update({address: self.values[address] for address in addresses})
 
     def forget(self, addresses: Iterable[Address]) -> None:
@@ -144,7 +144,7 @@ class VirtualStore:
             self._sources[index, subindex] = source
 
     def guard(self, indices: Iterable[int], guard: Guard, *, by_values: bool = False) -> None:
-        """Check writes to `indices` by `guard`, which returns the accepted value or raises SdoServerAbort.
+        """Check writes to `indices` with `guard`, which returns the accepted value or raises SdoServerAbort.
 
         With `by_values` the decision of the guard depends only on the values of this store.
         """
@@ -156,7 +156,7 @@ class VirtualStore:
         self.version += 1
 
     def guard_of(self, index: int) -> tuple[Guard | None, bool]:
-        """Return the guard of an index or None, and whether the guard depends only on the store's values."""
+        """Return the guard of an index or None, and whether it depends only on the store's values."""
         return self._guards.get(index), index not in self._stateful
 
     def set_guard(self, index: int, guard: Guard | None, *, by_values: bool = False) -> None:
@@ -196,11 +196,11 @@ class VirtualStore:
                 values[index, subindex] = value
 
     def preset_of(self, index: int, subindex: int) -> tuple[Value | None, Value | None]:
-        """Return the preset and the power-on value of an entry, None for the default of the EDS."""
+        """Return the preset and the power-on value of an entry, or None for the default of the EDS."""
         return self._presets.get((index, subindex)), self.power_on.get((index, subindex))
 
     def source_of(self, index: int, subindex: int) -> Source | None:
-        """Return the source of an entry's value, None if the value is stored."""
+        """Return the source of an entry's value, or None if the value is stored."""
         return self._sources.get((index, subindex))
 
     def guarded_by_values(self, index: int) -> bool:
@@ -220,7 +220,7 @@ class VirtualStore:
             raise SdoServerAbort(AbortCode.GENERAL_ERROR) from None
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the required length of a download in bytes, None if variable.
+        """Return the required length of a download in bytes, or None if variable.
 
         Raise SdoServerAbort if the entry is missing or not writable, or if its gate refuses the download, because the
         initiation is refused then (CiA 301, 7.2.4.3.3).
@@ -234,14 +234,14 @@ class VirtualStore:
         return None if bits is None else (bits + 7) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write the encoded value of an entry; raise SdoServerAbort, without a change, if a rule forbids the write."""
+        """Write the encoded value of an entry; raise SdoServerAbort, with no change, if a rule forbids the write."""
         entry = self._entry(index, subindex)
         if not entry.writable:
             raise SdoServerAbort(AbortCode.READ_ONLY)
         self.write(entry, _decoded(entry, data))
 
     def write(self, entry: Entry, value: Value) -> None:
-        """Write a value that passes limits and guards, and call the watchers; raise SdoServerAbort otherwise."""
+        """Write a value that passes limits and guards, and call the watchers; otherwise raise SdoServerAbort."""
         self.notify(entry, self.place(entry, value))
 
     def place(self, entry: Entry, value: Value) -> Value:
@@ -292,7 +292,7 @@ def _decoded(entry: Entry, data: bytes) -> Value:
 
 
 class DeviceStore:
-    """SDO view of a device with several motors in one object set; `store` has the values by axis."""
+    """SDO view of a device whose motors share one object set; `store` has the values by axis."""
 
     def __init__(self, store: VirtualStore, motors: MotorMap) -> None:
         self._store, self._motors = store, motors
@@ -316,7 +316,7 @@ class DeviceStore:
         return (entry.data_type.bits or 0) // 8
 
     def download(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object to all axes to which the object belongs; raise SdoServerAbort if refused."""
+        """Write an object to all axes that it belongs to; raise SdoServerAbort if refused."""
         entry = self._entry(index, subindex)
         if entry is None:
             for address in ((index, subindex), *self._motors.shared.get((index, subindex), ())):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 WORLD_NOTE: Final = "world: "
-"""Prefix of the lines in which a drive process reports an assumption of its world."""
+"""Prefix of the lines in which a drive process reports an assumption made by its world."""
 
 
 class Plant(Protocol):
@@ -59,7 +59,7 @@ class ServoGains(NamedTuple):
 
 
 class AxisOwner(Protocol):
-    """Axis of a drive as seen by the coupled plant: the demand, the limits and the timers."""
+    """Axis of a drive as seen by the coupled plant: demand, limits and timers."""
 
     powered: bool
     torque: DemandCurve | None  # torque to apply, in per mille; None: follow `demand`
@@ -69,10 +69,10 @@ class AxisOwner(Protocol):
     gains: ServoGains | None  # of the drive's loops, None: the loops are tuned automatically
 
     def advance(self, now: int) -> None:
-        """Advance the axis to `now`, and call each timer at its due time."""
+        """Advance the axis to `now`, calling each timer at its due time."""
 
     def next_event(self) -> int | None:
-        """Return the time in ns of the next timer, None if no timer is set."""
+        """Return the time in ns of the next timer, or None if no timer is set."""
 
 
 @runtime_checkable
@@ -87,7 +87,7 @@ class CoupledPlant(Plant, Protocol):
 
 
 def _lag(velocity: float, piece: Piece, time_constant: float) -> tuple[float, float]:
-    """Return the distance and the end velocity for a piece of demand with a first-order lag of the velocity."""
+    """Return the distance and the final velocity for a piece of demand with a first-order lag of the velocity."""
     seconds, demand, slope = piece
     decay = math.exp(-seconds / time_constant)
     offset = velocity - demand + slope * time_constant
@@ -132,7 +132,7 @@ class IdealPlant:
         self.velocity = self.torque = 0.0
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Do nothing, because the plant has no following error."""
+        """Do nothing, since the plant has no following error."""
 
 
 @dataclass(slots=True)
@@ -262,16 +262,16 @@ class LoadedPlant:
 
 
 class World(Protocol):
-    """Simulation of all axes of a process, which creates the plant of each axis."""
+    """Simulation of all axes of a process; creates the plant of each axis."""
 
     period_ns: int | None
-    """Period in ns at which every axis is advanced even without an event; None if that is not needed."""
+    """Period in ns at which every axis is advanced even without an event; None if not needed."""
 
     def plant(self, node_id: int, axis: int) -> Plant:
         """Return the plant of an axis; called once for every axis."""
 
     def describe(self) -> WorldState:
-        """Return the state besides the axes, such as the true pose of a base."""
+        """Return the state other than that of the axes, such as the true pose of a base."""
 
     def close(self) -> None:
         """Release files and other resources of the world."""
@@ -279,7 +279,7 @@ class World(Protocol):
 
 @runtime_checkable
 class ReportsAssumptions(World, Protocol):
-    """World that reports the assumptions made during its construction, as sentences in `notes`."""
+    """World that reports the assumptions made when it was built, as sentences in `notes`."""
 
     notes: tuple[str, ...]
 
@@ -289,11 +289,11 @@ class HasScenery(World, Protocol):
     """World with shapes that are not part of a robot."""
 
     def shapes(self) -> tuple[WorldShape, ...]:
-        """Return the shapes of the scenery at their present poses."""
+        """Return the shapes of the scenery at their current poses."""
 
 
 class SharedWorld(ReportsAssumptions, Protocol):
-    """World shared by several buses, of one robot or of several robots."""
+    """World shared by several buses of one robot or of several robots."""
 
     def side(self, robot: str, bus: str = "") -> World:
         """Return the part of the world for a robot's drives on one bus; raise KeyError for an unknown robot."""
@@ -319,4 +319,4 @@ class IndependentPlants:
         return WorldState()
 
     def close(self) -> None:
-        """Do nothing, because there are no resources to release."""
+        """Do nothing, since there are no resources to release."""

@@ -101,7 +101,7 @@ class AxisFile:
     here: Node = position()  # noqa: RUF009 - makes a field
 
     def parameters(self) -> dict[str, float]:
-        """Return the plant parameters that the file sets."""
+        """Return the plant parameters set by the file."""
         names = [field.name for field in dataclasses.fields(self) if field.name not in ("kind", "here")]
         return {name: value for name in names if (value := getattr(self, name)) is not None}
 
@@ -139,7 +139,7 @@ class BaseFile:
 
 @dataclass(frozen=True)
 class EncoderFile:
-    """Section of an encoder in the plant file, with the axis that turns the encoder."""
+    """Section of an encoder in the plant file, with the axis that turns it."""
 
     axis: str = setting()
     counts_per_revolution: float = setting(low=1e-6)
@@ -240,7 +240,7 @@ def _address(name: str) -> tuple[int, int]:
 
 
 def read_world(path: Path) -> World:
-    """Return the world defined by a plant file; raise WorldError that lists every error with its line."""
+    """Return the world defined by a plant file; WorldError lists every error by line."""
     engine = _engine(path)
     if engine is not None:
         return engine
@@ -269,7 +269,7 @@ def _check(file: WorldFile, _problems: Problems) -> None:
 
 
 def _engine(path: Path) -> World | None:
-    """Return the world of the engine named in the file, None for the default; raise WorldError if unusable."""
+    """Return the world of the engine named in the file (None: the default); raise WorldError if unusable."""
     root = tree(path, error=WorldError)
     entry = root.get("engine") if root.kind == "mapping" else None
     if entry is None:

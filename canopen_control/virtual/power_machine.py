@@ -52,7 +52,7 @@ class MotorMode(Protocol):
     """Active mode of operation as seen by the power state machine."""
 
     def start(self, now: int) -> None:
-        """Start the mode in OPERATION ENABLED from the present motion; also called at the end of a halt."""
+        """Start the mode in OPERATION ENABLED from the current motion; also called at the end of a halt."""
 
     def stop(self, now: int, reaction: Reaction) -> None:
         """Stop the motor with the ramp of `reaction`."""
@@ -61,7 +61,7 @@ class MotorMode(Protocol):
         """Whether the halt bit (bit 8) of the controlword has an effect."""
 
     def released(self) -> None:
-        """Reset the mode after the motor lost power."""
+        """Reset the mode after the motor has lost power."""
 
 
 class PowerMachine:
@@ -117,12 +117,12 @@ class PowerMachine:
         return self.running and not self.halted and self.operational
 
     def _option(self, index: int) -> Option:
-        """Return the meaning of an option code; a manufacturer-specific code is treated as the default."""
+        """Return the meaning of an option code; manufacturer-specific codes are treated as the default."""
         codes = OPTION_CODES[index]
         return codes.get(self._objects.number(index, default=DEFAULTS[index])) or codes[DEFAULTS[index]]
 
     def obey(self, command: Command, now: int) -> None:
-        """Execute a command in the present state; no effect if the table has no transition for the command."""
+        """Execute a command in the current state; no effect if the table has no transition for the command."""
         if command is Command.ENABLE_OPERATION and self.running:
             return  # a cyclic RPDO repeats the controlword
         if "transition" in self._mover.timers and command is not Command.DISABLE_VOLTAGE:
@@ -145,7 +145,7 @@ class PowerMachine:
             self._begin(transition, now)
 
     def _resume(self, now: int) -> None:
-        """Restart the mode after an enable during the ramp of transition 5 or 8."""
+        """Restart the mode after the drive is enabled during the ramp of transition 5 or 8."""
         if self.state is State.OPERATION_ENABLED:
             self.stop_target = None
             self._motor.start(now)
@@ -217,7 +217,7 @@ class PowerMachine:
             self._stop_as(self._option(index).reaction, transition.target, now)
 
     def _quick_stop(self, _transition: Transition, now: int) -> None:
-        """Perform transition 11: enter QUICK STOP ACTIVE at once, and stop according to 0x605A."""
+        """Perform transition 11: enter QUICK STOP ACTIVE at once and stop according to 0x605A."""
         option = self._option(o.QUICK_STOP_OPTION)
         self.enter(State.QUICK_STOP_ACTIVE, now)
         self._stop_as(option.reaction, option.final_state, now)
@@ -233,7 +233,7 @@ class PowerMachine:
             self._outbox.clear_errors()
 
     def _ignore(self, why: str) -> None:
-        """Report an ignored controlword, once until the controlword, the reason or the state changes."""
+        """Report an ignored controlword, once until controlword, reason or state changes."""
         if self._ignored != (self.controlword, why):
             self._ignored = self.controlword, why
             self._outbox.publish(ControlwordIgnored(self._objects.axis, self.controlword, why))
@@ -248,7 +248,7 @@ class PowerMachine:
         self._motor.stop(now, reaction)
 
     def finish(self, target: State, now: int) -> None:
-        """End a stop and enter the state `target`, unless a quirk has defined another state."""
+        """End a stop and enter the state `target`, unless a quirk defines another state."""
         end = self.ends.get(self.state, target)
         if end is None:
             return
@@ -257,7 +257,7 @@ class PowerMachine:
             self.enter(end, now)
 
     def enter(self, state: State, now: int) -> None:
-        """Enter `state`; the power is switched off if `state` is a state without power."""
+        """Enter `state`; power is switched off if the state is one without power."""
         previous, self.state, self.bits = self.state, state, state.value
         if previous in POWERED_STATES and state not in POWERED_STATES:
             self.power_off(now)
@@ -274,7 +274,7 @@ class PowerMachine:
         self._motor.released()
 
     def halt(self, on: bool, now: int) -> None:
-        """Stop according to 0x605D when the halt (bit 8) begins, and continue the mode when the halt ends."""
+        """Stop according to 0x605D when the halt (bit 8) begins, and continue the mode when it ends."""
         if on == self.halted or (on and not self._motor.can_halt()):
             return
         self.halted = on
@@ -289,7 +289,7 @@ class PowerMachine:
         self.enter_fault(code, now)
 
     def hold_cause(self, code: int, *, until_communication_reset: bool = False) -> None:
-        """Prevent fault resets until `drop_cause`, or until a reset of communication if requested."""
+        """Prevent fault resets until `drop_cause` or, if requested, until a reset of communication."""
         self.causes.add(code)
         if until_communication_reset:
             self._communication_causes.add(code)
@@ -304,7 +304,7 @@ class PowerMachine:
         self.causes -= self._communication_causes
 
     def enter_fault(self, code: int, now: int) -> None:
-        """Stop and enter FAULT without an EMCY; in FAULT only 0x603F is updated."""
+        """Stop and enter FAULT without an EMCY; if already in FAULT, only 0x603F is updated."""
         self._mover.advance(now)
         self._objects.set(o.ERROR_CODE, code)
         if self.state in (State.FAULT_REACTION_ACTIVE, State.FAULT):
@@ -363,13 +363,13 @@ class DriveLimits:
         self._max_velocity = 0.0
 
     def reset(self) -> None:
-        """Clear the active limits after the motor lost power."""
+        """Clear the active limits after the motor has lost power."""
         self.active = False
         self.following_error = 0.0
         self._bound = None
 
     def bounds(self) -> tuple[float, float]:
-        """Return the lowest and highest position in plant counts, infinite without a limit."""
+        """Return the lowest and highest position in plant counts; infinite if unlimited."""
         objects, mover = self._objects, self._mover
         low, high = objects.number(o.SOFTWARE_POSITION_LIMIT, 1), objects.number(o.SOFTWARE_POSITION_LIMIT, 2)
         lowest, highest = -INFINITE, INFINITE
@@ -384,7 +384,7 @@ class DriveLimits:
         return lowest, highest
 
     def velocity(self, target: float) -> float:
-        """Return `target` in counts/s, limited by 0x607F and the highest velocity of the device model."""
+        """Return `target` in counts/s, limited by 0x607F and the maximum velocity of the device model."""
         objects = self._objects
         inputs = objects.store.version, objects.units.speed, objects.model
         if inputs != self._max_velocity_inputs:
@@ -417,7 +417,7 @@ class DriveLimits:
         return max(-low, min(high, target))
 
     def ramp_velocity(self, target: float, up: float, down: float, now: int) -> None:
-        """Change the velocity to `target` along ramps; the motion ends at a position limit ahead."""
+        """Change the velocity to `target` along ramps; the motion ends at a position limit in its way."""
         mover = self._mover
         position, velocity = mover.state(now)
         low, high = self.bounds()
@@ -434,7 +434,7 @@ class DriveLimits:
             mover.run(ramp_to(now, position, velocity, 0.0, up, down), now)
 
     def arrived(self, now: int) -> None:
-        """Set bit 11 and report the position limit, if the demand ended at a limit."""
+        """Set bit 11 and report the position limit if the demand ended at a limit."""
         demand = self._mover.demand
         if self._bound is not None and demand.end_ns <= now and demand.final_position == self._bound:
             self.active = True
@@ -453,7 +453,7 @@ class DriveLimits:
     # -- following error
 
     def check_following_error(self, error: float, now: int) -> None:
-        """Fault with 0x8611 if a following error in counts exceeds 0x6065 for longer than 0x6066."""
+        """Raise fault 0x8611 if a following error in counts exceeds 0x6065 for longer than 0x6066."""
         self.following_error = error
         mover = self._mover
         if not self.exceeded:

@@ -42,7 +42,7 @@ def _point(point: Callable[[VirtualDrive], InjectionPoint[Any]], value: Callable
 
 
 def _condition(holds: Callable[[VirtualDrive], bool]) -> AxisAct:
-    """Return a quirk action that allows a change of mode only if `holds` is true."""
+    """Return a quirk action that permits a change of mode only if `holds` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:
         modes = drive.modes
@@ -260,7 +260,7 @@ def _link_empty_after_fault(hooks: QuirkHooks, drive: VirtualDrive, seconds: flo
 
 
 def _ends_in(state: State, end: State | None) -> AxisAct:
-    """Return a quirk action by which the stop in `state` ends in the state `end`, or never if `end` is None."""
+    """Return a quirk action that makes the stop in `state` end in the state `end`, or never if `end` is None."""
     return lambda hooks, drive, _strength: hooks.entry(drive.power.ends, state, end)
 
 

@@ -52,7 +52,7 @@ def _never() -> None:
 
 @dataclass(frozen=True)
 class BusNodes:
-    """Nodes for an opened port; `reopen` reopens the channel, or returns None while the channel is missing.
+    """Nodes for an opened port; `reopen` reopens the channel, or returns None while it is missing.
 
     `timeline` is played from the ready line on; `world` has the plants of the axes.
     """
@@ -112,7 +112,7 @@ class ServedBus:
         self.port.close()
 
     def play_timeline(self) -> None:
-        """Start the timeline of the scenario, if there is a scenario."""
+        """Start the timeline of the scenario, if any."""
         if self._bus.timeline:
             from canopen_control.virtual.scenario import Timeline  # imports YAML, which is slow
 
@@ -128,7 +128,7 @@ class ServedBus:
 
     @property
     def ready_line(self) -> str:
-        """Line with the names of nodes and channel, printed when all nodes are ready."""
+        """Line with the names of nodes and channel, printed once all nodes are ready."""
         ids = [node.node_id for node in self.nodes]
         kind = "drive" if self.nodes[0].drives else "node"
         which = f"{kind} {ids[0]}" if len(ids) == 1 else f"{kind}s {', '.join(map(str, ids))}"
@@ -151,7 +151,7 @@ class ServedBus:
                 self._rename(self._host, node)
 
     def _rename(self, host: NodeHost, node: VirtualNode) -> None:
-        """Replace the control socket, whose name contains the node-ID, after a change of the node-ID."""
+        """Replace the control socket after a change of the node-ID, which is part of its name."""
         self._controls[node].close()
         try:
             self._controls[node] = NodeControl(host, node, self.world)
@@ -160,7 +160,7 @@ class ServedBus:
             self._log(f"node {node.node_id}: another virtual drive has this id; this node has no control socket")
 
     def _on_bus_event(self, event: BusEvent) -> None:
-        """Log the first bus event of a kind at once, and further events within 10 s as a summary."""
+        """Log the first bus event of a kind at once, and further ones within 10 s as a summary."""
         self._folded.report(event.kind, event.text, 1)
 
     def _on_closed(self, error: BusClosed) -> None:
@@ -170,7 +170,7 @@ class ServedBus:
         self._rejoin()
 
     def _rejoin(self) -> None:
-        """Reopen the channel, repeatedly until `REJOIN_NS` have passed; then abandon the bus."""
+        """Reopen the channel repeatedly until `REJOIN_NS` have passed; then abandon the bus."""
         if self.error is None or self._host is None:
             return
         port = self._bus.reopen()
@@ -186,7 +186,7 @@ class ServedBus:
 
 
 class FoldedLog:
-    """Rate-limited log: within 10 s the first lines of a kind are written, and the rest is summarized."""
+    """Rate-limited log: within 10 s the first lines of a kind are written, the rest is summarised."""
 
     def __init__(self, reactor: Reactor, write: Callable[[str], object]) -> None:
         self._reactor, self._write = reactor, write
@@ -194,7 +194,7 @@ class FoldedLog:
         self._left_out: dict[Hashable, tuple[str, int]] = {}
 
     def report(self, kind: Hashable, text: str, at_most: int) -> None:
-        """Write a line, or only count the line if `at_most` lines of its kind were already written."""
+        """Write a line, or only count it if `at_most` lines of its kind have been written."""
         if not self._counts:
             self._reactor.call_later(WINDOW_NS, self._end_window)
         count = self._counts[kind] = self._counts.get(kind, 0) + 1
@@ -278,7 +278,7 @@ class DriveProcess:
             self._reactor.call_later(min(periods), self._keep_up)
 
     def _keep_up(self) -> None:
-        """Advance all axes to the present time, and publish shaft positions to other processes."""
+        """Advance all axes to the current time, and publish shaft positions to other processes."""
         self._advance()
         for world in self._worlds:
             if isinstance(world, ShaftWorld):
@@ -307,7 +307,7 @@ class DriveProcess:
             self._leave()
 
     def _on_orphaned(self) -> None:
-        """End the process when the drives stand still, after the parent process has ended."""
+        """End the process once the drives stand still, after the parent process has ended."""
         if self._lifeline is not None:
             self._reactor.remove_reader(self._lifeline)
         self._log("", "the parent process has ended; waiting until the drives stand still")

@@ -79,7 +79,7 @@ class _Leg(NamedTuple):
 
 
 class HomingMode(Mode):
-    """Homing mode (HM): a rising edge of controlword bit 4 starts homing, a falling edge aborts homing.
+    """Homing mode (HM): a rising edge of controlword bit 4 starts homing, a falling edge aborts it.
 
     While the injection point `fails` is True, every homing ends with an error.
     """
@@ -89,7 +89,7 @@ class HomingMode(Mode):
         self.fails: InjectionPoint[bool] = InjectionPoint(False)
 
     def reset(self) -> None:
-        """Discard a homing in progress and the result bits; a home position found before is kept."""
+        """Discard a homing in progress and the result bits; an earlier home position is kept."""
         self._legs: list[_Leg] = []
         self._running = False
         self._attained = False
@@ -104,7 +104,7 @@ class HomingMode(Mode):
             self.stop(now, Reaction.SLOW_DOWN_RAMP)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Start homing at a rising edge of bit 4, and abort homing at a falling edge."""
+        """Start homing at a rising edge of bit 4, and abort it at a falling edge."""
         if word & ~previous & NEW_SET_POINT:
             self._begin(now)
         elif previous & ~word & NEW_SET_POINT and self._running:
@@ -125,7 +125,7 @@ class HomingMode(Mode):
         return self.model.homing_halts
 
     def control_unpowered(self, word: int, previous: int, now: int) -> None:
-        """Set the present position as home by method 35 or 37, if the device can home without power."""
+        """Set the current position as home by method 35 or 37 if the device can home without power."""
         number = self.objects.number(o.HOMING_METHOD)
         if word & ~previous & NEW_SET_POINT and self.model.homes_without_power and number in _IN_PLACE:
             self._begin(now)
@@ -168,7 +168,7 @@ class HomingMode(Mode):
         self._run(now)
 
     def _run(self, now: int) -> None:
-        """Start the motion of the first leg, and schedule the time at which the leg's position is crossed."""
+        """Start the motion of the first leg, and schedule the time at which its position is crossed."""
         leg = self._legs[0]
         position, velocity = self.mover.state(now)
         speed = self.objects.speed(o.HOMING_SPEEDS, leg.speed) * leg.direction
@@ -294,14 +294,14 @@ class VelocityMode(FollowingMode):
             self.limits.ramp_velocity(*inputs, now)
 
     def control(self, word: int, previous: int, now: int) -> None:
-        """Keep the present speed when bit 5 of the controlword locks the ramp."""
+        """Keep the current speed when bit 5 of the controlword locks the ramp."""
         if previous & ~word & 0x20:
             self._inputs = None
             position, velocity = self.mover.state(now)
             self.mover.run(ramp_to(now, position, velocity, velocity, 0.0, 0.0), now)
 
     def bits(self) -> int:
-        """Return 0, because VL uses none of bits 10, 12 and 13."""
+        """Return 0, since VL uses none of bits 10, 12 and 13."""
         return 0
 
     def deceleration(self) -> float:
@@ -374,7 +374,7 @@ class ProfilePosition(Mode):
             self._target, self._busy = target, True
 
     def _blend(self, now: int) -> None:
-        """Pass the active set-point without a stop (bit 9) if the next set-point is in the same direction."""
+        """Pass the active set-point without stopping (bit 9) if the next set-point is in the same direction."""
         target, following = self._target, self._next
         position, velocity = self.mover.state(now)
         if target is None or following is None or (target - position) * (following - target) <= 0.0:

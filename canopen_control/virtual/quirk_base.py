@@ -47,7 +47,7 @@ _S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Strength:
-    """Parameter of a quirk: unit, default and bounds; `whole` means that only integers are valid."""
+    """Parameter of a quirk: unit, default and bounds; `whole` permits only integers."""
 
     unit: str
     default: float
@@ -80,7 +80,7 @@ class Quirk:
     group: str = ""
 
     def listing(self, on: Sequence[str] = ()) -> QuirkListing:
-        """Return the row of the quirk for lists; `on` are the active settings in text form."""
+        """Return the entry of the quirk for lists; `on` are the active settings in text form."""
         strength = self.strength
         return QuirkListing(
             name=self.name,
@@ -97,7 +97,7 @@ class Quirk:
 
 
 class QuirkHooks:
-    """Hooks by which quirk actions change `node`; the changes are undone in reverse order.
+    """Hooks with which quirk actions change `node`; changes are undone in reverse order.
 
     `outgoing` and `incoming` are functions that change the frames that leave or reach the node.
     """
@@ -128,14 +128,14 @@ class QuirkHooks:
         table[key] = value
 
     def healthy(self, point: InjectionPoint[T], value: T) -> None:
-        """Set the healthy value of an injection point, which is also the value after the end of a fault."""
+        """Set the healthy value of an injection point, which also applies after a fault has ended."""
         self.attribute(point, "healthy", value)
         self.attribute(point, "value", value)
 
     # -- objects
 
     def guard(self, indices: Iterable[int], check: Check) -> None:
-        """Check writes to `indices` by `check`, which gets the previous check as the last argument."""
+        """Check writes to `indices` with `check`, which receives the previous check as its last argument."""
         store = self.node.store
         for index in {entry.index for entry in store.od}.intersection(indices):
             present, by_values = store.guard_of(index)
@@ -168,7 +168,7 @@ class QuirkHooks:
         store.preset(index, subindex, value)
 
     def absent(self, *indices: int) -> None:
-        """Answer SDO requests as if the objects did not exist, and refuse to map these objects."""
+        """Answer SDO requests as if the objects did not exist, and refuse to map them."""
         self.incoming.append(refusing(AbortCode.NO_OBJECT, lambda _command, index: index in indices))
         self.guard(pdo_mappings(self.node), partial(_not_mapped, indices))
 
@@ -179,7 +179,7 @@ class QuirkHooks:
         self.attribute(statusword, "changes", (*statusword.changes, change))
 
     def act(self, drive: VirtualDrive, number: int, act: Callable[[Transition, int, Plain], None]) -> None:
-        """Perform transition `number` of an axis by `act`, which gets the previous action as the last argument."""
+        """Perform transition `number` of an axis with `act`, whose last argument is the previous action."""
         before = drive.power.act_of(number)
         self.entry(drive.power.acts, number, lambda transition, now: act(transition, now, before))
 
@@ -187,7 +187,7 @@ class QuirkHooks:
         self.entry(drive.power.delays_ns, number, round(seconds * _S))
 
     def gate(self, drive: VirtualDrive) -> ModeGate:
-        """Return the gate in front of the modes of an axis; the first call creates the gate."""
+        """Return the gate in front of the modes of an axis, created on the first call."""
         if drive.modes.gate is None:
             self.attribute(drive.modes, "gate", ModeGate())
         assert drive.modes.gate is not None
@@ -227,7 +227,7 @@ def pdo_mappings(node: VirtualNode) -> list[int]:
 
 
 def axis_refuses(code: AbortCode, index: int, when: Callable[[VirtualDrive, int, float], bool]) -> AxisAct:
-    """Return a quirk action that refuses values of an object of the axis with `code` if `when` is true."""
+    """Return a quirk action that refuses values of an axis' object with `code` while `when` is true."""
 
     def act(hooks: QuirkHooks, drive: VirtualDrive, strength: float) -> None:
         def check(entry: Entry, value: Value, before: Guard) -> Value:

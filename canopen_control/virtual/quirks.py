@@ -87,7 +87,7 @@ def _strength(quirk: Quirk, text: str, number: str | None) -> float:
 
 
 def check_quirks(settings: Sequence[QuirkSetting]) -> None:
-    """Raise ConfigError if a quirk is given twice for an axis, or if two quirks for an axis exclude each other."""
+    """Raise ConfigError if a quirk is given twice for an axis, or if two of its quirks are mutually exclusive."""
     for place, setting in enumerate(settings):
         for earlier in settings[:place]:
             if setting.quirk is earlier.quirk and setting.meets(earlier):
@@ -100,7 +100,7 @@ def check_quirks(settings: Sequence[QuirkSetting]) -> None:
 
 
 def quirks_of(personality: Personality) -> list[str]:
-    """Return the quirks of a personality in text form; raise ConfigError that lists every invalid line."""
+    """Return the quirks of a personality in text form; ConfigError lists every invalid line."""
     settings: list[QuirkSetting] = []
     wrong: list[str] = []
     for line in personality.quirks:
@@ -116,7 +116,7 @@ def quirks_of(personality: Personality) -> list[str]:
 
 
 class QuirkSwitches:
-    """Active quirks of `node`, which can be switched on and off.
+    """Active quirks of `node`, which can be enabled and disabled.
 
     Switching a quirk undoes the hooks of all quirks, and then hooks the active quirks in the order of `QUIRKS`.
     """
@@ -131,7 +131,7 @@ class QuirkSwitches:
         return [setting.text for setting in self._on]
 
     def settings(self, name: str) -> list[str]:
-        """Return the active settings of the quirk `name` in text form; several if the axes have different settings."""
+        """Return the active settings of the quirk `name` in text form; several if the axes differ."""
         return [setting.text for setting in self._on if setting.quirk.name == name]
 
     def start_with(self, texts: Iterable[str]) -> None:
@@ -141,7 +141,7 @@ class QuirkSwitches:
         self._hook(settings)
 
     def set(self, text: str, on: bool, now: int) -> None:
-        """Enable or disable a quirk, on all axes if `text` names no axis; a new strength replaces the old strength."""
+        """Enable or disable a quirk, on all axes unless `text` names one; a new strength replaces the old one."""
         setting = self._fitting(parse_quirk(text))
         remaining = [
             setting_on
@@ -185,5 +185,5 @@ class QuirkSwitches:
 
 
 def switches_of(node: VirtualNode) -> QuirkSwitches:
-    """Return the quirk switches of a node, which are created at the first call."""
+    """Return the quirk switches of a node, created on the first call."""
     return node.quirks if isinstance(node.quirks, QuirkSwitches) else QuirkSwitches(node)

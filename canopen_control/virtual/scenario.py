@@ -1,4 +1,4 @@
-"""Scenarios: timed faults, quirks and disturbances in a YAML file, and the player for them.
+"""Scenarios: timed faults, quirks and disturbances in a YAML file, and their player.
 
 Times count from the drives' ready line. All errors in the file are reported at once, with their lines, before anything
 runs. A step is executed by the node's control, like a request of a client; a step that fails is reported, and the
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Payload:
-    """Keys of a payload on a link in a scenario step, see `AddPayload`."""
+    """Keys of a payload on a link in a scenario step; see `AddPayload`."""
 
     mass: float
     on: str = ""
@@ -69,7 +69,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Push:
-    """Keys of a push of a link in a scenario step, see `PushRobot`."""
+    """Keys of a push on a link in a scenario step; see `PushRobot`."""
 
     force: tuple[float, float, float]
     on: str = ""
@@ -77,7 +77,7 @@ class Push:
 
 
 def world_words(act: WorldAct) -> list[tuple[str, str]]:
-    """Return the keys and the text of the values by which a scenario step describes a disturbance."""
+    """Return keys and text of the values with which a scenario step describes a disturbance."""
     if isinstance(act, BlockJoint):
         return [("block", act.joint)]
     if isinstance(act, SetGrip):
@@ -99,7 +99,7 @@ def _list(numbers: Iterable[float]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldEvent:
-    """Keys of a scenario step that disturb the world: payload, push, blocked joint and friction."""
+    """Keys of a scenario step that disturbs the world: payload, push, blocked joint and friction."""
 
     payload: Payload | None = None
     push: Push | None = None
@@ -127,7 +127,7 @@ _LONGEST_S: Final = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Switching:
-    """Timed event of a scenario: a fault, a quirk, a change of a plant, or a disturbance of the world."""
+    """Timed event of a scenario: fault, quirk, change of a plant, or disturbance of the world."""
 
     at_ns: int
     node_id: int
@@ -144,7 +144,7 @@ class ScenarioError(ConfigError):
 
 
 def seconds_of(value: float | str) -> float:
-    """Return the seconds of ``1h``, ``5min``, ``5s``, ``500ms`` or a number; raise ValueError if invalid."""
+    """Return the seconds in ``1h``, ``5min``, ``5s``, ``500ms`` or a number; raise ValueError if invalid."""
     match = _TIME.fullmatch(str(value).strip())
     if match is None or float(match[1]) > _LONGEST_S:
         raise ValueError(f"{value!r} is not a time: 1h, 5min, 5s, 500ms, or a number of seconds")
@@ -152,7 +152,7 @@ def seconds_of(value: float | str) -> float:
 
 
 def nanoseconds_of(value: float | str) -> int:
-    """Return a time in ns; the same texts as in `seconds_of` are valid."""
+    """Return a time in ns, from the same texts as `seconds_of`."""
     return round(seconds_of(value) * 1e9)
 
 
@@ -218,7 +218,7 @@ def nanoseconds_at(here: Node, value: float | str) -> int:
 
 
 def read_scenario(path: Path, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the events of a scenario file in order of time; ScenarioError lists all errors with their lines."""
+    """Return the events of a scenario file in order of time; ScenarioError lists all errors by line."""
     switchings: list[Switching] = []
 
     def check(file: ScenarioFile, _problems: Problems) -> None:
@@ -253,7 +253,7 @@ def _switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
 
 
 def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switching]:
-    """Return the events of a step that disturbs the world, including the end of a blocked joint."""
+    """Return the events of a step that disturbs the world, including the release of a blocked joint."""
     acts, at_ns, for_ns = step.acts(), step.at_ns, step.for_ns
     if len(acts) > 1 or step.fault or step.quirk or step.plant or step.node is not None:
         step.here.error("a step has one of payload, push, block and friction, and then no node, fault, quirk or plant")
@@ -266,7 +266,7 @@ def _world_switchings(step: ScenarioStep, node_ids: Sequence[int]) -> list[Switc
 
 
 class Timeline:
-    """Player of scenario events on the nodes of one process; times count from the creation of the player.
+    """Player of scenario events on the nodes of one process; times count from its creation.
 
     `controls` is read when a step is due; `report` gets a sentence about a step that failed.
     """

@@ -142,7 +142,7 @@ class DiffBase:
 
 
 class SharedFile:
-    """File at `path` that several processes share; opened at the first use, which may raise ConfigError."""
+    """File at `path` shared by several processes; opened on first use, which may raise ConfigError."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -166,7 +166,7 @@ class SharedFile:
 
 
 class SharedBase(SharedFile):
-    """`DiffBase` that several processes share through a file with the complete state as JSON."""
+    """`DiffBase` that several processes share through a file with its complete state as JSON."""
 
     def __init__(self, separation: float, path: Path) -> None:
         super().__init__(path)
@@ -232,7 +232,7 @@ _SHARE: Final = "use a name without / in share: for a file in your private folde
 
 
 def slipped(distance: float, slip: float, seed: int, wheel: int, step: int) -> float:
-    """Return the distance of a wheel step with pseudo-random slip of the relative standard deviation `slip`."""
+    """Return the distance of a wheel step with pseudo-random slip of relative standard deviation `slip`."""
     number = (seed * 0x9E3779B97F4A7C15 + wheel * 0xD1B54A32D192ED03 + step * 0xBF58476D1CE4E5B9) & _MASK
     number = ((number ^ number >> 30) * 0xBF58476D1CE4E5B9) & _MASK  # splitmix64
     number = ((number ^ number >> 27) * 0x94D049BB133111EB) & _MASK
@@ -345,7 +345,7 @@ class WheelPlant:
         self._points.append((now, self._distance))
 
     def publish(self) -> None:
-        """Report the waiting points to the base."""
+        """Report the pending points to the base."""
         if self._points:
             self._floor.report(self._side, self._points)
             self._points = []
@@ -363,7 +363,7 @@ class ShaftWorld(World, Protocol):
         """Whether a node is an encoder on a shaft."""
 
     def shaft_position(self, node_id: int) -> float | None:
-        """Return the position of an encoder's shaft in rad (m if linear), None while it is unknown."""
+        """Return the position of an encoder's shaft in rad (m if linear), or None while unknown."""
 
     def publish(self) -> None:
         """Publish the shaft positions to other processes."""
@@ -388,7 +388,7 @@ class Coupling:
 
 
 def load_counts(plant: Plant) -> float:
-    """Return the position of the load of an axis, in counts of the motor."""
+    """Return the load position of an axis in counts of the motor."""
     inner = plant.inner if isinstance(plant, WheelPlant) else plant
     return inner.load_position if isinstance(inner, LoadedPlant) and inner.backlash else inner.position
 
@@ -402,7 +402,7 @@ class ShaftFile(SharedFile):
             os.pwrite(fd, _SLOT.pack(1, counts), _slot(node_id, axis))
 
     def get(self, node_id: int, axis: int) -> float | None:
-        """Return a shaft position in motor counts, None if the file has no value yet."""
+        """Return a shaft position in motor counts, or None if the file has no value yet."""
         with self.locked(fcntl.LOCK_SH) as fd:
             data = os.pread(fd, _SLOT.size, _slot(node_id, axis))
         content, counts = _SLOT.unpack(data.ljust(_SLOT.size, b"\0"))

@@ -34,7 +34,7 @@ class Piece(NamedTuple):
 
 
 class DemandCurve:
-    """Motion over time: pieces of constant acceleration from `start_ns` on, then `final_velocity` without end.
+    """Motion over time: pieces of constant acceleration from `start_ns` on, then `final_velocity` forever.
 
     `final_position` is the position at the end of the pieces. A known exact value (a target) can be given, so that
     rounding in the pieces has no effect.
@@ -58,7 +58,7 @@ class DemandCurve:
         self.final_position = position + distance if final_position is None else final_position
 
     def shifted(self, distance: float) -> DemandCurve:
-        """Return the same curve, shifted by `distance`."""
+        """Return the same curve shifted by `distance`."""
         position, final = self.position + distance, self.final_position + distance
         return DemandCurve(self.start_ns, position, self._pieces, self.final_velocity, final)
 
@@ -76,7 +76,7 @@ class DemandCurve:
         return self.final_position, self.final_velocity
 
     def steady_until(self, now: int) -> int | None:
-        """Return the time until which the velocity is constant: `now` while it changes, None without end."""
+        """Return the time until which the velocity is constant: `now` while it changes, None if forever."""
         if now >= self.end_ns:
             return None
         seconds = (now - self.start_ns) * _NS
@@ -87,13 +87,13 @@ class DemandCurve:
         return now
 
     def acceleration_at(self, now: int) -> float:
-        """Return the acceleration just after `now`, 0 after the last piece."""
+        """Return the acceleration just after `now`, or 0 after the last piece."""
         for piece in self.slices(now, now + 1):
             return piece.acceleration
         return 0.0
 
     def slices(self, start_ns: int, end_ns: int) -> Iterator[Piece]:
-        """Yield the pieces between two times, cut to fit, including the endless motion after the last piece."""
+        """Yield the pieces between two times, cut to fit, including the unlimited motion after the last piece."""
         begin, end = (start_ns - self.start_ns) * _NS, (end_ns - self.start_ns) * _NS
         for piece in self._pieces:
             first, last = max(begin, 0.0), min(end, piece.seconds)
@@ -121,7 +121,7 @@ class DemandCurve:
 
 
 def _first_crossing(piece: Piece, distance: float) -> float | None:
-    """Return the time in s at which a piece first covers `distance`, None if never."""
+    """Return the time in s at which a piece first covers `distance`, or None if never."""
     if piece.acceleration == 0.0:
         roots = [distance / piece.velocity] if piece.velocity else []
     else:
@@ -229,7 +229,7 @@ def _approach(
 
 
 def _peak(distance: float, velocity: float, acceleration: float, deceleration: float, end: float) -> float:
-    """Return the highest speed of a motion over `distance` without a cruise, from speed `velocity` to speed `end`."""
+    """Return the maximum speed of a motion over `distance` without a cruise, from speed `velocity` to speed `end`."""
     if acceleration == INFINITE:
         return math.sqrt(2.0 * deceleration * distance + end * end)
     gain = 2.0 * acceleration if deceleration == INFINITE else 2.0 / (1.0 / acceleration + 1.0 / deceleration)

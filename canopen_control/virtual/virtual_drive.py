@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 def clamp(value: float, bits: int = 32) -> int:
-    """Round a value, and limit the value to the range of a signed integer with `bits` bits."""
+    """Round a value and clamp it to the range of a signed integer with `bits` bits."""
     edge, number = 1 << bits - 1, round(value)
     if -edge <= number < edge:
         return number
@@ -79,7 +79,7 @@ class Statusword:
         self.changes: tuple[Callable[[int], int], ...] = ()
 
     def value(self) -> int:
-        """Return the statusword at the time to which the axis was advanced."""
+        """Return the statusword at the time to which the axis has been advanced."""
         power, mode = self._power, self._modes.active
         word = power.bits | self.forced.value
         if self._velocity_bits is not None:
@@ -122,7 +122,7 @@ class AxisReadings:
         return -1.0 if self.inverted.value else 1.0
 
     def demand(self) -> tuple[float, float]:
-        """Return the position and the velocity of the demand, in plant counts and counts/s."""
+        """Return position and velocity of the demand, in plant counts and counts/s."""
         return self.mover.state(self.mover.time)
 
     def position(self) -> int:
@@ -145,12 +145,12 @@ class AxisReadings:
         return clamp(self.mover.plant.torque, 16)
 
     def torque_demand(self) -> int:
-        """Return the torque demand 0x6074 in per mille, 0 outside the torque modes."""
+        """Return the torque demand 0x6074 in per mille, or 0 outside the torque modes."""
         torque = self.mover.torque
         return 0 if torque is None else clamp(torque.at(self.mover.time)[1], 16)
 
     def digital_inputs(self) -> int:
-        """Return the digital inputs 0x60FD: the switches and the additional bits."""
+        """Return the digital inputs 0x60FD: switches and additional bits."""
         return self.mover.switches.inputs(self.mover.plant.position) | self.inputs
 
 
@@ -172,7 +172,7 @@ SOURCES: dict[int, Callable[[AxisReadings], int]] = {
     o.POSITION_DEMAND_INTERNAL: lambda axis: wrap32(axis.demand()[0] - axis.units.zero),
     o.DIGITAL_INPUTS: AxisReadings.digital_inputs,
 }
-"""Functions that compute the values of objects when they are read, by the index of axis 0."""
+"""Functions that compute the values of objects when they are read, by index on axis 0."""
 
 
 # Overload protection (I2t) of a motor, from the current above the rated current and its duration.
@@ -234,7 +234,7 @@ class TouchProbes:
         self._armed = 0
 
     def update(self, now: int) -> None:
-        """Apply 0x60B8: arm the enabled probes, and clear the status of the disabled probes."""
+        """Apply 0x60B8: arm enabled probes, and clear the status of disabled probes."""
         function = self._objects.number(o.TOUCH_PROBE_FUNCTION)
         if function == self._armed:
             return
@@ -267,7 +267,7 @@ class TouchProbes:
         return any(self._armed >> shift & (_ENABLE | _INDEX) == _ENABLE | _INDEX for shift in _SHIFTS)
 
     def next_index(self, demand: DemandCurve, now: int) -> tuple[int, float] | None:
-        """Return time and position of the next index pulse of `demand`; None if no probe waits for a pulse."""
+        """Return time and position of the next index pulse of `demand`; None if no probe waits for one."""
         if not self.wants_index:
             return None
         position = demand.at(now)[0]
@@ -340,11 +340,11 @@ class VirtualDrive:
         return self.power.state
 
     def statusword(self) -> int:
-        """Return the statusword 0x6041 at the time to which the drive was advanced."""
+        """Return the statusword 0x6041 at the time to which the drive has been advanced."""
         return self.readings.statusword.value()
 
     def describe(self) -> AxisState:
-        """Return the state of the axis and the motor as a message."""
+        """Return the state of the axis and its motor as a message."""
         plant = self.mover.plant
         return AxisState(
             axis=self.axis,
@@ -412,7 +412,7 @@ class VirtualDrive:
     # -- written objects and events
 
     def power_on(self, now: int) -> None:
-        """Reset the axis at power-on (transitions 0 and 1); the present motor position becomes 0."""
+        """Reset the axis at power-on (transitions 0 and 1); the current motor position becomes 0."""
         objects, power = self.objects, self.power
         self.mover.advance(now)
         self.mover.timers.clear()
@@ -438,7 +438,7 @@ class VirtualDrive:
         self.modes.set_model(model)
 
     def refresh(self, now: int, *, controlword: bool = False, set_point: bool = False) -> None:
-        """Apply written objects: the mode, then the controlword, then the set-points.
+        """Apply written objects: first the mode, then the controlword, then the set-points.
 
         `set_point` is True if an RPDO contained the set-point of the active mode.
         """
@@ -467,12 +467,12 @@ class VirtualDrive:
             self.modes.active.missed()
 
     def _limit_torque(self) -> None:
-        """Limit the torque of the loops by 0x6072 and 0x6073; 0 means no limit."""
+        """Limit the torque of the loops by 0x6072 and 0x6073; 0 means unlimited."""
         limits = [float(limit) for index in TORQUE_LIMITS if (limit := self.objects.number(index)) > 0]
         self.mover.torque_limit = min(limits, default=math.inf)
 
     def _tune(self) -> None:
-        """Set the loop gains of the plant from the gain objects; without a velocity P gain its defaults apply."""
+        """Set the loop gains of the plant from the gain objects; without a velocity P gain, its defaults apply."""
         values = {gain: self._gain(gain_object) for gain, gain_object in self._gains.items()}
         speed = self.objects.units.length
         proportional = values.get(LoopGain.VELOCITY_P, 0.0) / speed
@@ -579,7 +579,7 @@ class VirtualDrive:
         self.limits.check_following_error(error, now)
 
     def check_load(self, torque: float, now: int) -> None:
-        """Check the thermal load of the motor; an overload is the fault 0x2310."""
+        """Check the thermal load of the motor; an overload raises fault 0x2310."""
         if self._overload.exceeded(torque, now) and self.power.running:
             self.fault(OVERLOAD, now, register=ErrorRegister.GENERIC | ErrorRegister.CURRENT)
 

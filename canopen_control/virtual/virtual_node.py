@@ -103,7 +103,7 @@ class FrameRoutes:
         self.version += 1
 
     def rebuild(self) -> None:
-        """Rebuild the table after an identifier changed; no effect while the node initialises."""
+        """Rebuild the table after an identifier has changed; no effect while the node initialises."""
         if self._nmt.state is NmtState.INITIALISING:
             return
         error_control = cob_id(Service.HEARTBEAT, self._nmt.node_id)
@@ -159,7 +159,7 @@ class FrameRoutes:
 
 
 def merged(routes: Iterable[tuple[int, Receiver]]) -> dict[int, Receiver]:
-    """Combine routes into a table; a frame with several receivers is passed to all of them in order."""
+    """Combine routes into a table; a frame with several receivers is passed to each of them in order."""
     table: dict[int, Receiver] = {}
     for can_id, receiver in routes:
         table[can_id] = _both(table[can_id], receiver) if can_id in table else receiver
@@ -216,7 +216,7 @@ class NodeLss:
                 self._outbox.publish(BitRateActivated(event.bitrate))
 
     def reset(self, *, power: bool) -> int:
-        """Activate and return the pending node-ID, or the stored node-ID at power-on."""
+        """Activate and return the pending node-ID, or at power-on the stored node-ID."""
         if power:
             self.slave.pending_node_id, self.slave.pending_bitrate = self.stored_node_id, self.stored_bitrate
         self.slave.reset()
@@ -239,17 +239,17 @@ class Timed(Protocol):
     """Service with timers, which the node advances."""
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None if no timer runs."""
+        """Return the time in ns at which `tick` is next due, or None if no timer runs."""
 
     def tick(self, now: int) -> None:
         """Run the timers that are due at `now`."""
 
 
 class ParameterKeeper(Protocol):
-    """Storage that keeps the parameters of a node while the node has no power."""
+    """Storage that keeps the parameters of a node while it has no power."""
 
     def keep(self, node: VirtualNode) -> bool:
-        """Save parameters changed by 0x1010, 0x1011 or LSS; return whether they were saved."""
+        """Save parameters changed by 0x1010, 0x1011 or LSS; return False on failure."""
         ...
 
 
@@ -258,7 +258,7 @@ _SERVO_DRIVE = 0x0002_0192  # device type of a servo drive (CiA 402-2, object 0x
 
 
 def _with_device_type(od: ObjectDictionary) -> ObjectDictionary:
-    """Return `od`, with the mandatory object 0x1000 (CiA 301, 7.5.1) added if the file lacks it."""
+    """Return `od` with the mandatory object 0x1000 (CiA 301, 7.5.1) added if the file lacks it."""
     if (0x1000, 0) in od:
         return od
     complete = replace(od, entries=od.entries.copy(), objects=od.objects.copy())
@@ -439,7 +439,7 @@ class VirtualNode:
         self._settle(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns at which `tick` is due next, None if no timer runs."""
+        """Return the time in ns at which `tick` is next due, or None if no timer runs."""
         first = self._boot_at
         for next_deadline in self._deadlines:
             deadline = next_deadline()
@@ -452,7 +452,7 @@ class VirtualNode:
         return first
 
     def frames(self) -> list[CanFrame]:
-        """Return and clear the frames to send, in the order of sending."""
+        """Return and clear the frames to send, in order."""
         if self.pdos.outgoing is not self._process_data:
             self._process_data = self.pdos.outgoing
             self._before_answers = self._first + self._process_data
@@ -492,7 +492,7 @@ class VirtualNode:
         return self.pdos.has_event_pdos and self.operational
 
     def get(self, index: int, subindex: int = 0) -> Value:
-        """Return the present value of an object; raise KeyError if the dictionary lacks the object."""
+        """Return the current value of an object; raise KeyError if the dictionary lacks the object."""
         if self.motors is not None and len(parts := self.motors.parts(index, subindex)) == 1:
             return self.store.get(*parts[0])
         return self.store.get(index, subindex)
@@ -545,7 +545,7 @@ class VirtualNode:
             self._boot_at = None if delay_ns is None else now + delay_ns
 
     def set_clock_drift(self, ppm: float) -> None:
-        """Set the drift of the node's clock in ppm; a negative value makes the clock slow."""
+        """Set the drift of the node's clock in ppm; negative values make it slow."""
         self.clock.drift_ppm.inject(ppm)
         self.communication.apply()
 
@@ -602,7 +602,7 @@ class VirtualNode:
         self.outbox.values_changed()
 
     def _reset(self, command: NmtCommand, now: int) -> None:
-        """Restore the power-on values covered by `command` and boot again; a power-on is treated as reset node."""
+        """Restore the power-on values covered by `command` and boot again; a power-on counts as reset node."""
         everything = command is NmtCommand.RESET_NODE
         if self.lss is not None:
             self._assign(self.lss.reset(power=False))
@@ -649,7 +649,7 @@ class VirtualNode:
         self._reset(NmtCommand.RESET_NODE, now)
 
     def _assign(self, node_id: int) -> None:
-        """Change the node-ID, and the values of the dictionary that depend on $NODEID."""
+        """Change the node-ID, and the dictionary values that depend on $NODEID."""
         if node_id == self.node_id:
             return
         self.node_id, self.od = node_id, self.od.for_node(node_id)

@@ -74,7 +74,7 @@ class Node:
         return {key: node for key, (node, _) in self._pairs.items()}
 
     def get(self, key: str) -> Node | None:
-        """Return the value node of a key, None if the key is absent."""
+        """Return the value node of a key, or None if the key is absent."""
         pair = self._pairs.get(key)
         return pair[1] if pair else None
 

@@ -173,7 +173,7 @@ _HINTS: Final = {
 
 
 def _compose(problems: Problems, text: str) -> yaml.Node | None:
-    """Return PyYAML's root node, None if the text is empty or an error was reported."""
+    """Return PyYAML's root node, or None if the text is empty or an error was reported."""
     try:
         root = _root(text)
         return None if root is None else _checked(problems, root)

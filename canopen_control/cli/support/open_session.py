@@ -160,7 +160,7 @@ class ReadParameters:
 
 
 def as_file(word: str) -> Path | None:
-    """Return the path if `word` names a file, None if it names a node; ConfigError if the file is missing."""
+    """Return the path if `word` names a file, or None if it names a node; ConfigError if the file is missing."""
     path = Path(word).expanduser()
     if path.is_file():
         return path

@@ -131,7 +131,7 @@ class ToleranceMonitor:
         self.late = self.outside >= 0 and 0.0 < tolerances.goal_time < time_since_end
 
     def verdict(self, tolerances: SegmentTolerances) -> ToleranceResult | None:
-        """Return the result of the last check, None while the trajectory continues."""
+        """Return the result of the last check, or None while the trajectory continues."""
         joints, errors = self._group.joints, self._group.error.positions
         if self.left >= 0:
             off, allowed = errors[self.left], tolerances.path[self.left].position

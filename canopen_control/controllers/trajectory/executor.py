@@ -260,7 +260,7 @@ class SpeedScaling:
         self._command: CommandInterface | None = None
 
     def set_interfaces(self, state: StateInterface | None, command: CommandInterface | None) -> None:
-        """Store the state and command interface of the factor, None if not configured."""
+        """Store the state and command interface of the factor (None: not configured)."""
         self._state, self._command = state, command
 
     def mistake(self, factor: float) -> str | None:

@@ -131,7 +131,7 @@ class TargetPanel:
 
 
 class _Row:
-    """Row of one drive, with buttons and with a slider for the target of the present mode."""
+    """Row of one drive, with buttons and with a slider for the target of the current mode."""
 
     def __init__(self, context: PanelContext, drive: DriveTarget) -> None:
         self._context, self._client = context, ui.context.client
