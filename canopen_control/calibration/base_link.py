@@ -56,7 +56,7 @@ class TypedEnds:
         self._line("  put the base at its start, keep clear, and press Enter to drive ")
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:  # noqa: ARG002 - used by `TrueEnds`
-        """Ask for the end position of a square until the answer is valid."""
+        """Ask for the end position of a square until the reply is valid."""
         while True:
             try:
                 return parse_end(self._line("  end position X Y, in m ahead and to the left of the start: "))
@@ -138,7 +138,7 @@ class Driven:
 
 
 def choose_base(controllers: tuple[ControllerReading, ...], name: str | None) -> ControllerReading:
-    """Return the diff drive controller to calibrate, by name or the only active one; raise ConfigError with advice."""
+    """Return the diff drive controller to calibrate, by name or the only active one; ConfigError gives advice."""
     names = ", ".join(controller.name for controller in controllers)
     bases = [controller for controller in controllers if WHEEL_CALIBRATION in controller.offers]
     matches = [controller for controller in bases if controller.name == name] if name is not None else bases
@@ -168,7 +168,7 @@ class BaseLink:
         self.controller = choose_base(robot.ask(ListControllers()), controller_name).name
 
     def wheel_values(self) -> WheelValues:
-        """Return the wheel values; raise ConfigError for a controller with a multiplier for both radii."""
+        """Return the wheel values; raise ConfigError for a controller with one multiplier for both radii."""
         params = {
             parameter.name: parameter.plain for parameter in self._robot.ask(GetParameters(controller=self.controller))
         }
@@ -194,7 +194,7 @@ class BaseLink:
         )
 
     def set_factors(self, factors: tuple[float, float, float]) -> None:
-        """Set the multipliers of the controller, with retries while the base moves; raise RemoteError on a refusal."""
+        """Set the multipliers of the controller, with retries while the base moves; raise RemoteError if refused."""
         values = tuple(
             ParameterValue(name=name, kind="double", value=value) for name, value in zip(FACTORS, factors, strict=True)
         )
@@ -210,7 +210,7 @@ class BaseLink:
                 return
 
     def true_pose(self) -> TruePose | None:
-        """Return the true pose of a simulated base; None for a real base."""
+        """Return the true pose of a simulated base, or None for a real base."""
         with self._watching():
             for state in self._states():
                 return state.true_pose
@@ -242,7 +242,7 @@ class BaseLink:
         raise ControlError("the robot sends no more messages")
 
     def _odometry(self, state: StateSample, begun: float) -> OdometrySample | None:
-        """Return the odometry in a state sample, None before the first; raise ControlError if the base may not move."""
+        """Return the odometry in a state sample, or None before the first; ControlError if the base may not move."""
         if state.latched:
             raise ControlError(f"STOP, by {state.latched_by or 'an unnamed client'}")
         if state.hint is not None:

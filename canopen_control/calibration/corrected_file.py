@@ -1,4 +1,4 @@
-"""Copy of a ros2_controllers.yaml in which parameters of one controller have other values.
+"""Copy of a ros2_controllers.yaml with other values for parameters of one controller.
 
 Only the texts of the values are replaced, so that comments and layout remain; missing parameters are inserted before
 the wheel parameters. The copy is read back and compared; it is deleted if it differs in anything but the changes.
@@ -25,7 +25,7 @@ _ANCHORS: Final = ("wheel_separation", "wheel_radius", "left_wheel_names", "righ
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Parameter that was changed in the copy, with its line; `before` is None if the parameter was added."""
+    """Parameter that was changed in the copy, with its line; `before` is None if it was added."""
 
     name: str
     before: float | None
@@ -48,13 +48,13 @@ class _Edit:
 
 
 def given_in(path: Path, controller: str, names: Sequence[str]) -> dict[str, float | None]:
-    """Return parameters of a controller in a file, None for missing ones; raise ConfigError without the controller."""
+    """Return a controller's parameters in a file (None: missing); ConfigError if the controller is missing."""
     flat = _flat(read_controllers(path), controller)
     return {name: _number(flat, name) for name in names}
 
 
 def write_corrected(path: Path, copy: Path, controller: str, values: Mapping[str, float]) -> list[Change]:
-    """Write a copy with other values of parameters, and return the changes.
+    """Write a copy with other parameter values, and return the changes.
 
     Raises ConfigError, without leaving a copy, if that is not possible.
     """
@@ -125,7 +125,7 @@ def _applied(lines: Sequence[str], edits: Sequence[_Edit]) -> list[str]:
 
 
 def _check(file: ControllersFile, copy: Path, controller: str, values: Mapping[str, float]) -> None:
-    """Delete the copy and raise ConfigError if anything but `values` differs between the file and the copy."""
+    """Delete the copy and raise ConfigError if anything but `values` differs between file and copy."""
     expected = _values(file)
     expected[controller] |= {name: float(f"{value:.9g}") for name, value in values.items()}
     try:

@@ -74,7 +74,7 @@ class WheelFactors:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Correction of the wheel values that follows from the errors of the squares.
+    """Correction of the wheel values, derived from the errors of the squares.
 
     E_b is the true track divided by the current track, E_d the diameter of the right wheel divided by that of the left
     wheel. `largest` is the systematic error E_max,syst in m: the larger of the mean errors of both directions.
@@ -241,7 +241,7 @@ class SquarePath:
 
     @property
     def done(self) -> bool:
-        """Whether the base is at standstill at the end of the square."""
+        """Whether the base stands still at the end of the square."""
         return self._phase is _Phase.DONE
 
     def twist(self, pose: Planar, now: float) -> tuple[float, float]:

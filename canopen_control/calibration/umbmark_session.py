@@ -69,7 +69,7 @@ class TrueEnds:
         self._report(text)
 
     def end(self, text: str, driven: Driven) -> tuple[float, float]:
-        """Return the end position of the simulation; raise ControlError if the simulation has reported none."""
+        """Return the end position of the simulation; raise ControlError if it has reported none."""
         if driven.truth is None:
             raise ControlError(f"{text}: the simulation has reported no true pose")
         return driven.truth[0], driven.truth[1]
@@ -100,7 +100,7 @@ class CalibrationPlan:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationResult:
-    """Result of a calibration: corrections by the first and the last squares, and the final multipliers."""
+    """Result of a calibration: corrections by the first and last squares, and the final multipliers."""
 
     first: Correction
     last: Correction

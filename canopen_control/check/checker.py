@@ -1,4 +1,4 @@
-"""Check of a robot's files without opening a bus, for the verb `check`.
+"""Check of a robot's files without opening a bus, for the command `check`.
 
 Each file is read separately, so that an error in one file does not hide errors in another. Then the rules (`rules`) and
 the bus load are checked and, if there are no errors, the robot is built as for a start. Each finding is reported once.
@@ -76,7 +76,7 @@ class CheckReport:
         return sum(finding.severity is severity for finding in self.findings)
 
     def passes(self, *, strict: bool = False) -> bool:
-        """Whether there is no error and, with `strict`, no warning."""
+        """Whether no errors and, with `strict`, no warnings were found."""
         return not self.count(Severity.ERROR) and not (strict and self.count(Severity.WARNING))
 
 
@@ -224,7 +224,7 @@ class _Checker:
 
 
 def _slow_stops(buses: dict[str, BusConfig], stops: tuple[StopTime, ...]) -> Iterator[Finding]:
-    """Find drives that a controlled stop from the highest speed does not stop before the quick stop follows."""
+    """Find drives whose controlled stop from maximum speed is not complete before the quick stop follows."""
     for stop in stops:
         case, facts = stop.slow_ramp, stop.facts
         config = next((bus for bus in buses.values() if facts.node in bus.nodes), None)
@@ -254,7 +254,7 @@ def _of_problem(problem: Problem, severity: Severity) -> Finding:
 
 
 def _of_eds(config: BusConfig) -> Iterator[Finding]:
-    """Yield a note about each EDS with issues, which states their number and the first issue."""
+    """Yield a note about each EDS with issues, with their number and the first issue."""
     for path, issues in config.eds_issues.items():
         odd = [issue for issue in issues if issue.severity is not Severity.NOTE]
         if odd:

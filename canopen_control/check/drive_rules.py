@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def _without_feedback(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find drives without actual position and actual velocity in any TPDO."""
+    """Find drives whose actual position and actual velocity are in no TPDO."""
     bus = robot.bus
     if bus is None:
         return
@@ -107,7 +107,7 @@ def _measured(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find motors that share a controlword but have no joint: these are enabled, but faults are not seen."""
+    """Find motors that share a controlword but have no joint: they are enabled, but their faults are not seen."""
     bus, description = robot.bus, robot.description
     if bus is None or description is None or robot.mock:
         return
@@ -124,7 +124,7 @@ def _unjoined(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _known(robot: CheckedRobot) -> Iterator[Finding]:
-    """Propose keys that drives of a known manufacturer need and that are missing in bus.yml."""
+    """Propose keys that a known manufacturer's drives need and that are missing in bus.yml."""
     bus = robot.bus
     for name, node in ({} if bus is None or robot.mock else bus.nodes).items():
         if bus is None or (plan := bus.plans.get(name)) is None or not plan.axes:

@@ -27,7 +27,7 @@ _ORDER = (Severity.ERROR, Severity.WARNING, Severity.NOTE)
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding about a line of a file; `fix` is advice, "" if `text` contains the advice."""
+    """Finding about a line of a file; `fix` is advice, or "" if `text` contains it."""
 
     path: str
     line: int
@@ -52,7 +52,7 @@ def sorted_findings(findings: list[Finding]) -> list[Finding]:
 
 @dataclass
 class CheckedRobot:
-    """Files of a robot as input of the rules; None stands for a file that could not be read.
+    """Files of a robot as input of the rules; a file that could not be read is None.
 
     `requested_controllers` are the names of --controller. `mock` and `real` override the plugins of the description.
     `started` are the controllers that a run would activate, None if unknown; `chosen` means that the user named them.

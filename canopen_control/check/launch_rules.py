@@ -1,4 +1,4 @@
-"""Rules that find common mistakes in the launch files (XML of ROS 1 and 2, YAML, Python) of a robot.
+"""Rules for common mistakes in the launch files (XML of ROS 1 and 2, YAML, Python) of a robot.
 
 Nothing is launched or included. `$(arg NAME)` is replaced by its default; other substitutions in XML are not checked.
 Launch files in Python are parsed and never executed (`runtime.launch_python`); computed names are reported as unknown.
@@ -118,7 +118,7 @@ def _check_python(launch: _Launch, path: Path) -> None:
 
 
 def findings_at(error: RobotConfigError, path: str) -> list[Finding]:
-    """Convert the error of a file to a finding at the line that the error text names."""
+    """Convert the error of a file to a finding at the line given in the error text."""
     match = re.fullmatch(r"(\d+): (.*)", str(error).removeprefix(f"{path}:").lstrip(), re.DOTALL)
     line, text = (int(match[1]), match[2]) if match else (1, str(error).removeprefix(f"{path}: "))
     return [Finding(path, line, Severity.ERROR, text)]
@@ -156,7 +156,7 @@ def _python_files(launch: _Launch, file: LaunchFile, text: str, line: int) -> No
 
 
 def _check_spawned(launch: _Launch, name: str, namespace: str, line: int) -> None:
-    """Check that a spawned controller is in ros2_controllers.yaml, and store the controller's namespace."""
+    """Check that a spawned controller is in ros2_controllers.yaml, and store its namespace."""
     control = launch.robot.control
     if control is not None and name not in control.controllers:
         text = f"the spawner loads {name!r}, which is not in {control.path}{nearest(name, control.controllers)}"
@@ -203,7 +203,7 @@ def _spawner(launch: _Launch, element: Element, namespace: str) -> None:
 
 
 def _spawned(words: Sequence[str], namespace: str) -> tuple[list[str], str]:
-    """Return the controllers in a spawner's arguments, and the namespace of these controllers."""
+    """Return the controllers in a spawner's arguments, and their namespace."""
     names: list[str] = []
     words_left = iter(words)
     for word in words_left:
@@ -230,7 +230,7 @@ def _renamed(launch: _Launch, element: Element, name: str) -> None:
 
 
 def _transmissions(launch: _Launch) -> Iterator[Finding]:
-    """Find joints of spawned ROS 1 controllers without a <transmission>, and thus without an interface."""
+    """Find joints of spawned ROS 1 controllers that have no <transmission> and so no interface."""
     description, robot = launch.robot.description, launch.robot
     if description is None or not launch.spawns or any(not tag.transmissions for tag in description.hardware):
         return

@@ -47,7 +47,7 @@ _LAG_S = 0.5  # a joint with a larger lag at the cap is disabled or blocked
 
 
 class _Position:
-    """Limiter of a position command, which makes the position follow the command at the speed cap."""
+    """Limiter of a position command: the position follows the command at the speed cap."""
 
     __slots__ = ("_command", "_here", "_last", "_limit", "_target")
 
@@ -137,7 +137,7 @@ class SpeedCap:
             self._capped.append(_Target(command, here, speed, self._limit))
 
     def bound(self, drives: Iterable[JointDrive], reductions: Mapping[str, float]) -> None:
-        """Limit the velocity targets of drives, and the speeds of motions that the drives generate.
+        """Limit the velocity targets of drives, and the speeds of motions that drives generate.
 
         `reductions` are motor turns per joint turn, for joints with a transmission.
         """
@@ -195,7 +195,7 @@ def config_hash(setup: RobotSetup) -> str:
 
 
 def read_serials(setup: RobotSetup) -> dict[str, int | None]:
-    """Read the serial number (0x1018:04) of every node; 0 if the node has none, None without an answer.
+    """Read the serial number (0x1018:04) of every node; 0 if the node has none, None without a response.
 
     BusError if a channel cannot be opened.
     """
@@ -242,7 +242,7 @@ def find_record(setup: RobotSetup) -> PreflightRecord | None:
 
 
 def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[str, int | None]) -> str | None:
-    """Return the reason why a record does not permit full speed, or None if full speed is permitted."""
+    """Return why a record does not permit full speed, or None if it does."""
     if passed is None:
         return "this robot has not passed a pre-flight on this machine"
     if passed.config != config_hash(setup):
@@ -256,7 +256,7 @@ def explain(setup: RobotSetup, passed: PreflightRecord | None, serials: Mapping[
 
 
 def slow_reason(setup: RobotSetup) -> SlowReason | None:
-    """Return why full speed is not permitted, by record and serial numbers; None if full speed is permitted.
+    """Return why full speed is not permitted, by record and serial numbers, or None if it is.
 
     BusError if a channel cannot be opened.
     """

@@ -1,4 +1,4 @@
-"""Rules that find common mistakes in and between a robot's three files, with the place and the correction.
+"""Rules for common mistakes in and between a robot's three files, with place and correction.
 
 A rule reads the files that could be parsed (others are None) and yields findings, without exceptions or side effects.
 An error that prevents the start is an ERROR, a setting with surprising results a WARNING.
@@ -52,9 +52,9 @@ if TYPE_CHECKING:
 
 
 _DIFF_DRIVE: Final = frozenset({"wheel_separation", "wheel_radius"})
-"""Sizes that a diff drive controller takes from the URDF if they are missing; only this type has has_..._limits."""
+"""Sizes that a diff drive controller takes from the URDF if missing; only this type has has_..._limits."""
 SAME: Final = 0.01
-"""Relative difference up to which two lengths count as equal."""
+"""Relative difference up to which two lengths are considered equal."""
 
 
 def _bases(robot: CheckedRobot) -> Iterator[tuple[str, DriveGeometry, ControllerConfig]]:
@@ -188,7 +188,7 @@ def _mirrored(robot: CheckedRobot, base: DriveGeometry) -> Iterator[Finding]:
 
 
 def _drive(robot: CheckedRobot, joint: str) -> tuple[NodeConfig, bool] | None:
-    """Return the node that moves a joint, and whether the joint's scale is negative; None if unknown."""
+    """Return the node that moves a joint, and whether the joint's scale is negative, or None if unknown."""
     if robot.bus is None or robot.description is None:
         return None
     for tag in robot.description.hardware:
@@ -223,7 +223,7 @@ def find(
     mock: bool = False,
     real: bool = False,
 ) -> list[Finding]:
-    """Return the findings of all rules; None stands for an unreadable file, `launch` is a ROS launch file."""
+    """Return the findings of all rules; None is an unreadable file, `launch` is a ROS launch file."""
     started = _started(files, control, description, controllers)
     chosen = bool(controllers or files.spawned)
     robot = CheckedRobot(files, bus, control, description, controllers, mock, real, started, chosen)
@@ -244,7 +244,7 @@ def find(
 def _started(
     files: RobotFiles, control: ControllersFile | None, description: UrdfDescription | None, names: Sequence[str]
 ) -> frozenset[str] | None:
-    """Return the controllers that a run activates, or None if this cannot be determined."""
+    """Return the controllers that a run activates, or None if unknown."""
     if control is None or description is None:
         return None
     try:
@@ -265,7 +265,7 @@ def findings_of(text: str, path: str, line: int, severity: Severity) -> Iterator
 
 
 def _unplaced(text: str, path: str) -> str:
-    """Remove the leading path of an error text, if this is the path of the finding."""
+    """Remove the leading path of an error text if it is the path of the finding."""
     head, colon, rest = text.partition(": ")
     return rest if colon and Path(head).resolve() == Path(path).resolve() else text
 
@@ -274,7 +274,7 @@ def _unplaced(text: str, path: str) -> str:
 
 
 def _configure(robot: CheckedRobot) -> Iterator[Finding]:
-    """Create and configure every controller of the file as a start does; yield errors and warnings."""
+    """Create and configure every controller of the file like a start; yield errors and warnings."""
     control = robot.control
     if control is None:
         return
@@ -357,7 +357,7 @@ def _namespaces(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 def _joints(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find command interfaces of controllers that are missing in the description."""
+    """Find command interfaces of controllers that the description lacks."""
     description = robot.description
     if description is None or not description.hardware:
         return
@@ -459,7 +459,7 @@ def _device(robot: CheckedRobot, tag: Ros2ControlSystem, joint: ControlJoint) ->
 
 
 def _guesses(robot: CheckedRobot) -> Iterator[Finding]:
-    """Find values that `init` has guessed, and counts_per_revolution of 1 or less."""
+    """Find values guessed by `init`, and counts_per_revolution of 1 or less."""
     bus = robot.bus
     if bus is None:
         return
@@ -557,7 +557,7 @@ def _update_rate(robot: CheckedRobot) -> Iterator[Finding]:
 
 
 UNEVEN: Final = 0.01
-"""Deviation from a whole number up to which the SYNCs per update of the controllers count as a whole number."""
+"""Deviation from a whole number up to which the SYNCs per controller update are considered whole."""
 
 
 def _whole(syncs: float) -> int:

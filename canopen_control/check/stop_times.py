@@ -1,4 +1,4 @@
-"""Stopping times of an axis: the detection time of each stop reason plus the ramp from maximum speed.
+"""Stopping times of an axis: detection time of each stop reason plus the ramp from maximum speed.
 
 The times are computed from a robot's files, printed by `check`, and compared with the simulated shafts by the
 invariants of simulations. A stop is detected by heartbeat or guarding, by missing TPDOs, by the drive's monitoring of
@@ -43,7 +43,7 @@ _LOST: Final[Mapping[Command | State | None, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class AxisFacts:
-    """Stop parameters of one axis; `speed` is inf without a limit, a time is 0 without such a supervision.
+    """Stop parameters of one axis; `speed` is inf if unlimited, a time is 0 without that supervision.
 
     `objects` are object values by the index for the first axis; `lives` are command timeouts by controller.
     """
@@ -94,7 +94,7 @@ class StopTime:
 
     @property
     def longest_s(self) -> float:
-        """Longest stopping time in s, inf without a bound."""
+        """Longest stopping time in s; inf if unlimited."""
         return self.longest.total_s
 
     @property
@@ -150,13 +150,13 @@ def _masters_ramp(facts: AxisFacts) -> tuple[float, str]:
 
 
 def _on_lost_master(facts: AxisFacts) -> int | None:
-    """Return the index of the option code for a lost master (0x6007), or None for no reaction with a ramp."""
+    """Return the index of the option code for a lost master (0x6007), or None for a reaction without a ramp."""
     action = ABORT_CONNECTION.get(_option(facts, o.ABORT_CONNECTION_OPTION))
     return _LOST.get(action)
 
 
 def _drives_ramp(facts: AxisFacts, option: int | None) -> tuple[float, str, bool]:
-    """Return duration in s and name of the drive's own ramp, and whether there is such a ramp."""
+    """Return duration in s and name of the drive's own ramp, and whether it has one."""
     if option is None:
         return math.inf, f"0x6007 is {_option(facts, o.ABORT_CONNECTION_OPTION)}, a reaction without a ramp", False
     code = _option(facts, option)
@@ -208,7 +208,7 @@ def axis_facts(setup: RobotSetup, lives: Mapping[str, Mapping[str, float]] | Non
 
 
 def command_timeouts(manager: ControllerManager) -> dict[str, dict[str, float]]:
-    """Return the command timeouts in s by joint and loaded controller, without unlimited commands."""
+    """Return the command timeouts in s by joint and loaded controller, except unlimited ones."""
     timeouts: dict[str, dict[str, float]] = {}
     for name in manager.states:
         controller = manager.get(name)

@@ -1,1 +1,1 @@
-"""Terminal monitor that shows a running robot, or a bare bus in listen-only mode, as tables."""
+"""Terminal monitor: shows a running robot, or a bare bus in listen-only mode, as tables."""

@@ -81,7 +81,7 @@ _WORDS: Final[dict[str, Words]] = {
     "dump": lambda node, parts: ["dump", node, "--format", *parts],
     "nmt": _with_node("nmt"),
 }
-"""Arguments of the commands, by the name of the job."""
+"""Arguments of the commands by job name."""
 
 
 def work_words(name: str, text: str, node: str, robot: str) -> list[str]:
@@ -131,7 +131,7 @@ class WorkRun:
         return lines
 
     def end(self) -> None:
-        """Interrupt the command as Ctrl-C does; no effect after its end."""
+        """Interrupt the command like Ctrl-C; no effect once it has ended."""
         if self.code is None:
             self._process.send_signal(signal.SIGINT)
 
@@ -202,7 +202,7 @@ class DriveObjects:
             self._od = od
 
     def search(self, words: str) -> None:
-        """Show only the objects that match the words, as for the command `objects`; ConfigError if none match."""
+        """Show only the objects that match the words, like the command `objects`; ConfigError if none match."""
         if self._od is not None and words:
             select_objects(self._od, words.split(","))
         self._words, self._entries, self._cells, self._sent = words, {}, {}, 0
@@ -224,7 +224,7 @@ class DriveObjects:
             return self._history(node).write(session, entry, value).words
 
     def undo(self) -> str:
-        """Undo the newest write at this node, and return the change as text; CanopenError if impossible. Blocks."""
+        """Undo the latest write at this node and return the change as text; CanopenError if impossible. Blocks."""
         if (node := self._node) is None:
             raise ConfigError(f"undo: {self._why}")
         with self._editing, node.session() as session:
@@ -285,7 +285,7 @@ def _address(address: Address) -> str:
 
 
 def _cells(row: ObjectRow) -> tuple[Cell, ...]:
-    """Return the cells of an object; values that differ from the default and refused objects are marked."""
+    """Return the cells of an object; non-default values and refused objects are marked."""
     value = Cell(_cut(row.value or "-"), Tone.WARN if row.changed else Tone.PLAIN)
     if row.error:
         value = Cell("refused", Tone.BAD)

@@ -36,7 +36,7 @@ _CHANGES: Final = "changes"
 
 
 def parse_filter(text: str, network: NetworkDescription) -> Filter:
-    """Parse the line of a filter; the ConfigError names the valid words."""
+    """Parse the line of a filter; ConfigError lists the valid words."""
     services, nodes, ids = set[str](), list[str](), list[range]()
     words = [word.strip() for word in text.split(",") if word.strip()]
     for word in words:
@@ -93,7 +93,7 @@ class FrameTable:
 
 
 class TraceLog:
-    """Latest frames, with a filter; stores `KEPT` frames so that a new filter can be applied to earlier frames."""
+    """Latest frames with a filter; stores `KEPT` frames, so that a new filter also applies to earlier frames."""
 
     def __init__(self) -> None:
         self.filter = Filter()
@@ -101,7 +101,7 @@ class TraceLog:
         self._fresh: deque[DecodedFrame] = deque(maxlen=KEPT)
 
     def add(self, decoded: DecodedFrame) -> None:
-        """Store a frame, to be returned by `fresh` if it passes the filter."""
+        """Store a frame; `fresh` returns it if it passes the filter."""
         self._all.append(decoded)
         if self.filter.wants(decoded):
             self._fresh.append(decoded)
@@ -177,7 +177,7 @@ class BusTap:
 
     @property
     def lost(self) -> int:
-        """Number of frames that were lost because reading was too slow."""
+        """Number of frames lost because reading was too slow."""
         return 0 if self._port is None else self._port.stats.lost
 
     def watch(self, watcher: PortWatcher) -> None:
@@ -187,7 +187,7 @@ class BusTap:
             watcher.port_changed(self._port)
 
     def tick(self, now: int) -> None:
-        """Update the load, and try once a second to open a bus that is not open; `now` is in monotonic ns."""
+        """Update the load and, once a second, try to open a bus that is not open; `now` is in monotonic ns."""
         self.meter.tick(now)
         if self._port is not None or now < self._retry_ns:
             return

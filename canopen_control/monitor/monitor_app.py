@@ -135,7 +135,7 @@ class LiveTable(DataTable[Text]):
 
     @property
     def selected(self) -> str | None:
-        """Name of the row with the cursor; None without rows."""
+        """Name of the row with the cursor, or None without rows."""
         if not self._shown:
             return None
         return self.coordinate_to_cell_key(self.cursor_coordinate).row_key.value
@@ -154,7 +154,7 @@ class LiveTable(DataTable[Text]):
                 self.written += 1
 
     def _resizes(self, title: str, old: Cell, new: Cell) -> bool:
-        """Whether a new text changes the width of a column, which redraws the screen; a small decrease is ignored."""
+        """Whether a new text changes a column's width, which redraws the screen; a small decrease is ignored."""
         width, before, after = self.columns[ColumnKey(title)].content_width, cell_len(str(old)), cell_len(str(new))
         return after > width or (before >= width and after < before - _SLACK)
 
@@ -239,12 +239,12 @@ class DrivePane(Vertical):
             self._run.end()
 
     def close(self) -> None:
-        """End the command; wait a few seconds until it has stopped the drive."""
+        """End the command; wait up to a few seconds until it has stopped the drive."""
         if self._run is not None:
             self._run.close()
 
     def show_work(self) -> None:
-        """Show the output since the last call, and the result if the command has ended."""
+        """Show the output since the last call, and the result once the command has ended."""
         run = self._run
         if run is None or self._ended:
             return
@@ -359,7 +359,7 @@ class MonitorApp(App[None]):
         self.source.close()
 
     def _refresh_if_late(self) -> None:
-        """Redraw if no sample has arrived lately, because the robot is missing or silent."""
+        """Redraw if no sample has arrived lately because the robot is missing or silent."""
         if time.monotonic() - self._drawn > _LATE_S:
             self.refresh_picture()
 
@@ -402,7 +402,7 @@ class MonitorApp(App[None]):
             self._alarm.update(Text(content.alarm))
 
     def _show_drives(self, shown: bool) -> None:
-        """Hide the table of drives while there are none, as with a simulated robot."""
+        """Hide the table of drives while it is empty, as with a simulated robot."""
         if shown and not self._drives.display and not isinstance(self.focused, FilterLine):
             self._drives.display = True
             self._drives.focus()
@@ -425,7 +425,7 @@ class MonitorApp(App[None]):
             self._show_trace()
 
     def _show_objects(self) -> None:
-        """Show the objects of the selected drive while the drive tab is open; else stop reading."""
+        """Show the objects of the selected drive while the drive tab is open; otherwise stop reading."""
         if self.query_one("#tabs", TabbedContent).active != _DRIVE_TAB:
             if self._objects is not None:
                 self._objects.leave()
@@ -526,7 +526,7 @@ class MonitorApp(App[None]):
         self._drive.end()
 
     def action_undo(self) -> None:
-        """Undo the newest write to an object of the shown drive."""
+        """Undo the latest write to an object of the shown drive."""
         if (objects := self._objects) is not None:
             self._on_thread("undo", objects.undo)
 
@@ -541,7 +541,7 @@ class MonitorApp(App[None]):
             self._ask_for(JOBS[self._chosen].asks)
 
     def _begin(self, chosen: str, text: str) -> None:
-        """Start the chosen action with the input; CanopenError if the action cannot start."""
+        """Start the chosen action with the input; CanopenError if it cannot start."""
         if chosen == SET:
             if (objects := self._objects) is not None:
                 self._on_thread("set", lambda: objects.write(text))
@@ -551,7 +551,7 @@ class MonitorApp(App[None]):
         self._drive.follow(self.source.begin(chosen, text, self._selected))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Apply the input; after an error the user can correct the input."""
+        """Apply the input; after an error, the user can correct it."""
         try:
             if self._chosen:
                 self._begin(self._chosen, event.value)
@@ -588,10 +588,10 @@ class MonitorApp(App[None]):
 
 
 class FilterLine(Input):
-    """Input line that leaves the space key to STOP; by default, Textual gives an input precedence over key bindings."""
+    """Input line that leaves the space key to STOP; by default Textual gives inputs precedence over key bindings."""
 
     def check_consume_key(self, key: str, character: str | None) -> bool:
-        """Leave the space key to the screen, where the key is STOP."""
+        """Leave the space key to the screen, where it is STOP."""
         return key != "space" and super().check_consume_key(key, character)
 
 
@@ -603,7 +603,7 @@ class _Reader:
         self._fd: int | None = None
 
     def port_changed(self, port: Port | None) -> None:
-        """Read from this port from now on; None ends the reading."""
+        """Read from this port from now on; None ends reading."""
         if self._fd is not None:
             self._loop.remove_reader(self._fd)
         self._fd = None if port is None else port.fileno()

@@ -71,7 +71,7 @@ def tone_of(words: StateWords | None) -> Tone:
 
 
 def state_cell(state: str | None) -> Cell:
-    """Return a cell with a CiA 402 state as the standard names it, "-" if the state is unknown."""
+    """Return a cell with a CiA 402 state as named in the standard, "-" if unknown."""
     return plain("-") if state is None else Cell(state_name(state), tone_of(AXIS_STATES[state]))
 
 

@@ -141,14 +141,14 @@ class BusTable:
         return lines
 
     def emergencies(self) -> list[LogLine]:
-        """Return the emergencies since the last call."""
+        """Return the EMCY messages since the last call."""
         lines, self._emergencies = self._emergencies, []
         return lines
 
     # -- frames
 
     def _from_node(self, decoded: DecodedFrame) -> bool:
-        """Whether the node sent the frame; frames to the node do not show that the node exists."""
+        """Whether the node sent the frame; frames sent to a node do not prove that it exists."""
         return not decoded.subject.startswith(("RPDO", "SDO request")) and "request" not in decoded.text
 
     def _update_node(self, node_id: int, time: int) -> _Node:
@@ -226,7 +226,7 @@ def _nmt_cell(state: NmtState | None) -> Cell:
 
 
 def _statusword_flags(statusword: int | None, mode: int | None) -> str:
-    """Return the statusword with its flags as text, without the state; "-" if it is unknown."""
+    """Return the statusword with its flags as text, without the state; "-" if unknown."""
     if statusword is None:
         return "-"
     number, _, rest = statusword_text(statusword, mode).partition(" ")
@@ -263,7 +263,7 @@ _REPEATED: Final = 200  # newest events that are compared, so that none is repor
 
 
 class RobotLink:
-    """Connection to the robot `name`, or to the only running robot; reconnects by itself.
+    """Connection to the robot `name`, or to the only running robot; reconnects automatically.
 
     `why` is the reason of a missing connection, or "".
     """
@@ -283,7 +283,7 @@ class RobotLink:
         self._thread: threading.Thread | None = None
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Start the thread that connects; `on_sample` is called on that thread for each sample."""
+        """Start the thread that connects; it calls `on_sample` for each sample."""
         self._thread = threading.Thread(target=self._run, args=(on_sample,), name="robot link", daemon=True)
         self._thread.start()
 
@@ -349,7 +349,7 @@ class RobotLink:
             self.why = f"robot {self.name} has been silent for more than {_SILENCE_S:g} s; does it hang?"
 
     def _keep(self, event: RobotEvent) -> None:
-        """Store an event unless it is known already, because the stream repeats events of the status."""
+        """Store an event unless already known, since the stream repeats events of the status."""
         if event not in self._recent:
             self._recent.append(event)
             self._events.append(event)
@@ -471,7 +471,7 @@ class ScreenSource(Protocol):
         """Start or stop receiving the frames of a robot's buses."""
 
     def choose(self, node: str) -> DriveObjects | None:
-        """Select a node and return its objects; None if the source cannot read objects."""
+        """Select a node and return its objects, or None if the source cannot read objects."""
 
     def content(self) -> MonitorContent:
         """Return the current content of the screen."""
@@ -486,7 +486,7 @@ class ScreenSource(Protocol):
         """Send a request and wait; RemoteError if it fails. For threads that may block."""
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:
-        """Start a command on a node with the text of the input line; CanopenError if the command cannot start."""
+        """Start a command on a node with the text of the input line; CanopenError if it cannot start."""
         ...
 
 
@@ -585,10 +585,10 @@ class BusSource:
         self.taps = [self._tap]
 
     def start(self, on_sample: Callable[[], None] = lambda: None) -> None:
-        """Do nothing, because `tick` opens the bus."""
+        """Do nothing, since `tick` opens the bus."""
 
     def listen(self, on: bool) -> None:
-        """Do nothing, because this source always listens."""
+        """Do nothing, since this source always listens."""
 
     def close(self) -> None:
         self._tap.close()
@@ -597,7 +597,7 @@ class BusSource:
         self._tap.tick(time.monotonic_ns())
 
     def choose(self, node: str) -> None:  # noqa: ARG002 - as in every source
-        """Return None, because reading objects would require sending."""
+        """Return None, since reading objects would require sending."""
         return
 
     def content(self) -> MonitorContent:
@@ -615,13 +615,13 @@ class BusSource:
         return self._table.emergencies()
 
     def command(self, request: Request[Any]) -> None:
-        """Raise RemoteError, because this source never sends."""
+        """Raise RemoteError, since this source never sends."""
         raise RemoteError(
             "LocalProtocolError", f"{ROBOT.of(type(request)).name}: this monitor only listens on {self.network.channel}"
         )
 
     def begin(self, title: str, text: str, node: str) -> WorkRun:  # noqa: ARG002 - as in every source
-        """Raise ConfigError, because this source never sends."""
+        """Raise ConfigError, since this source never sends."""
         raise ConfigError(f"{title}: this monitor only listens on {self.network.channel}")
 
     def _take(self, decoded: DecodedFrame) -> None:

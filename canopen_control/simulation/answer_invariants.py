@@ -1,4 +1,4 @@
-"""Invariants of commands: an accepted command moves its axis, or the robot reports why the axis does not move.
+"""Invariants of commands: an accepted command moves its axis, or the robot reports why it does not move.
 
 An axis has a motion command if its target on the bus requests motion, or if a client's velocity or position was
 accepted. It must then move within 2 s plus the delay of its brake (quirk `brake_delay`). Otherwise an error, or a
@@ -58,7 +58,7 @@ class _Request:
 
 @dataclass(slots=True)
 class _Axis:
-    """Observed axis: time of its last motion, and time since which its target requests motion (None: no request)."""
+    """Observed axis: time of its last motion, and time since when its target requests motion (None: no request)."""
 
     view: ObservedNode
     joints: list[str]
@@ -70,7 +70,7 @@ class _Axis:
 
 @dataclass(slots=True)
 class _Waiting:
-    """Breach that is reported at `deadline` unless the robot reports a reason before."""
+    """Breach that is reported at `deadline` unless the robot gives a reason before."""
 
     axis: _Axis
     rule: str
@@ -80,7 +80,7 @@ class _Waiting:
 
 
 class AnswerInvariants:
-    """Check that every command leads to a motion or to a reported reason; breaches go to `report(rule, text)`."""
+    """Check that every command leads to a motion or a reported reason; breaches are passed to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -112,7 +112,7 @@ class AnswerInvariants:
             self._reports.append((now, event))
 
     def reported(self, node_id: int, since: int, word: str = "") -> bool:
-        """Whether the robot has reported, since a time, a reason for a node's standstill, or an event with `word`."""
+        """Whether the robot has reported, since a time, why a node stands still, or an event with `word`."""
         axis = self._axes.get(node_id)
         if axis is None:
             return False
@@ -125,7 +125,7 @@ class AnswerInvariants:
         )
 
     def unless_reported(self, node_id: int, rule: str, text: str, since: int) -> None:
-        """Report a breach after the time for an answer, unless the robot reports a reason by then."""
+        """Report a breach once the time for a reaction has passed, unless the robot reports a reason by then."""
         axis, now = self._axes.get(node_id), self._robot.now_ns
         if axis is None:
             self._report(rule, text)

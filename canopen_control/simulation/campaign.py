@@ -78,11 +78,11 @@ _WAYS: Final[Mapping[tuple[str, str], tuple[str, int]]] = {
     (BOOT, "BOOTING"): ("power", _LEAD_NS),
     (BOOT, "WAITING"): ("power", _LEAD_NS),
 }
-"""Path into each state, and the time from which the fault waits for the state."""
+"""Path to each state, and the time from which the fault waits for the state."""
 
 
 def cells_to_aim_at(hit: Container[Cell], faults: Sequence[str], most: int) -> list[Cell]:
-    """Return at most `most` uncovered cells that a targeted schedule can reach, evenly spread over the table."""
+    """Return at most `most` uncovered cells that a targeted schedule can reach, spread evenly over the table."""
     empty = [cell for cell in cells_of(faults) if cell not in hit and cell[:2] in _WAYS]
     return [empty[number * len(empty) // most] for number in range(most)] if len(empty) > most else empty
 
@@ -108,7 +108,7 @@ def targeted_schedule(
 
 
 def _commands(motions: Sequence[SampleMotion], drawn: float) -> list[ScenarioEvent]:
-    """Return commands before and after the fault; empty without an active controller that moves joints."""
+    """Return commands before and after the fault; empty if no active controller moves joints."""
     motion = next((candidate for candidate in motions if candidate.starts), None)
     if motion is None:
         return []
@@ -139,7 +139,7 @@ def _state_events(way: str, node: str) -> list[ScenarioEvent]:
 
 
 def _fault_event(kind: str, when: str, node: str, armed: int, drawn: float) -> ScenarioEvent:
-    """Return the fault event, which the player delays until the state `when` is reached."""
+    """Return the fault event; the player delays it until the state `when` is reached."""
     lasts = (50 + int(1000 * drawn)) * _MS
     if kind not in KINDS:
         return ScenarioEvent(armed, "fault", node, kind, for_ns=lasts, when=when)
@@ -167,7 +167,7 @@ class Shrinker:
         self._breaks, self._most = breaks, most
 
     def shrink(self, acts: Sequence[ScenarioEvent]) -> Acts:
-        """Return the smallest schedule found that breaks the rule, at worst `acts` itself."""
+        """Return the smallest schedule found that breaks the rule; in the worst case, `acts` itself."""
         smallest = tuple(acts)
         while (smaller := self._round(smallest)) != smallest:
             smallest = smaller
@@ -183,7 +183,7 @@ class Shrinker:
         return self._breaks(acts)
 
     def _drop(self, acts: Acts) -> Acts:
-        """Remove as many events as possible, in ever smaller groups."""
+        """Remove as many events as possible, in progressively smaller groups."""
         size = max(1, len(acts) // 2)
         while acts:
             at = 0
@@ -199,7 +199,7 @@ class Shrinker:
         return acts
 
     def _shorten(self, acts: Acts) -> Acts:
-        """Halve durations and start times as long as the rule still breaks."""
+        """Halve durations and start times as long as the rule is still broken."""
         for number in range(len(acts)):
             for changed in self._shorter(acts, number):
                 if self._still(changed):
@@ -315,7 +315,7 @@ class Campaign:
         return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
     def why_never(self) -> str:
-        """Return why the undisturbed robot never reaches RUNNING; "" if the robot reaches RUNNING."""
+        """Return why the undisturbed robot never reaches RUNNING, or "" if it does."""
         run = SimulationRun(self._setup, 0, (), motions=self._motions)
         most = max(self._duration_ns, _TO_RUN_NS)
         try:
@@ -347,7 +347,7 @@ class Campaign:
     def shrink(
         self, result: SeedResult, hear: Callable[[int], object] = lambda _tries: None
     ) -> tuple[ScenarioEvent, ...]:
-        """Return the smallest schedule that breaks the first broken rule; `hear` gets the number of each try."""
+        """Return the smallest schedule that breaks the first broken rule; `hear` receives the number of each try."""
         rule = result.breaches[0].rule
 
         def breaks(acts: tuple[ScenarioEvent, ...]) -> bool:
@@ -365,7 +365,7 @@ class Campaign:
         return shrinker.shrink(acts if breaks(tuple(acts)) else self.schedule(result.seed))
 
     def length_of(self, acts: Sequence[ScenarioEvent]) -> int:
-        """Return the duration in ns of the simulation of a schedule: 3 s longer than its last event."""
+        """Return the duration in ns of a schedule's simulation: 3 s longer than its last event."""
         return max((act.at_ns + (act.for_ns or 0) for act in acts), default=0) + _AFTER_NS
 
     def _result(self, seed: int, acts: Sequence[ScenarioEvent], duration_ns: int) -> SeedResult:

@@ -34,7 +34,7 @@ _STYLE: Final = "body{font:14px sans-serif;margin:2em}td,th{padding:.1em .6em;te
 def write_breach(
     folder: Path, setup: RobotSetup, result: SeedResult, acts: Sequence[ScenarioEvent], duration_ns: int, command: str
 ) -> Path:
-    """Write scenario and frames of a breach; return the scenario's path, or raise ConfigError on failure.
+    """Write scenario and frames of a breach; return the scenario's path. ConfigError on failure.
 
     `command` is the command that replays the scenario, without the file name.
     """
@@ -57,7 +57,7 @@ def _record(writer: RecordingWriter, now: int, _label: str, record: bytes) -> No
 
 
 def make_folder(folder: Path) -> None:
-    """Create a folder for output files if necessary; raise ConfigError if the folder is not writable."""
+    """Create a folder for output files if necessary; raise ConfigError if it is not writable."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
@@ -67,7 +67,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, and create its folder if necessary; raise ConfigError on failure."""
+    """Write a text file, creating its folder if necessary; raise ConfigError on failure."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Campaign on an existing Dask cluster; seeds of a lost worker are repeated.
+"""Campaign on an existing Dask cluster; the seeds of a lost worker are repeated.
 
 Workers need the same version of this package, with `distributed`, and the robot's files at the same paths. A worker
 runs one seed at a time regardless of its number of threads, so that one worker process per processor is best.
@@ -31,7 +31,7 @@ _ONE_AT_A_TIME: Final = threading.Lock()  # simulated buses are found by name wi
 
 
 def require_cluster() -> None:
-    """Raise ConfigError with the installation command if `distributed` is missing; the package is not imported."""
+    """Raise ConfigError, with the installation command, if `distributed` is missing; it is not imported."""
     if importlib.util.find_spec("distributed") is None:
         raise ConfigError("seeds on a Dask cluster need distributed: pip install 'canopen-control[cluster]'")
 
@@ -39,7 +39,7 @@ def require_cluster() -> None:
 def run_on_cluster(
     campaign: Campaign, seeds: Sequence[int], address: str, note: Callable[[str], object] = lambda _text: None
 ) -> Iterator[SeedResult]:
-    """Yield seed results in order of completion; raise ConfigError without a cluster, CanopenError after its loss.
+    """Yield seed results in order of completion; ConfigError without a cluster, CanopenError if it is lost.
 
     `note` receives a sentence if the cluster has no worker yet. A seed whose workers died repeatedly runs in this
     process.

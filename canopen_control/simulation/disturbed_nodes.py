@@ -37,7 +37,7 @@ class DisturbedNodes:
         self.hidden_at = self.deaf_at = 0
 
     def moved(self, node_id: int) -> int:
-        """Return the last time of a count change that may not be a motion of the drive, or 0 for never."""
+        """Return the last time at which the count changed other than by a motion of the drive, or 0 for never."""
         return self._moved[node_id]
 
     def put(self, node_id: int) -> int:
@@ -53,7 +53,7 @@ class DisturbedNodes:
         return max(self._last[view.node_id], view.booted_at, self._robot.started_ns) < now - _CALM_NS
 
     def troubled(self, now: int, act: ScenarioEvent) -> None:
-        """Record the start of an event, if the event is a fault or sets values of the plant."""
+        """Record the start of an event if it is a fault or sets values of the plant."""
         if act.kind in _OF_ALL:
             self._disturb_all(now)
             if act.kind != "frame":
@@ -63,7 +63,7 @@ class DisturbedNodes:
             (self._put if act.name == _WRAPS else self._moved)[int(act.target)] = now
 
     def sampled(self, now: int) -> None:
-        """Record all disturbances that are present at `now`."""
+        """Record all disturbances that exist at `now`."""
         robot = self._robot
         if not robot.up or now < robot.host.stalled_until:
             self._disturb_all(now)

@@ -61,13 +61,13 @@ class EventPlayer:
         self._down = False
 
     def plan(self, acts: Iterable[ScenarioEvent]) -> None:
-        """Schedule events relative to the present virtual time."""
+        """Schedule events relative to the current virtual time."""
         start = self.robot.time.now_ns
         for act in acts:
             self.robot.time.at(start + act.at_ns, partial(self.play, act))
 
     def play(self, act: ScenarioEvent) -> None:
-        """Execute an event when the state in its `when` is reached, without `when` at once."""
+        """Execute an event when the state in its `when` is reached, or at once without `when`."""
         if not state_reached(self.robot, act):
             self._later(_LOOK_NS, partial(self.play, act))
             return
@@ -86,7 +86,7 @@ class EventPlayer:
     # -- drives
 
     def fault(self, act: ScenarioEvent) -> None:
-        """Inject a fault into a drive; clear the fault after `for_ns`, if given."""
+        """Inject a fault into a drive, and clear it after `for_ns`, if given."""
         self._switch(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch(act, on=False))
@@ -99,7 +99,7 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def quirk(self, act: ScenarioEvent) -> None:
-        """Enable a quirk of a drive; disable the quirk after `for_ns`, if given."""
+        """Enable a quirk of a drive, and disable it after `for_ns`, if given."""
         self._switch_quirk(act, on=True)
         if act.for_ns is not None:
             self._later(act.for_ns, lambda: self._switch_quirk(act, on=False))
@@ -117,7 +117,7 @@ class EventPlayer:
         self.robot.drives[int(act.target)].do(lambda methods: methods.do(request))
 
     def power(self, act: ScenarioEvent) -> None:
-        """Switch the supply of a drive off, and back on after `for_ns`, if given."""
+        """Switch the supply of a drive off, and on again after `for_ns`, if given."""
         drive = self.robot.drives[int(act.target)]
         drive.power_off()
         if act.for_ns is not None:
@@ -141,7 +141,7 @@ class EventPlayer:
             actor.stall(act.for_ns or _BRIEFLY_NS)
 
     def kill(self, act: ScenarioEvent) -> None:
-        """Kill the robot's process, and restart the process after `for_ns`, if given."""
+        """Kill the robot's process, and restart it after `for_ns`, if given."""
         if self._down:
             return
         self._down = True
@@ -159,7 +159,7 @@ class EventPlayer:
     # -- buses
 
     def cut(self, act: ScenarioEvent) -> None:
-        """Cut the cable of the robot or of a drive, and repair the cable after `for_ns`, if given."""
+        """Cut the cable of the robot or of a drive, and repair it after `for_ns`, if given."""
         for wire, label in self._members(act.target):
             wire.cut.add(label)
             if act.for_ns is not None:
@@ -171,7 +171,7 @@ class EventPlayer:
             wire.bus_off(label, act.for_ns or _BRIEFLY_NS)
 
     def disturb_frames(self, act: ScenarioEvent) -> None:
-        """Lose, double or disturb every n-th frame of a member or of all; n is the first value, default 1."""
+        """Lose, double or disturb every n-th frame of a member or of all; n is the first value, 1 by default."""
         for wire, label in self._members(act.target):
             rules = {"lose": wire.lost, "double": wire.doubled, "disturb": wire.disturbed}[act.kind]
             rule = DropRule(label, every=int(act.values[0]) if act.values else 1)
@@ -196,7 +196,7 @@ class EventPlayer:
     # -- clients
 
     def command(self, act: ScenarioEvent) -> None:
-        """Publish a command repeatedly for its duration; a newer command to the controller replaces the command."""
+        """Publish a command repeatedly for its duration; a newer command to the controller replaces it."""
         turn = self._publishing[act.target] = self._publishing.get(act.target, 0) + 1
         self._publish(act, turn, self.robot.now_ns + (act.for_ns or 0))
 
@@ -270,7 +270,7 @@ class EventPlayer:
         self._ask(act, lambda core: core.axis(Action(act.name), act.target or "all", _ignore))
 
     def activate(self, act: ScenarioEvent) -> None:
-        """Activate a controller and deactivate every other active controller except broadcasters."""
+        """Activate a controller and deactivate all other active controllers except broadcasters."""
         self._ask(act, lambda core: self._switch_whole(core, act, partial(self._switch_to, core, act.target)))
 
     def _switch_to(self, core: RobotCore, name: str) -> None:
@@ -286,7 +286,7 @@ class EventPlayer:
         self._ask(act, lambda core: self._switch_whole(core, act, partial(switch, core)))
 
     def _switch_whole(self, core: RobotCore, act: ScenarioEvent, switch: Callable[[], object]) -> None:
-        """Switch controllers; record in `torn` a refused switch that changed the active controllers."""
+        """Switch controllers; a refused switch that changed the active controllers is recorded in `torn`."""
         before = _active(core)
         try:
             switch()
@@ -297,7 +297,7 @@ class EventPlayer:
             raise
 
     def _ask(self, act: ScenarioEvent, verb: Callable[[RobotCore], object]) -> None:
-        """Send a client request to the robot; the request is lost while the robot is down."""
+        """Send a client request to the robot; it is lost while the robot is down."""
         if self._down:
             return
         self.requested(act)

@@ -51,7 +51,7 @@ EDGES: Final[Mapping[str, frozenset[Edge]]] = {
 
 
 class _RowCounter:
-    """Counter of the statechart rows that the axes apply."""
+    """Counter of the statechart transitions that the axes apply."""
 
     def __init__(self) -> None:
         self.counts: Counter[tuple[AxisPhase, PhaseTrigger]] = Counter()
@@ -70,7 +70,7 @@ class StateCoverage:
         self.sampled()
 
     def sampled(self) -> None:
-        """Observe the axes of the present process of the robot, which a restart replaces."""
+        """Observe the axes of the robot's current process, which a restart replaces."""
         core = self._robot.core
         if core is not self._core:
             self._core = core
@@ -79,7 +79,7 @@ class StateCoverage:
 
     @property
     def walked(self) -> dict[Edge, int]:
-        """Number of occurrences of each transition, also of transitions that are in no diagram."""
+        """Number of occurrences of each transition, including transitions that are in no diagram."""
         total: Counter[Edge] = Counter()
         for (state, trigger), count in self._rows.counts.items():
             total[POWER, state.name, trigger.name] += count

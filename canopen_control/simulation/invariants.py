@@ -1,4 +1,4 @@
-"""All invariants of a simulation, with the rules of installed packages.
+"""All invariants of a simulation, including the rules of installed packages.
 
 A user's rule is a function of the entry point group `canopen_control.invariants`. It is called with the
 `RobotUnderTest` every 20 ms of virtual time; it returns a sentence about a violation, or None.
@@ -53,7 +53,7 @@ _BLOCKS: Final = 60_000  # allowed increase of memory blocks since shortly after
 
 
 class ReportInvariants:
-    """Check that the runtime reports the true states; breaches go to `report(rule, text)`.
+    """Check that the runtime reports the true states; breaches are passed to `report(rule, text)`.
 
     The owner calls `requested`, `applied` and `sampled` as time passes.
     """
@@ -88,7 +88,7 @@ class ReportInvariants:
             self._report("command_taken", f"a command to {act.target} was accepted although its drives are disabled")
 
     def sampled(self, now: int) -> None:
-        """Check the present reports of the robot against the bus."""
+        """Check the robot's current reports against the bus."""
         robot = self._robot
         for error in robot.errors[self._errors :]:
             self._report("program_error", f"{type(error).__name__}: {error}")
@@ -120,7 +120,7 @@ class ReportInvariants:
             self._hold("STOP is latched, though {} has requested it", "no client", latched is False and latch_held, now)
 
     def _judge_state(self, node: ObservedNode, now: int) -> bool:
-        """Report the state RUNNING while this node is silent or in fault; return whether the node is either."""
+        """Report the state RUNNING while this node is silent or in fault; return whether it is either."""
         limit = node.timeout_ns
         silent = limit > 0 and node.alive_at > 0 and now - node.alive_at > limit
         fault = node.in_fault and now - node.status_at < _FRESH_NS
@@ -149,7 +149,7 @@ class ReportInvariants:
                 )
 
     def _hold(self, text: str, subject: str, wrong: bool, now: int) -> None:
-        """Report a violation that lasts longer than the time allowed for a report, once."""
+        """Report a violation once if it lasts longer than the time allowed for a report."""
         since, key = self._wrong_since, (text, subject)
         if not wrong:
             if since:
@@ -237,13 +237,13 @@ class Breach:
 
 
 def user_rules() -> list[tuple[str, Rule]]:
-    """Return the rules of the entry point group `canopen_control.invariants`, by name."""
+    """Return the rules of the entry point group `canopen_control.invariants` by name."""
     return [(entry_point.name, entry_point.load()) for entry_point in _entry_points()]
 
 
 @functools.cache
 def _entry_points() -> tuple[importlib.metadata.EntryPoint, ...]:
-    """Return the entry points, cached, since each search reads a file of every installed package."""
+    """Return the entry points; cached, since each search reads a file of every installed package."""
     return tuple(importlib.metadata.entry_points(group=GROUP))
 
 

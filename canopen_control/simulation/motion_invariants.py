@@ -52,7 +52,7 @@ class _Stop:
 
 
 class MotionInvariants:
-    """Check of the motion of all shafts; breaches go to `report(rule, text)`.
+    """Check of the motion of all shafts; breaches are passed to `report(rule, text)`.
 
     The owner calls `requested` and `sampled` as time passes.
     """
@@ -126,7 +126,7 @@ class MotionInvariants:
         return 0.0 if axis is None else abs(axis.mover.plant.velocity)
 
     def _standstill_speed(self, node_id: int) -> float:
-        """Return the highest speed in counts/s that counts as standstill of a node's shaft."""
+        """Return the maximum speed in counts/s at which a node's shaft is considered at standstill."""
         return _STANDING * self._fastest.get(node_id, self._least.get(node_id, _LEAST))
 
     def sampled(self, now: int) -> None:
@@ -151,7 +151,7 @@ class MotionInvariants:
             self._stop = _Stop(since, why, until)
 
     def _reasons(self, now: int) -> Iterator[_Stop]:
-        """Yield new reasons to stop; there are none until a drive has followed the last enable."""
+        """Yield new reasons to stop; nothing until a drive has followed the last enable."""
         if self._stop is not None:
             return
         if self._followed_ns <= self._enabled_ns:
@@ -190,7 +190,7 @@ class MotionInvariants:
             )
 
     def _judge_power(self, now: int) -> None:
-        """Report drives that are enabled longer than a stop may take."""
+        """Report drives that stay enabled longer than a stop may take."""
         stop = self._stop
         if stop is None or stop.why in _NO_DISABLE or now < self._robot.host.stalled_until + _OFF_NS:
             self._still_enabled.clear()
@@ -257,7 +257,7 @@ class MotionInvariants:
         self._report(rule, f"the shaft of node {node.node_id} turns at {speed:.0f} counts/s, {when}")
 
     def _ramp_ns(self, node_id: int) -> int:
-        """Return a node's longest stop ramp in ns, as `check` computes the ramp; 1 s if unlimited.
+        """Return a node's longest stop ramp in ns as computed by `check`; 1 s if unlimited.
 
         It starts from the maximum speed in the files, or else from the largest speed observed.
         """

@@ -26,7 +26,7 @@ _MS: Final = 1_000_000
 _BOOTED_NS: Final = 600 * _MS
 _SHORT_NS: Final = 6 * _S  # shorter schedules begin with their faults at once
 TROUBLES: Final = ("fault", "fault", "fault", "fault", "power", "stall", "cut", "lose", "double", "disturb", "bus_off")
-"""Kinds of faults without the rare ones; a kind that is listed n times is n times as probable."""
+"""Kinds of faults without the rare ones; a kind listed n times is n times as likely."""
 _RARE: Final = ("kill", "frame", "frame")
 _LATE: Final = 0.15  # fraction of seeds in which a drive boots later than the robot
 _LOSSES: Final = (
@@ -52,7 +52,7 @@ _CLIENTS: Final = ("stop", "latch", "axis", "axis", "switch")
 def draw_schedule(
     seed: int, duration_ns: int, motions: Sequence[SampleMotion], nodes: Sequence[int], faults: Sequence[str]
 ) -> tuple[ScenarioEvent, ...]:
-    """Return the events of a seed in order of time; without `faults` or `nodes` only client requests."""
+    """Return the events of a seed in order of time; without `faults` or `nodes`, only client requests."""
     return RandomSchedule(seed, duration_ns, motions, nodes, faults).acts()
 
 
@@ -100,7 +100,7 @@ class RandomSchedule:
     # -- clients
 
     def _move(self, now: int) -> int:
-        """Add a command; return the time after the command and a random pause, in which commands expire."""
+        """Add a command; return the time after it and a random pause, in which commands expire."""
         motion, lasts = self._active, self._between(_S // 2, 3 * _S)
         if motion is not None:
             drawn = [low + (high - low) * self._random() for low, high in motion.ranges]
@@ -144,7 +144,7 @@ class RandomSchedule:
         return now + 900 * _MS
 
     def _hang(self) -> None:
-        """Add blocked clients to some seeds, without a change of the other events."""
+        """Add blocked clients to some seeds; the other events are unchanged."""
         self._random = Random(f"{self._seed}/clients").random
         if self._random() >= _HANGING:
             return
@@ -161,7 +161,7 @@ class RandomSchedule:
             self._add(at, kind, motion.controller, values=values, for_ns=self._between(50 * _MS, 400 * _MS))
 
     def _cancel(self) -> None:
-        """Cancel some trajectories, without a change of the other events."""
+        """Cancel some trajectories; the other events are unchanged."""
         self._random = Random(f"{self._seed}/cancels").random
         for act in [candidate for candidate in self._acts if candidate.kind == "trajectory"]:
             if self._random() < _CANCELLED:
@@ -176,7 +176,7 @@ class RandomSchedule:
         return self._recover(late + _BOOTED_NS)
 
     def _trouble(self, now: int) -> int:
-        """Add a fault or foreign frames during a motion, in most cases with a recovery; return the time after."""
+        """Add a fault or foreign frames during a motion, usually with a recovery; return the time after it."""
         moved = self._move(now)
         kind = self._one(_RARE) if self._random() < 0.08 else self._one(TROUBLES)
         at, lasts = now + self._between(0, moved - now), self._between(20 * _MS, 2500 * _MS)
@@ -212,6 +212,6 @@ class RandomSchedule:
 
 
 def known_faults(*, physics: bool = False) -> list[str]:
-    """Return the faults of drives; with `physics` without the faults that turn the drive's own shaft."""
+    """Return the faults of drives; with `physics`, without faults that turn the drive's own shaft."""
     encoders = _OF_ENCODERS if physics else ()
     return [fault.name for fault in FAULTS.values() if fault.acts not in _OF_DEVICES and fault.name not in encoders]

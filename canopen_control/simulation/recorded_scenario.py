@@ -125,7 +125,7 @@ class BusHistory:
             )
 
     def _silences(self) -> list[tuple[int, int | None]]:
-        """Return the intervals without SYNC or heartbeat of the master; end None: until the last frame."""
+        """Return the intervals without SYNC or heartbeat of the master; the end None means until the last frame."""
         config = self._config.master
         period = max(config.sync_period * 1000, 0 if config.sync_period else config.heartbeat_producer * _MS)
         return _gaps(self._master, 5 * period, self._end) if period else []
@@ -178,7 +178,7 @@ class BusHistory:
 
 
 def _gaps(times: Sequence[int], limit: int, end: int) -> list[tuple[int, int | None]]:
-    """Return the intervals longer than `limit` without a frame; end None: until the last frame."""
+    """Return the intervals longer than `limit` without a frame; the end None means until the last frame."""
     gaps: list[tuple[int, int | None]] = [
         (last + _MS, after) for last, after in pairwise(times) if after - last > limit
     ]
@@ -206,7 +206,7 @@ class RecordedRobot:
 
 
 def scenario_of_recording(recorded: RecordedRobot, setup: RobotSetup) -> Scenario:
-    """Convert a recording to a scenario; raise ConfigError without a frame on a bus of the robot."""
+    """Convert a recording to a scenario; raise ConfigError if a bus of the robot has no frames."""
     known = [item for item in recorded.frames if item[1] in setup.buses]
     if not known:
         buses = ", ".join(sorted({bus for _, bus, _ in recorded.frames})) or "no bus"
@@ -241,7 +241,7 @@ def _end(recorded: RecordedRobot, last: int) -> int:
 
 
 def _origin(recorded: RecordedRobot, first: int) -> tuple[int, bool]:
-    """Return the time 0 of the scenario, and whether the recording began after the robot's start."""
+    """Return time 0 of the scenario, and whether the recording began after the robot's start."""
     began = min((round(event.first * 1e9) for event in recorded.events), default=0)
     return (began - _LED_NS, False) if began > first - _S else (first - _BEFORE_NS, True)
 
@@ -255,7 +255,7 @@ def _initial(recorded: RecordedRobot, setup: RobotSetup, origin: int) -> Iterato
 
 
 def _merged(acts: Iterable[ScenarioEvent]) -> list[ScenarioEvent]:
-    """Return the events in order of time, with repeated equal commands merged into one command."""
+    """Return the events in order of time, merging repeated equal commands into one."""
     merged: list[ScenarioEvent] = []
     latest: dict[str, tuple[int, int]] = {}  # controller -> its last command, and when it was renewed
     for act in sorted(acts, key=lambda act: act.at_ns):
@@ -280,7 +280,7 @@ class RequestActs:
         self._points: list[Any] = []
 
     def acts(self, record: RequestSeen) -> Iterator[ScenarioEvent]:
-        """Yield the events of a request at Unix ns; none if the request has no effect on motion."""
+        """Yield the events of a request at Unix ns; nothing if the request has no effect on motion."""
         method = ROBOT.methods.get(record.method)
         if method is None:
             return

@@ -58,19 +58,19 @@ class SimulationObserver:
     """Base class of observers of a simulated robot; all methods are optional, times are in ns."""
 
     def event(self, event: Event) -> None:
-        """Handle an event that the robot reports."""
+        """Handle an event reported by the robot."""
 
     def played(self, now: int, act: ScenarioEvent) -> None:
         """Handle the start of a scheduled event."""
 
     def requested(self, now: int, act: ScenarioEvent) -> None:
-        """Handle a request that a client sends."""
+        """Handle a request sent by a client."""
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
-        """Handle a command that the robot has accepted."""
+        """Handle a command accepted by the robot."""
 
     def goal(self, now: int, act: ScenarioEvent, goal: TrajectoryGoal) -> None:
-        """Handle a goal that the robot has accepted."""
+        """Handle a goal accepted by the robot."""
 
 
 class EventDigest:
@@ -184,7 +184,7 @@ class SimulatedDrive:
         self.device = self.actor = self._host = self._port = self._methods = None
 
     def do(self, work: Callable[[NodeMethods], object]) -> None:
-        """Execute a control request in the drive's process; without supply the request is lost."""
+        """Execute a control request in the drive's process; without supply, the request is lost."""
         if self._methods is not None and self.actor is not None:
             self.actor.call(functools.partial(work, self._methods))
 
@@ -258,7 +258,7 @@ class RobotUnderTest:
         self._join()
 
     def kill(self) -> None:
-        """End the robot's process as SIGKILL does."""
+        """End the robot's process like SIGKILL."""
         self.up = False
         self.core.observers.clear()
         self.core.close()
@@ -322,7 +322,7 @@ class RobotUnderTest:
 
 
 class _CoreObserver(RobotObserver):
-    """Forwarder of the events of the robot's present process."""
+    """Forwarder of the events of the robot's current process."""
 
     def __init__(self, robot: RobotUnderTest) -> None:
         self._robot = robot

@@ -54,7 +54,7 @@ _MOMENTS: Final = [f"{machine} {state}" for machine, states in STATES.items() fo
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Contents of a scenario file; `duration_ns` and `seed` are None if the file has no value."""
+    """Contents of a scenario file; `duration_ns` and `seed` are None if the file does not set them."""
 
     acts: tuple[ScenarioEvent, ...]
     duration_ns: int | None = None
@@ -62,7 +62,7 @@ class Scenario:
 
 
 def read_scenario_steps(path: Path, setup: RobotSetup) -> Scenario:
-    """Read a scenario file for a robot; raise ScenarioError that lists all errors with lines."""
+    """Read a scenario file for a robot; ScenarioError lists all errors by line."""
     nodes = [node.node_id for bus in setup.joined.values() for node in bus.nodes.values()]
     controllers = list(setup.controllers.controllers)
     acts: list[ScenarioEvent] = []
@@ -106,7 +106,7 @@ class _Checked:
         self._step, self._nodes, self._controllers, self._setup = step, nodes, controllers, setup
 
     def acts(self) -> Iterator[ScenarioEvent]:
-        """Yield the step's events; report its errors."""
+        """Yield the step's events and report its errors."""
         step = self._step
         if happens := step.acts():
             yield from self._world(happens)

@@ -49,19 +49,19 @@ class _ServerEnd:
         return self._fileno if self.open else -1
 
     def setblocking(self, _on: bool) -> None:
-        """Ignored: the connection never blocks."""
+        """Ignored; the connection never blocks."""
 
     def getsockopt(self, _level: int, _option: int, _size: int = 0) -> bytes:
         """Return the peer credentials (SO_PEERCRED): user and group id, and a reproducible process id."""
         return struct.pack("3i", self._client.pid or self._fileno, os.getuid(), os.getgid())
 
     def arrived(self) -> None:
-        """Notify the server of new data, or of the end of the connection."""
+        """Notify the server of new data or of the end of the connection."""
         self._actor.selector.set_ready(self._fileno)
         self._actor.arrived()
 
     def recv(self, most: int) -> bytes:
-        """Return data of the client, empty after its end has closed; raise BlockingIOError without data."""
+        """Return data from the client, empty after its end has closed; raise BlockingIOError without data."""
         data = bytes(self.inbox[:most])
         del self.inbox[:most]
         if not self.inbox and self._client.here:
@@ -71,7 +71,7 @@ class _ServerEnd:
         return data
 
     def send(self, data: bytes) -> int:
-        """Send what the client accepts and return its length; raise BlockingIOError if the client accepts nothing."""
+        """Send what the client accepts and return its length; raise BlockingIOError if it accepts nothing."""
         if not self._client.here:
             raise BrokenPipeError
         accepted = self._client.take(data)
@@ -80,7 +80,7 @@ class _ServerEnd:
         return accepted
 
     def sendall(self, data: bytes) -> None:
-        """Send all data; if the client does not accept all, the robot's process is blocked."""
+        """Send all data; if the client does not accept all of it, the robot's process is blocked."""
         if self._client.take(data) < len(data):
             self._client.block()
 
@@ -106,7 +106,7 @@ class _Listener:
         self._actor.arrived()
 
     def accept(self) -> tuple[_ServerEnd, str]:
-        """Return the oldest pending connection; raise BlockingIOError without a pending connection."""
+        """Return the oldest pending connection; raise BlockingIOError if none is pending."""
         if not self._waiting:
             self._actor.selector.clear_ready(self._fileno)
             raise BlockingIOError
@@ -200,7 +200,7 @@ class SimulatedClients:
         return client
 
     def _open(self) -> None:
-        """Start the server of the present process, unless already running."""
+        """Start the server of the current process, unless it is already running."""
         robot = self.robot
         if robot.core is not self._core:
             self._core, self.all = robot.core, []
@@ -211,7 +211,7 @@ class SimulatedClients:
     # -- kinds of clients
 
     def silent(self, count: int, for_ns: int | None) -> None:
-        """Connect `count` clients that send nothing, for `for_ns` or without end."""
+        """Connect `count` clients that send nothing, for `for_ns` or forever."""
         for _ in range(count):
             self._leave_later(self.connect(reads=False), for_ns)
 
@@ -223,7 +223,7 @@ class SimulatedClients:
         self._ask_on(client, None)
 
     def ask(self, for_ns: int | None) -> None:
-        """Connect a client that requests the status every 100 ms, each time after the last answer."""
+        """Connect a client that requests the status every 100 ms, each time after the last reply."""
         client = self.connect(reads=True)
         client.ask(GetStatus())
         until = None if for_ns is None else self.robot.now_ns + for_ns
@@ -256,5 +256,5 @@ class SimulatedClients:
             self.robot.time.later(for_ns, leave)
 
     def serves(self, client: SimulatedClient) -> bool:
-        """Whether the process of a client's connection still exists."""
+        """Whether the process that a client is connected to still exists."""
         return self.robot.up and self.robot.core is self._core and client in self.all

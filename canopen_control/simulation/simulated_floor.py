@@ -30,7 +30,7 @@ _PREFIX: Final = "canopen_control-"
 
 
 def open_floor(setup: RobotSetup, joints: Mapping[str, JointDrive], world: Path | None = None) -> World:
-    """Return one robot's physics world, with the objects of a world file; raise RobotConfigError without joints."""
+    """Return one robot's physics world with the objects of a world file; RobotConfigError if it has no joints."""
     with tempfile.TemporaryDirectory(prefix=_PREFIX) as folder:
         return read_world(write_plant(setup, joints, world, Path(folder)))
 
@@ -45,7 +45,7 @@ def open_shared_floor(robots: Iterable[tuple[RobotSetup, Mapping[str, JointDrive
 
 
 class SimulatedFloor:
-    """Physics world of a robot's drives, advanced periodically to the present virtual time.
+    """Physics world of a robot's drives, advanced periodically to the current virtual time.
 
     `awake` returns the devices that have a supply and whose process is not stalled.
     """

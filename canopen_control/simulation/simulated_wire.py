@@ -1,4 +1,4 @@
-"""CAN bus in virtual time, exact to the bit: arbitration, frame durations, error frames, lost and doubled frames.
+"""CAN bus in virtual time, accurate to the bit: arbitration, frame durations, error, lost and doubled frames.
 
 A frame reaches all other ports when its last bit has been sent. A disturbed frame is sent again; the error counters of
 a sender lead to error passive and bus-off (ISO 11898-1, 12.1.4), from which it restarts after 100 ms, as an interface
@@ -36,7 +36,7 @@ class WireObserver(Protocol):
     """Interface of an observer of the frames on a simulated bus."""
 
     def wants(self, can_id: int) -> bool:
-        """Whether `hear` shall be called for frames with this identifier."""
+        """Whether `hear` should be called for frames with this identifier."""
 
     def hear(self, now: int, label: str, record: bytes) -> None:
         """Handle a frame of the sender `label`, received at `now` in ns."""
@@ -86,7 +86,7 @@ class SimulatedWire:
         return port
 
     def observe(self, observer: WireObserver) -> None:
-        """Add an observer, which receives the frames with the identifiers that the observer wants."""
+        """Add an observer, which receives the frames whose identifiers it wants."""
         self._observers.append(observer)
         self._listeners.clear()
 
@@ -101,11 +101,11 @@ class SimulatedWire:
             self.refilter()
 
     def silences(self, label: str) -> bool:
-        """Whether the member `label` is cut off by a cut cable or bus-off."""
+        """Whether the member `label` is disconnected by a cut cable or bus-off."""
         return label in self.cut or label in self._off
 
     def send(self, port: SimulatedPort, records: bytes) -> None:
-        """Queue frames of a port; a full queue or a cut-off member loses the frames, which are counted."""
+        """Queue frames of a port; a full queue or a disconnected member loses the frames, which are counted."""
         queue = self._wire.queues.get(port.number)
         if (queue is not None and len(queue) > SEND_LIMIT) or ((self.cut or self._off) and self.silences(port.label)):
             port.stats.lost += len(records) // RECORD_SIZE
@@ -136,14 +136,14 @@ class SimulatedWire:
                 port.report(frame)
 
     def _plan(self) -> None:
-        """Schedule the end of the present frame."""
+        """Schedule the end of the current frame."""
         arrival = self._wire.due_ns
         self._planned = arrival is not None
         if arrival is not None:
             self._time.at(arrival, self._on_passed)
 
     def _passed(self) -> None:
-        """Deliver all frames that end before the next other event; schedule the end of the following frame."""
+        """Deliver all frames that end before the next other event; schedule the end of the frame after them."""
         wire, jump = self._wire, self._time.jump
         self._planned = False
         while True:
@@ -178,7 +178,7 @@ class SimulatedWire:
             self._carry(label, record, port)
 
     def _is_disturbed(self, number: int, record: bytes) -> bool:
-        """Whether a rule disturbs a frame, which raises the sender's error counter."""
+        """Whether a rule disturbs a frame, which increments the sender's error counter."""
         port = self._ports.get(number)
         if port is None or self.silences(port.label):
             return False
@@ -251,7 +251,7 @@ class SimulatedPort:
         self._wire.refilter()
 
     def put(self, records: bytes) -> None:
-        """Queue received records for the process, which wakes up."""
+        """Queue received records for the process and wake it up."""
         if not self._queue and self._actor.selector.set_ready(self._fileno):
             self._actor.arrived()
         self._queue.append(records)

@@ -115,7 +115,7 @@ class SimulationRun:
         return tuple(breach.sentence for breach in self.invariants.breaches)
 
     def why_never(self, duration_ns: int) -> str:
-        """Return why the robot never reached RUNNING; "" if the robot did, or the run ended early."""
+        """Return why the robot never reached RUNNING, or "" if it did or the run ended early."""
         core, seconds = self.robot.core, self.robot_s
         ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns
         if core.has_run or not ended:

@@ -55,7 +55,7 @@ Truth = tuple[int, float, float]  # time, position, velocity in SI units
 
 
 class _Shaft:
-    """Joint of the first axis of a node, with the positions of its shaft in the last cycles.
+    """Joint of a node's first axis, with the positions of its shaft in the last cycles.
 
     A drive that boots counts from 0, and the robot continues from the last position it received: `offset` is the
     difference, None until the next reported position. Only a boot or a changed count changes the offset; `origin`
@@ -116,7 +116,7 @@ class _Shaft:
 
 
 class StatusInvariants:
-    """Check of the robot's reports against the drives; breaches go to `report(rule, text)`."""
+    """Check of the robot's reports against the drives; breaches are passed to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class StatusInvariants:
         self._jumped = 0.0  # time of the newest jump event already checked
 
     def sampled(self, now: int) -> None:
-        """Check the present reports against the drives."""
+        """Check the current reports against the drives."""
         robot = self._robot
         for shaft in self._shafts:
             shaft.take(robot, now)
@@ -268,7 +268,7 @@ class StatusInvariants:
             self._report("shown_wrong", f"{name}: {text}")
 
     def _lasts(self, wrong: tuple[ReportNames, str, str], soon: int, now: int) -> bool:
-        """Whether a wrong report lasts longer than allowed; True only at the first such call."""
+        """Return True once if a wrong report lasts longer than allowed."""
         since = self._wrong_since.setdefault(wrong, now)
         if now - since <= soon:
             return False
@@ -311,7 +311,7 @@ class StatusInvariants:
             )
 
     def _judge_emcy(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an event reports an EMCY with an error; one event is enough for a series."""
+        """Check that an event reports an EMCY with an error; one event is sufficient for a series."""
         sent = self._emcys.get(name, 0)
         if not sent:
             if view.emcy_at > self._emcys_checked.get(name, 0):
@@ -325,7 +325,7 @@ class StatusInvariants:
             self._report("event_missing", f"{name} has sent an EMCY, and no event reports it")
 
     def _judge_toggle(self, name: str, view: ObservedNode, events: list[RobotEvent], now: int) -> None:
-        """Check that an event reports a repeated toggle bit in a guarding answer."""
+        """Check that an event reports a repeated toggle bit in a guarding response."""
         at = view.toggled_at
         hidden = max(self._disturbed.deaf_at, self._robot.started_ns, view.booted_at)
         was_ready = hidden + _CALM_NS < at and self._ready_since.get(name, now) < at - _CALM_NS
@@ -335,7 +335,7 @@ class StatusInvariants:
             )
 
     def _judge_jumps(self, events: list[RobotEvent]) -> None:
-        """Check that a position jump is only reported if the drive's count has jumped."""
+        """Check that a position jump is reported only if the drive's count has jumped."""
         for event in events:
             if event.kind != _JUMPED or event.time <= self._jumped or event.node not in self._nodes:
                 continue
@@ -389,7 +389,7 @@ class _Open:
 
 
 class GoalInvariants:
-    """Check of the results of goals; breaches go to `report(rule, text)`.
+    """Check of the results of goals; breaches are passed to `report(rule, text)`.
 
     The owner calls `requested`, `applied` and `sampled` as time passes.
     """
@@ -437,7 +437,7 @@ class GoalInvariants:
         self._open = [item for item in self._open if self._is_open(item, now)]
 
     def _is_open(self, goal: _Open, now: int) -> bool:
-        """Check a goal; return whether later checks are needed."""
+        """Check a goal; return whether it must be checked again."""
         if goal.goal.state is GoalState.CANCELED:
             return self._comes_to_rest(goal, now)
         off = self._deviations(goal)
@@ -469,7 +469,7 @@ class GoalInvariants:
         return now - self._stopped_at < _STOPPED_NS and _STOP not in goal.goal.text
 
     def _comes_to_rest(self, goal: _Open, now: int) -> bool:
-        """Check that joints stop after a cancelled goal; return whether later checks are needed.
+        """Check that joints stop after a cancelled goal; return whether it must be checked again.
 
         Disturbed joints, joints pulled by a floor, and joints with a newer request are not checked.
         """

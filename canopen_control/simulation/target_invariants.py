@@ -66,7 +66,7 @@ class _Followed:
         self._slope = 0.0
 
     def slope(self, drive: VirtualDrive) -> float:
-        """Return the smaller of the drive's two ramps in counts/s^2, cached until an object changes."""
+        """Return the smaller of the drive's two ramps in counts/s^2; cached until an object changes."""
         objects = drive.objects
         version = objects.store.version
         if self._slope_of[1] != version or self._slope_of[0] is not drive:
@@ -76,7 +76,7 @@ class _Followed:
         return self._slope
 
     def limits(self, drive: VirtualDrive, now: int) -> tuple[int, int, int]:
-        """Return the limits of 0x607D and the maximum velocity of 0x607F (0: none), cached for a second."""
+        """Return the limits of 0x607D and the maximum velocity of 0x607F (0: none); cached for a second."""
         if self._limits_of != (version := (drive, now // _CALM_NS)):
             objects = drive.objects
             low, high = (objects.number(o.SOFTWARE_POSITION_LIMIT, sub) for sub in (1, 2))
@@ -120,7 +120,7 @@ class _Commanders:
 
 
 class TargetInvariants:
-    """Check of targets on the bus and of the shafts; breaches go to `report(rule, text)`."""
+    """Check of targets on the bus and of the shafts; breaches are passed to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -180,7 +180,7 @@ class TargetInvariants:
             self._judge_targets(now)
 
     def _may_judge(self, view: ObservedNode, now: int) -> bool:
-        """Whether an axis follows targets and was not disturbed since its enable."""
+        """Whether an axis follows targets and has not been disturbed since it was enabled."""
         return view.follows and self._disturbed.last(view.node_id) < view.enabled_at < now - _SETTLED_NS
 
     # -- all modes
@@ -211,7 +211,7 @@ class TargetInvariants:
         return max(disturbed, self._stopped_at, self._robot.started_ns) < now - 3 * _CALM_NS
 
     def _beyond(self, axis: _Followed, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target beyond the limits of an enabled drive, or "" if there is none."""
+        """Return a text about a target beyond the limits of an enabled drive, or ""."""
         low, high, most = axis.limits(drive, now)
         targets, mode = axis.view.targets, drive.modes.number
         if mode == _CSP:
@@ -229,7 +229,7 @@ class TargetInvariants:
         return ""
 
     def _commands_into_limit(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target that into_limit an enabled drive against an active limit, else "".
+        """Return a text about a target that pushes an enabled drive against an active limit, else "".
 
         The blocked direction is the direction in which the target points while the shaft stands still.
         """
@@ -240,7 +240,7 @@ class TargetInvariants:
         return f"to move at {targets[-1]}, against its active limit" if into_limit else ""
 
     def _not_at_rest(self, view: ObservedNode, drive: VirtualDrive, now: int) -> str:
-        """Return a text about a target of a disabled drive that is not standstill, else ""."""
+        """Return a text about a target other than standstill of a disabled drive, else ""."""
         if view.commanded or now - view.status_at > _LAG_NS:
             return ""
         if target := view.targets.get(_VELOCITY, 0):
@@ -354,7 +354,7 @@ class TargetInvariants:
 
 
 def _recent(commands: deque[tuple[int, float]], now: int) -> list[float]:
-    """Return the newest commanded value, after earlier values that the drive may still have."""
+    """Return the latest commanded value, after earlier values that the drive may still have."""
     values = []
     for at, value in reversed(commands):
         values.append(value)

@@ -107,22 +107,22 @@ class Actor:
         return now_ns + now_ns * self._rate // _BILLION
 
     def arrived(self) -> None:
-        """Schedule a wake-up because of new data, unless one is scheduled already."""
+        """Schedule a wake-up for new data, unless one is already scheduled."""
         if self._wake_at == _NEVER:
             self._wake_at = self._woken_by(self._time.now_ns)
             self._time.at(self._wake_at, self._woken)
 
     def call(self, work: Callable[[], object]) -> None:
-        """Call a function in the reactor of the process, as for a client request."""
+        """Call a function in the reactor of the process, like a client request."""
         self.reactor.call_soon(work)
         self.arrived()
 
     def stall(self, duration_ns: int) -> None:
-        """Stall the process for `duration_ns`, as without CPU time."""
+        """Stall the process for `duration_ns`, as if it got no CPU time."""
         self.stalled_until = max(self.stalled_until, self._time.now_ns + duration_ns)
 
     def end(self) -> None:
-        """End the process as by SIGKILL: no callback runs any longer."""
+        """End the process like SIGKILL: no further callback runs."""
         if not self._ended:
             self._ended = True
             self.reactor.close()

@@ -69,7 +69,7 @@ class _Configured:
 
 
 class ConfigurationInvariants:
-    """Checks of the configuration of all nodes; violations are passed to `report(rule, text)`."""
+    """Checks of the configuration of all nodes; breaches are passed to `report(rule, text)`."""
 
     def __init__(
         self,
@@ -184,7 +184,7 @@ _TRANSMISSION: Final = 2
 
 
 def _holds(device: VirtualNode, write: PlannedWrite) -> bool:
-    """Whether a drive has the value of a planned write; True for values that the drive is free to change."""
+    """Whether a drive has the value of a planned write; True for values that the drive may change."""
     od = device.od if device.motors is None else device.motors.device
     if write.optional or not write.compare or write.index in _PROCEDURES or write.address not in od:
         return True
@@ -221,7 +221,7 @@ _ABORT, _BLOCK = 4, (5, 6)
 
 
 class WireInvariants:
-    """Check of one bus; breaches go to `report(rule, text)`.
+    """Check of one bus; breaches are passed to `report(rule, text)`.
 
     `hear` receives the frames that `wants` selects; `sampled` is called periodically.
     """
@@ -273,7 +273,7 @@ class WireInvariants:
             )
 
     def _request(self, node: int, data: bytes, now: int) -> None:
-        """Check that an SDO request follows an answer, an abort, or a timeout (CiA 301, 7.2.4)."""
+        """Check that an SDO request follows a response, an abort, or a timeout (CiA 301, 7.2.4)."""
         command = data[0] >> 5 if data else _ABORT
         if command == _ABORT:
             self._waiting.pop(node, None)
@@ -311,7 +311,7 @@ class WireInvariants:
             self._report("bus_budget", f"the bus load is {load:.0%}, above its budget of {self._budget:.0%}")
 
     def _excused(self, now: int) -> int:
-        """Return until when the master may be late after a stall, a restart, or a bus fault."""
+        """Return the time until which the master may be late after a stall, a restart, or a bus fault."""
         stalled_until = self._robot.host.stalled_until
         if now < stalled_until or self._wire.has_wire_faults:  # or a cable was cut
             self._quiet_until = now + _SECOND

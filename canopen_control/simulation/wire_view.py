@@ -1,4 +1,4 @@
-"""State of the nodes and the master as decoded from bus frames alone.
+"""State of the nodes and the master, decoded from bus frames alone.
 
 Frames are decoded by the PDO mappings in bus.yml; SDO downloads of the controlword are decoded too. Times are in ns.
 """
@@ -59,7 +59,7 @@ class ObservedNode:
         self.nmt_edges: dict[tuple[int, int], int] = {}
 
     def alive(self, state: int, now: int) -> None:
-        """Record a heartbeat or guarding answer with an NMT state, where 0 is a boot-up."""
+        """Record a heartbeat or guarding response with an NMT state, where 0 is a boot-up."""
         self.alive_at = now
         if self.plan.guard:
             state = self._without_toggle(state, now)
@@ -71,7 +71,7 @@ class ObservedNode:
         self.nmt = state
 
     def _without_toggle(self, answer: int, now: int) -> int:
-        """Check the toggle bit of a guarding answer (CiA 301, 7.2.8.3.2.1); return the NMT state."""
+        """Check the toggle bit of a guarding response (CiA 301, 7.2.8.3.2.1); return the NMT state."""
         toggle = answer >> 7
         if answer and toggle == self._toggle:
             self.toggled_at = now
@@ -118,7 +118,7 @@ class ObservedNode:
         return values[::-1]
 
     def record_sent(self, index: int, value: int, now: int) -> None:
-        """Record a value from the node, if the object is the statusword."""
+        """Record a value from the node if the object is the statusword."""
         if index == o.STATUSWORD:
             if value != self.statusword:
                 self._shows(value, now)
@@ -177,7 +177,7 @@ class WireView:
         return any(can_id in identifiers for identifiers in identifier_sets)
 
     def hear(self, now: int, label: str, record: bytes) -> None:
-        """Decode a frame; foreign frames count too, since the robot also receives them."""
+        """Decode a frame, including foreign frames, since the robot also receives them."""
         can_id, length, data = RECORD.unpack(record)
         pdo = self._pdos.get(can_id)
         if pdo is not None:

@@ -153,7 +153,7 @@ class BagWriter:
                 writer.close()
 
     def state(self, state: StateSample) -> None:
-        """Write the messages that follow from a state sample."""
+        """Write the messages that result from a state sample."""
         self._controllers = {
             name: controller.became(state.controllers.get(name, controller.state))
             for name, controller in self._controllers.items()
@@ -227,7 +227,7 @@ class BagWriter:
         return self._ros.make("geometry_msgs/Quaternion", x, y, z, w)
 
     def _commands(self, state: StateSample) -> None:
-        """Write the changed commands of forward controllers, with nan for a joint without a known command."""
+        """Write the changed commands of forward controllers; nan for a joint without a known command."""
         for name, view in self._controllers.items():
             joints = [state.joints.get(joint) for joint in view.joints]
             values = [None if joint is None else joint.command for joint in joints]
@@ -317,7 +317,7 @@ def _open(path: Path) -> Any:  # noqa: ANN401 - rosbags' writer, or None once it
 
 
 def _latched() -> object:
-    """Return a QoS with which late subscribers get the last message of a topic."""
+    """Return a QoS with which late subscribers receive the last message of a topic."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     unset = QosTime(0, 0)

@@ -260,7 +260,7 @@ def _pdo(node: NodeDescription, pdo: PdoLayout, sender: str) -> _Message:
 
 
 def _signals(mapped: MappedEntry, start: int, *, is_drive: bool) -> Iterator[_Signal]:
-    """Yield the signals of a mapped object: several for a word with named parts, else one."""
+    """Yield the signals of a mapped object: several for a word with named parts, otherwise one."""
     title = mapped_name(mapped)
     name, comment = _identifier(title), f"{address_text(mapped.index, mapped.subindex)} {title}"
     base = objects.axis_of(mapped.index)[0] if is_drive and not mapped.subindex else 0
@@ -294,7 +294,7 @@ def _identifier(text: str) -> str:
 
 
 def _plain_number(value: float) -> float:
-    """Convert a whole number to int, because the file shows an int without a decimal point."""
+    """Convert a whole number to int, since the file shows an int without a decimal point."""
     return int(value) if value.is_integer() else value
 
 

@@ -74,7 +74,7 @@ _MOST_OBJECTS: Final = 64
 
 
 class LearnedPdos:
-    """PDO records of one node as learned from SDO transfers, at most `LIMIT` values.
+    """PDO records of one node as learned from SDO transfers, up to `LIMIT` values.
 
     Only values that the node has sent or confirmed count. A PDO is known once it is valid, and the number of its
     objects and all mapping entries were received or are known from the description.
@@ -96,7 +96,7 @@ class LearnedPdos:
             self._held[mapping, slot] = mapping_entry(mapped_object(entry))
 
     def learn(self, value: SignalValue) -> tuple[PdoLayout, int | None] | None:
-        """Record a value of the node, and return a PDO that is now complete with its former CAN identifier, or None."""
+        """Record a value of the node; return a PDO that is now complete with its former CAN identifier, or None."""
         which = _pdo_of(value.index)
         if which is None or not isinstance(value.value, int):
             return None
@@ -162,7 +162,7 @@ _STORE_ANSWERS = {0: "stored", 1: "refused, not supported", 2: "failed, storage 
 
 
 def lss_text(data: bytes, *, from_master: bool) -> str:
-    """Describe an LSS frame of the master or a slave; an unknown command is given by its number."""
+    """Describe an LSS frame of the master or a slave; an unknown command is shown by its number."""
     if not data:
         return "malformed: no data"
     data = data.ljust(8, b"\0")
@@ -468,7 +468,7 @@ class Decoder:
         return decode
 
     def _relearn(self, node_id: int, pdo: PdoLayout, before: int | None) -> None:
-        """Replace a PDO by its learned configuration, which has precedence over the description."""
+        """Replace a PDO by its learned configuration, which takes precedence over the description."""
         old = self._routes.get(before) if before is not None else None
         if before is not None and old is not None and (old.node_id, old.subject) == (node_id, pdo_name(pdo)):
             del self._routes[before]
@@ -493,7 +493,7 @@ class Decoder:
 
 
 def _mapped(words: NodeWords, names: list[str | None], codec: PdoCodec, data: bytes) -> _Decoded:
-    """Decode the values of a PDO, where a name of None is a gap.
+    """Decode the values of a PDO; a name of None is a gap.
 
     The mode is decoded first, since bits of the statusword depend on it.
     """

@@ -89,7 +89,7 @@ class FlightRecorder:
 
     @property
     def _wall_offset_ns(self) -> int:
-        """Offset in ns from the reactor's time to Unix time, by the current system clock.
+        """Return the offset in ns from the reactor's time to Unix time, by the current system clock.
 
         The times are right even if the recorder was started before the clock was set, as at a boot without a
         battery.
@@ -97,7 +97,7 @@ class FlightRecorder:
         return self._begun_ns if self._reactor.clock.is_manual else time.time_ns() - self._reactor.now()
 
     def start(self) -> None:
-        """Start to record; a bus that cannot be opened is omitted and noted in the file."""
+        """Start recording; a bus that cannot be opened is omitted and noted in the file."""
         for number, (bus, channel) in enumerate(self.buses.items()):
             # other channels are inside one process, or have one owner
             if parse_channel(channel).kind.shared:
@@ -131,7 +131,7 @@ class FlightRecorder:
         self._reactor.add_reader(port.fileno(), receive)
 
     def _take_frames(self, number: int, arrivals: Arrivals) -> None:
-        """Record frames with their times of arrival, which are right even if a busy computer reads many frames late."""
+        """Record frames with their times of arrival, which stay correct if a busy computer reads many frames late."""
         records, stamps = arrivals.receive()
         if records:
             self._frames.add(number, records, stamps)
@@ -173,7 +173,7 @@ class FlightRecorder:
                 self._status = self._robot.ask(GetStatus())
 
     def _record_world(self) -> None:
-        """Record the world of virtual drives, or keep the last known world without an answer."""
+        """Record the world of virtual drives; without a reply, keep the last known world."""
         nodes = [(self.buses[bus], node.node_id) for bus, layout in self._layout.buses.items() if bus in self.buses
                  for node in layout.nodes]  # fmt: skip
         self._world = shapes_of_world(nodes) or self._world
@@ -252,7 +252,7 @@ class FlightRecorder:
         self._plan()
 
     def write(self, reason: RobotEvent) -> str:
-        """Write the file in this process; return a sentence with the path or with the reason of a failure."""
+        """Write the file in this process; return a sentence with the path or the reason for a failure."""
         from canopen_control.trace.flight_file import FlightMeta, candump_lines, save
 
         now, offset = self._reactor.now(), self._wall_offset_ns
@@ -289,7 +289,7 @@ class FlightRecorder:
     # -- end
 
     def orphaned(self, ended: Callable[[], object]) -> None:
-        """Record the death of the robot's process as a fault; call `ended` after the drives had time to react."""
+        """Record the death of the robot's process as a fault; call `ended` once the drives had time to react."""
         now = self._reactor.now()
         text = "the process of the robot has died; its drives stop by themselves"
         died = (now + self._wall_offset_ns) / 1e9
@@ -313,7 +313,7 @@ class FlightRecorder:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record the robot named in the arguments until it ends, and return the exit code 0."""
+    """Record the robot named in the arguments until it ends; return the exit code 0."""
     parser = argparse.ArgumentParser(prog="canopen_control.trace.flight", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--name", required=True, help="the robot")
     parser.add_argument("--bus", action="append", default=[], metavar="NAME=CHANNEL", help="a bus to listen to")

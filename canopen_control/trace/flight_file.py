@@ -124,7 +124,7 @@ class FrameRing:
         return newest
 
     def _forget(self, now: int) -> None:
-        """Release the oldest segments outside of the window or above the limit, except the last segment."""
+        """Release the oldest segments outside the window or above the limit, except the last segment."""
         while len(self._segments) > 1 and (
             self._segments[0].times[-1] < now - self._window_ns or self._size > self._limit
         ):
@@ -158,7 +158,7 @@ class LineRing:
             self.size -= len(lines.popleft()[1])
 
     def lines(self, since: int = 0) -> Iterator[bytes]:
-        """Yield the lines from the time `since` on, the oldest first."""
+        """Yield the lines from the time `since` on, oldest first."""
         for added, line in self._lines:
             if added >= since:
                 yield line
@@ -189,7 +189,7 @@ NO_FAULT: Final = RobotEvent(time=0.0, kind="", node=None, level="info", text="n
 
 
 class FlightFileError(ValueError):
-    """Error in a flight recording, with the place in the file."""
+    """Error in a flight recording, with its place in the file."""
 
 
 class FlightFormat(Document, frozen=True, kw_only=True):
@@ -261,7 +261,7 @@ def save(
     states: Iterable[bytes],
     requests: Iterable[bytes] = (),
 ) -> Path:
-    """Write a recording to `folder` and delete the oldest recordings; raise ConfigError or DiskFull if that fails."""
+    """Write a recording to `folder` and delete the oldest recordings; ConfigError or DiskFull on failure."""
     with telling(folder, "no recording was written"):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     path = _free_path(folder, meta)
@@ -278,7 +278,7 @@ def write_flight(
     states: Iterable[bytes],
     requests: Iterable[bytes],
 ) -> None:
-    """Write a recording to `path`, which exists only when complete; raise ConfigError or DiskFull if that fails."""
+    """Write a recording to `path`, which exists only once complete; ConfigError or DiskFull on failure."""
     part = path.with_suffix(".part")
     try:
         with telling(path, _LOST):
@@ -300,7 +300,7 @@ def write_flight(
 
 
 def _bytes_of(path: str) -> bytes:
-    """Return the content of an EDS file, or b"" if the file is unreadable."""
+    """Return the content of an EDS file, or b"" if unreadable."""
     try:
         return Path(path).read_bytes()
     except OSError:
@@ -312,7 +312,7 @@ def _eds_paths(meta: FlightMeta) -> set[str]:
 
 
 def _free_path(folder: Path, meta: FlightMeta) -> Path:
-    """Return an unused path with time and reason, so that names sort by time."""
+    """Return an unused path with time and reason, so that sorting by name sorts by time."""
     stamp = time.strftime("%Y-%m-%dT%H-%M-%S", time.localtime(meta.written))
     why = [word[:40] for word in (meta.reason.kind, meta.reason.node) if word]
     words = "-".join(re.sub(r"\W+", "_", word, flags=re.ASCII) for word in why)
@@ -377,7 +377,7 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, FlightMeta], T]) -> T:
 
 
 def _content(archive: zipfile.ZipFile, name: str) -> bytes:
-    """Return a member of the archive; raise FlightFileError if its size exceeds a recorder's limit."""
+    """Return a member of the archive; FlightFileError if it is larger than a recorder permits."""
     limit = next(size for start, size in _LARGEST.items() if name.startswith(start))
     if archive.getinfo(name).file_size > limit:
         raise _too_large(name, limit)
@@ -408,7 +408,7 @@ def _lines(archive: zipfile.ZipFile, name: str, kind: type[T]) -> list[T]:
 
 
 def _states(archive: zipfile.ZipFile) -> list[TimedSnapshot]:
-    """Return the samples, without the data of controllers if an earlier version wrote these in another form."""
+    """Return the samples, without the data of controllers if an earlier version wrote it in another form."""
     samples = _lines(archive, _STATES, TimedSnapshot)  # raises if even these are invalid
     try:
         return list(_lines(archive, _STATES, StateSample))

@@ -1,4 +1,4 @@
-"""Trigger of a flight recorder: a file follows a fault and the reaction to the fault, at a limited rate.
+"""Trigger of a flight recorder: a file is written after a fault and the reaction to it, at a limited rate.
 
 A fault is an event of level error, or an event that reports a lost bus. The file is written `AFTER_NS` after the last
 fault, so that it contains the reaction, but at most `LONGEST_NS` after the first fault. The next file follows `GAP_NS`
@@ -47,7 +47,7 @@ class RecordingTrigger:
         self._gap = GAP_NS
 
     def fault(self, event: RobotEvent, now: int) -> None:
-        """Record a fault; the first fault since the last file is the reason of the next file."""
+        """Record a fault; the first one since the last file is the reason for the next file."""
         if now - self._last >= CALM_NS:
             self._gap = GAP_NS
         if self._reason is not None and now - self._first > self._keep_ns:
@@ -71,7 +71,7 @@ class RecordingTrigger:
         return self._take(now)
 
     def end(self, now: int) -> RobotEvent | None:
-        """Return the fault without a file at the end of the recording, or None."""
+        """Return the fault that has no file yet at the end of the recording, or None."""
         return None if self._reason is None else self._take(now)
 
     def _take(self, now: int) -> RobotEvent | None:

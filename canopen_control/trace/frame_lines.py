@@ -47,7 +47,7 @@ class Filter:
     _last: dict[int, bytes] = field(default_factory=dict)
 
     def wants(self, decoded: DecodedFrame) -> bool:
-        """Whether the frame passes; with `changes` or `events`, the data of the frame are remembered."""
+        """Whether the frame passes; with `changes` or `events`, the data of the frame is remembered."""
         if self.nodes and decoded.node_id not in self.nodes:
             return False
         if self.services and decoded.service not in self.services:
@@ -99,7 +99,7 @@ def _identifier(text: str) -> int:
 
 
 def node_ids_of(network: NetworkDescription, names: Iterable[str]) -> frozenset[int]:
-    """Return the node ids of names or numbers, including "master"; the ConfigError lists the names."""
+    """Return the node ids of names or numbers, including "master"; ConfigError lists the names."""
     node_ids = set()
     for name in names:
         by_name = next((node.node_id for node in network.nodes.values() if node.name == name), None)

@@ -92,7 +92,7 @@ class NetworkDescription:
     notes: tuple[str, ...] = ()
 
     def name_of(self, node_id: int) -> str:
-        """Return the name of a node, "master" for the master, or "" without a name."""
+        """Return the name of a node, "master" for the master, or ""."""
         node = self.nodes.get(node_id)
         if node is not None:
             return node.name
@@ -120,7 +120,7 @@ def entry_name(od: ObjectDictionary | None, index: int, subindex: int) -> str:
 
 
 def network_of_layout(layout: BusLayout, paths: Mapping[str, Path] = MappingProxyType({})) -> NetworkDescription:
-    """Return the description of one bus of a layout; a missing or invalid EDS becomes a note.
+    """Return the description of one bus of a layout; a note is added for a missing or invalid EDS.
 
     `paths` are files by name that replace the EDS files of the layout, as in a recording.
     """
@@ -236,7 +236,7 @@ def _one(node_id: int, path: Path, option: str) -> NodeDescription:
 
 
 def _all(path: Path) -> Iterator[NodeDescription]:
-    """Yield the same description for every node id, or only one for a DCF with a node id."""
+    """Yield the same description for every node id, or only for the node id of a DCF."""
     parsed = read_eds(path).od
     if parsed.node_id is not None:
         yield NodeDescription(path.stem, parsed.node_id, parsed, pdos_by_default(parsed), str(path))

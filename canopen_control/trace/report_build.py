@@ -80,7 +80,7 @@ class Spans:
 
 
 def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeFacts]:
-    """Return the NMT states of the nodes, with the states of their axes by joint."""
+    """Return the NMT states of the nodes, and the states of their axes by joint."""
     nmt: dict[str, Spans] = {}
     axes: dict[str, dict[str, Spans]] = {}
     first: dict[str, tuple[str, int]] = {}
@@ -101,7 +101,7 @@ def node_spans(states: Sequence[TimedSnapshot], begin: float) -> dict[str, NodeF
 
 
 def joints_of(states: Sequence[TimedSnapshot], begin: float) -> dict[str, JointFacts]:
-    """Return the motion of the joints; the drive's mode selects the commanded quantity, by default velocity."""
+    """Return the motion of the joints; the drive's mode selects the commanded quantity, velocity by default."""
     modes = _modes(states)
     tracked = {name: joint.tracking for sample in states for name, joint in sample.joints.items() if joint.tracking}
     joints: dict[str, JointFacts] = {}
@@ -152,7 +152,7 @@ def cycle_of(states: Sequence[TimedSnapshot], status: Status | None) -> CycleFac
 
 
 def stopped_after(joints: Mapping[str, JointFacts], time: float) -> dict[str, float | None]:
-    """Return the time in s from `time` to the standstill of each moving joint, or None without a standstill.
+    """Return the time in s from `time` until each moving joint stands still; None if it does not.
 
     A joint that stands for `_STOOD_S`, or to the end of the recording, has stopped; later motion is ignored.
     """
@@ -244,7 +244,7 @@ class FrameReader:
             self._note(time_ns, decoded)
 
     def _follow(self, bus: str, time: float, decoded: DecodedFrame) -> None:
-        """Record the states of a node from heartbeats, and from PDOs whose data have changed."""
+        """Record the states of a node from heartbeats, and from PDOs whose data has changed."""
         if decoded.node_id is None or decoded.service not in ("hb", "pdo") or not decoded.data:
             return
         drive = self._drives.setdefault((bus, decoded.node_id), _Drive(decoded.node, Spans(), {}))
@@ -287,12 +287,12 @@ class FrameReader:
 
     @property
     def around(self) -> list[FrameFacts]:
-        """Last frames up to the fault, or up to the end without a fault, and the first frames after the fault."""
+        """Last frames up to the fault, or up to the end without a fault, and the first frames after it."""
         return [_line(frame) for frame in (*self._before, *self._after)]
 
     @property
     def last_words(self) -> list[FrameFacts]:
-        """Last frame of each node up to the fault or the end, with the longest silence first."""
+        """Last frame of each node up to the fault or the end, longest silence first."""
         return [_line(frame) for frame in sorted(self._last.values(), key=lambda last: last.time)]
 
     def buses(self) -> dict[str, BusFacts]:
@@ -407,7 +407,7 @@ def _extended(now: MeasuredFacts, before: MeasuredFacts | None) -> MeasuredFacts
 
 
 def networks_of(file: FlightFile) -> dict[str, NetworkDescription]:
-    """Return descriptions of the buses in a recording, from its layout and its EDS files."""
+    """Return descriptions of the buses in a recording, from its layout and EDS files."""
     with tempfile.TemporaryDirectory() as folder:
         paths = {name: Path(folder) / Path(name).name for name in file.eds}
         for name, text in file.eds.items():
@@ -461,7 +461,7 @@ def _bounds(file: FlightFile) -> tuple[float, float]:
 
 
 def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts | None:
-    """Return the first fault in the window, else the reason of the file, or None if that is not a fault."""
+    """Return the first fault in the window, else the reason for the file, or None if that is not a fault."""
     inside = (event for event in events if event.at >= 0)
     return next((event for event in (*inside, reason) if is_fault(event)), None)
 
@@ -469,7 +469,7 @@ def _first_fault(events: Sequence[EventFacts], reason: EventFacts) -> EventFacts
 def _merged(
     sampled: dict[str, NodeFacts], received: dict[str, NodeFacts], states: Sequence[TimedSnapshot]
 ) -> dict[str, NodeFacts]:
-    """Merge node states from samples and frames, with precedence for axis states in frames."""
+    """Merge node states from samples and frames; axis states in frames take precedence."""
     if not sampled:
         return received
     axes = {(node.bus, node.node_id): node.axes for node in received.values()}

@@ -1,4 +1,4 @@
-"""Facts of a report, as `report --json` prints them and the report page shows them.
+"""Facts of a report, as printed by `report --json` and shown by the report page.
 
 Times are in s from `begin` (Unix); values are in SI units, None if unknown.
 """
@@ -260,7 +260,7 @@ class ReportFacts(Document, frozen=True, kw_only=True):
 
     @property
     def fault_at(self) -> float | None:
-        """Time of the fault in the recording, or None without a fault."""
+        """Time of the fault in the recording, or None."""
         return None if self.fault is None else self.fault.at
 
 

@@ -44,7 +44,7 @@ class TimeAxis(NamedTuple):
     fault: float | None = None
 
     def x(self, time: float) -> float:
-        """Return the x coordinate of a time; times outside of the axis are at its ends."""
+        """Return the x coordinate of a time; times outside the axis are at its ends."""
         span = max(self.end - self.begin, 1e-9)
         return LEFT + (WIDTH - LEFT - RIGHT) * min(max((time - self.begin) / span, 0.0), 1.0)
 
@@ -83,7 +83,7 @@ def _svg(title: str, height: float, parts: Sequence[str]) -> str:
 
 
 def timeline(title: str, rows: Sequence[tuple[str, Sequence[Span]]], axis: TimeAxis) -> str:
-    """Draw the states of each row over time; the CSS class of a state is ``s-`` and its name."""
+    """Draw the states of each row over time; the CSS class of a state is ``s-`` plus its name."""
     height = _ROW * len(rows)
     parts = list(_grid(axis, height))
     for number, (label, spans) in enumerate(rows):
@@ -116,7 +116,7 @@ def lines(
     *,
     from_zero: bool = False,
 ) -> str:
-    """Draw values over time as lines, for series of (CSS class, values), or return "" without values."""
+    """Draw values over time as lines, for series of (CSS class, values); "" without values."""
     values_shown = [value for _, values in series for value in values if value is not None]
     if not values_shown:
         return ""
@@ -148,7 +148,7 @@ def _bounds(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _thinned(time: Sequence[float], values: Sequence[float | None]) -> tuple[list[float], list[float | None]]:
-    """Return the points, reduced to the minimum and maximum of each interval if there are too many."""
+    """Return the points, reduced to minimum and maximum of each interval if there are too many."""
     if len(time) <= _POINTS:
         return list(time), list(values)
     stretch = math.ceil(2 * len(time) / _POINTS)

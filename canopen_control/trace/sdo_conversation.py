@@ -44,7 +44,7 @@ _EXPEDITED, _SIZED = 0x02, 0x01
 
 
 class SdoText(NamedTuple):
-    """Description of an SDO frame, with the value if the frame completes one, and whether the frame is an abort.
+    """Description of an SDO frame, with the value if the frame completes one, and whether it is an abort.
 
     `held` is a short value that the node now has, because the node has sent it or has confirmed its download.
     """

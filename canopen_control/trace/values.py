@@ -105,7 +105,7 @@ def controlword_text(controlword: int, previous: int = 0, state: State | None = 
 
 
 def bytes_text(data: bytes) -> str:
-    """Return bytes in hexadecimal; long data are abbreviated to the first bytes and the number of bytes."""
+    """Return bytes in hexadecimal; long data is abbreviated to the first bytes and the number of bytes."""
     if len(data) <= _SHOWN_BYTES:
         return data.hex(" ") or "no bytes"
     return f"{data[:_SHOWN_BYTES].hex(' ')} ... ({len(data)} bytes)"
@@ -131,7 +131,7 @@ class ValueChange(enum.IntEnum):
 
 @dataclass(slots=True)
 class AxisWords:
-    """Last known values of one axis, on which the texts of later values depend."""
+    """Last known values of one axis, which affect the texts of later values."""
 
     mode: int | None = None
     state: State | None = None
@@ -163,7 +163,7 @@ class NodeWords:
         return greatest
 
     def text(self, index: int, subindex: int, value: Value) -> str:
-        """Return a value as text, and remember the value if later texts depend on it."""
+        """Return a value as text, and remember it if later texts depend on it."""
         if isinstance(value, str):
             return repr(value)
         if isinstance(value, bytes | bytearray):

@@ -1,4 +1,4 @@
-"""Browser view of a robot, served by this computer as a page with 3D scene, plots, events and STOP.
+"""Browser view of a robot: a page served by this computer, with 3D scene, plots, events and STOP.
 
 The view runs in a separate process and is a client of the runtime. Only this subpackage imports NiceGUI.
 """

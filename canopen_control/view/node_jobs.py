@@ -1,4 +1,4 @@
-"""Jobs at one node, which all pages share, without NiceGUI.
+"""Jobs at one node, shared by all pages, without NiceGUI.
 
 Short requests run on threads, and one long job at a time. A request has its own connection, so that STOP and the state
 samples never wait behind the request. A long job continues when the page that started it is closed; every page shows
@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 
 class NodeJobs(NodeObjects):
-    """Jobs and object edits at one node of a running robot; `history` contains the edits of all pages."""
+    """Jobs and object edits at one node of a running robot; `history` has the edits of all pages."""
 
     def __init__(
         self, robot: str, place: NodePlace, connect: Callable[[str, float], RobotClient] = RobotClient.connect
@@ -46,7 +46,7 @@ class NodeJobs(NodeObjects):
         self._editing = threading.Lock()
 
     async def ask(self, work: Callable[[NodeSession], T]) -> T:
-        """Run `work` with a session of the node on a thread and return the result; raises the errors of `work`."""
+        """Run `work` with a session of the node on a thread and return its result or raise its error."""
         return await in_thread(partial(self.with_session, work))
 
     def with_session(self, work: Callable[[NodeSession], T]) -> T:
@@ -61,7 +61,7 @@ class NodeJobs(NodeObjects):
         return await in_thread(partial(self._edit, lambda session: self.history.write(session, entry, text)))
 
     async def undo(self) -> Edit:
-        """Undo the newest edit; CanopenError with the reason if the edit cannot be undone."""
+        """Undo the latest edit; CanopenError with the reason if it cannot be undone."""
         return await in_thread(partial(self._edit, self.history.undo))
 
     def _edit(self, change: Callable[[NodeSession], Edit]) -> Edit:

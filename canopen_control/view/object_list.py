@@ -32,7 +32,7 @@ def address_text(address: Address) -> str:
 
 
 class ObjectList:
-    """Objects of a node for one page, with a record of the values that were sent to the page."""
+    """Objects of a node for one page, with a record of the values sent to the page."""
 
     def __init__(self, od: ObjectDictionary, node_id: int) -> None:
         self._od, self._node_id = od, node_id

@@ -56,7 +56,7 @@ _EVERY_ADDRESS: Final = ("", "0.0.0.0", "::")
 
 
 class AccessRules:
-    """Access rules of the page on `host` and `port`; without a `token` a random token is created."""
+    """Access rules of the page on `host` and `port`; without a `token`, a random one is created."""
 
     def __init__(self, host: str, port: int, token: str | None = None) -> None:
         self.host, self.port = host, port
@@ -64,12 +64,12 @@ class AccessRules:
 
     @property
     def root(self) -> str:
-        """Common prefix of all paths of the page, a slash and the token."""
+        """Common prefix of all paths of the page: a slash and the token."""
         return f"/{self.token}"
 
     @property
     def url(self) -> str:
-        """Address of the page with its token, which permits the use of the page.
+        """Address of the page with its token, which permits using the page.
 
         The address must appear only in the terminal of the user who started the page.
         """
@@ -82,7 +82,7 @@ class AccessRules:
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}/"
 
     def refusal(self, path: str, headers: Mapping[str, str], method: str = "GET") -> str | None:
-        """Return the reason why a request is refused, or None if allowed; `headers` are by canonical name."""
+        """Return why a request is refused, or None if it is allowed; `headers` are by canonical name."""
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if is_loopback(self.host) and host not in self._own_names():
             return f"{host!r} is not an address of this page"
@@ -102,7 +102,7 @@ class AccessRules:
         return None
 
     def response_headers(self, nonce: str = "") -> dict[str, str]:
-        """Return the security headers of all responses, by which the page may connect only to this server.
+        """Return the security headers of all responses; they let the page connect only to this server.
 
         Allowed scripts are our own files and those with `nonce`, so that text from a bus can never run as a script.
         NiceGUI compiles its templates in the browser, which needs 'unsafe-eval', and sets inline
@@ -139,7 +139,7 @@ _WAIT_S: Final = 0.5  # in which another process may hold the lock to read the f
 
 
 class PageAddress:
-    """Locked file with the address and the token of the page of `robot` on `host` and `port`.
+    """Locked file with the address and token of the page of `robot` on `host` and `port`.
 
     `token` is the token of a killed view on the same host and port, None if there is none. The port must be bound
     before. Of two views with one host and port (in two network namespaces) only the first has a file.
@@ -172,7 +172,7 @@ class PageAddress:
 
 
 def page_addresses(robot: str | None = None) -> dict[str, str]:
-    """Return the addresses of this user's pages, with token, by the address without token."""
+    """Return the addresses of this user's pages with token, by the address without token."""
     addresses: dict[str, str] = {}
     for path in sorted(runtime_dir().glob("page-*.json")):
         content = _read(path)
@@ -182,7 +182,7 @@ def page_addresses(robot: str | None = None) -> dict[str, str]:
 
 
 def killed_port(robot: str, host: str) -> int | None:
-    """Return the port of a killed view of this robot, for reuse by the next view; None without a killed view."""
+    """Return the port of a killed view of this robot, for reuse by the next view, or None."""
     for path in sorted(runtime_dir().glob(f"page-{robot}-{_OTHER.sub('_', host)}-*.json")):
         port = path.stem.rpartition("-")[2]
         if port.isdecimal() and _read(path).get("robot") == robot and not _is_held(path):
@@ -218,7 +218,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def _is_held(path: Path) -> bool:
-    """Whether the view that wrote the file is still running, and so keeps the file locked."""
+    """Whether the view that wrote the file is still running, and so keeps it locked."""
     try:
         fd = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
     except OSError:

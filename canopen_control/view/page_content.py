@@ -27,7 +27,7 @@ _EVENTS: Final = 100
 
 
 class RecentEvents:
-    """The last `_EVENTS` events of the robot, oldest first."""
+    """Last `_EVENTS` events of the robot, oldest first."""
 
     def __init__(self, events: Iterable[RobotEvent] = ()) -> None:
         self._events: deque[RobotEvent] = deque(maxlen=_EVENTS)
@@ -54,7 +54,7 @@ class RecentEvents:
 
 @dataclass(frozen=True, slots=True)
 class PageContent:
-    """Data for the panels; `lost` is the reason why `state` may be outdated, "" while the robot is connected."""
+    """Data for the panels; `lost` is why `state` may be outdated, or "" while the robot is connected."""
 
     state: StateSample
     events: RecentEvents
@@ -143,7 +143,7 @@ class DriveFaults:
 
 
 def read_faults(client: FaultClient) -> DriveFaults:
-    """Read the faults and quirks of all virtual drives; drives that do not answer are left out. Blocks."""
+    """Read the faults and quirks of all virtual drives; drives that do not respond are left out. Blocks."""
     faults, quirks = {}, {}
     for drive in client.drives():
         with contextlib.suppress(RemoteError):

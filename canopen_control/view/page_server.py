@@ -1,4 +1,4 @@
-"""HTTP server of the page, which runs NiceGUI behind an access check on a socket that is already bound.
+"""HTTP server of the page: runs NiceGUI behind an access check, on a socket that is already bound.
 
 The access check is the outermost ASGI application, so that no request reaches NiceGUI unchecked. Before the address is
 printed, `access_problem` sends requests as a foreign page would; if the server answers one of them, the server ends
@@ -49,7 +49,7 @@ _NOT_BELIEVED: Final = (b"x-forwarded-prefix", b"x-forwarded-for", b"x-forwarded
 
 
 class AccessMiddleware:
-    """ASGI middleware that passes to `app` only the requests that `rules` allow."""
+    """ASGI middleware that passes only requests allowed by `rules` to `app`."""
 
     def __init__(self, app: App, rules: AccessRules) -> None:
         self.app, self._rules = app, rules  # NiceGUI looks for `app` to find its server
@@ -75,7 +75,7 @@ class AccessMiddleware:
 
 
 class _Answer:
-    """Sender of a response with the headers of the rules; HTML is buffered, because its scripts need a nonce."""
+    """Sender of a response with the headers of the rules; HTML is buffered because its scripts need a nonce."""
 
     def __init__(self, rules: AccessRules, send: Send) -> None:
         self._rules, self._send = rules, send
@@ -135,7 +135,7 @@ def _is_html(start: Message) -> bool:
 
 
 def _headers_of(scope: Message) -> dict[str, str]:
-    """Return the headers by canonical name; repeated headers are joined, and so match no allowed value."""
+    """Return the headers by canonical name; repeated headers are joined, so that they match no allowed value."""
     headers: dict[str, str] = {}
     for name, value in scope["headers"]:
         key = name.decode("latin-1").title()
@@ -160,7 +160,7 @@ _PROBE_S: Final = 5.0
 
 
 def listen(host: str, port: int | None, first: int | None = None) -> socket.socket:
-    """Bind a listening socket to `port`; None means the port `first` or one of the default ports.
+    """Bind a listening socket to `port`; None selects the port `first` or one of the default ports.
 
     ConfigError if no port is free.
     """
@@ -180,7 +180,7 @@ def listen(host: str, port: int | None, first: int | None = None) -> socket.sock
 
 
 class PageServer:
-    """HTTP server for the page `build` at / and for `stop` at POST /stop; `stop` returns the reason of a failure."""
+    """HTTP server for the page `build` at / and for `stop` at POST /stop; `stop` returns the reason for a failure."""
 
     def __init__(
         self,
@@ -278,7 +278,7 @@ def _stop_route(stop: Callable[[], str | None]) -> Callable[[Request], Any]:
 
 
 async def access_problem(rules: AccessRules) -> str | None:
-    """Send requests that the access check must refuse; return a text if one of them is accepted, else None."""
+    """Send requests that the access check must refuse; return a text if one is accepted, else None."""
     host = f"127.0.0.1:{rules.port}"
     own, foreign = f"Host: {host}", f"Origin: http://{_STRANGER}"
     root = rules.root

@@ -46,7 +46,7 @@ Pose = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """Node with the CAN channel and the node ID, which identify a virtual drive's socket."""
+    """Node with CAN channel and node ID, which identify a virtual drive's socket."""
 
     name: str
     channel: str
@@ -55,7 +55,7 @@ class NodeAddress:
 
 @dataclass(frozen=True, slots=True)
 class RobotInfo:
-    """Constant data of a running robot, with the state and the events at the time of the request."""
+    """Constant data of a running robot, with state and events at the time of the request."""
 
     robot: str
     urdf: str
@@ -70,12 +70,12 @@ class RobotInfo:
 
     @property
     def shape(self) -> object:
-        """Comparable key of the robot's structure; the pages are reloaded when the key changes."""
+        """Comparable key of the robot's structure; pages are reloaded when it changes."""
         return self.urdf, self.nodes, self.buses, self.joints
 
 
 def read_robot_info(robot: str, description: Description, listing: NodeListing, status: Status) -> RobotInfo:
-    """Combine the answers of the robot to the `description`, `nodes` and `status` requests."""
+    """Combine the robot's replies to the requests `description`, `nodes` and `status`."""
     state = StateSample(
         state=status.state,
         hint=status.hint,
@@ -102,12 +102,12 @@ def read_robot_info(robot: str, description: Description, listing: NodeListing, 
 
 
 def true_pose_of(state: StateSample) -> Pose | None:
-    """Return the true pose of a simulated base in the odometry frame; None if unknown."""
+    """Return the true pose of a simulated base in the odometry frame, or None if unknown."""
     return None if state.true_pose is None else state.true_pose.in_odometry
 
 
 def pose_of(state: StateSample) -> Pose | None:
-    """Return the odometry pose of the first base controller; None without a base controller."""
+    """Return the odometry pose of the first base controller, or None without a base controller."""
     for sample in state.samples_of(OdometrySample).values():
         return sample.x, sample.y, sample.heading
     return None
@@ -129,7 +129,7 @@ _HEARTBEAT_S: Final = 0.5  # this process renews it 20 times a second; the robot
 
 @dataclass(frozen=True, slots=True)
 class TeleopCommands:
-    """Commands of a held button, `moving` while held and `resting` on release; both end with the connection.
+    """Commands of a held button: `moving` while held, `resting` on release; both end with the connection.
 
     `again` is sent instead of `moving` while the same motion continues; None sends `moving` again.
     """
@@ -180,7 +180,7 @@ def joint_motion(
 
 
 class DeadMan:
-    """Dead-man control, which ends the motion of a held button that is not renewed; `send` sends commands."""
+    """Dead-man control: ends the motion of a held button that is not renewed; `send` sends commands."""
 
     def __init__(self, send: Callable[[Command], object]) -> None:
         self._send = send
@@ -190,12 +190,12 @@ class DeadMan:
 
     @property
     def driver(self) -> str | None:
-        """Page whose button is held; None if no button is held."""
+        """Page whose button is held, or None."""
         return self._driver
 
     @property
     def deadline(self) -> int | None:
-        """Monotonic time in ns at which `tick` ends the motion; None without a motion."""
+        """Monotonic time in ns at which `tick` ends the motion, or None without a motion."""
         return None if self._driver is None else self._renewed_at + HOLD_TIMEOUT_NS
 
     def hold(self, page: str, motion: TeleopCommands, now: int) -> bool:
@@ -222,7 +222,7 @@ class DeadMan:
             self.release()
 
     def release(self) -> None:
-        """Send the resting command, if there is a motion."""
+        """Send the resting command if there is a motion."""
         motion, self._driver, self._motion = self._motion, None, None
         if motion is not None:
             self._send(motion.resting)
@@ -253,7 +253,7 @@ class RobotConnection:
         self._client.notify(Subscribe(state_rate=rate, events=True))
 
     def messages(self) -> Iterator[StateSample | RobotEvent]:
-        """Yield the received events, then the newest of the received samples; RemoteError if the robot has ended."""
+        """Yield the received events, then the latest received sample; RemoteError if the robot has ended."""
         newest: StateSample | None = None
         for message in self._client.messages(0):
             if isinstance(message, StateSample):
@@ -268,11 +268,11 @@ class RobotConnection:
         return self._client.fileno()
 
     def stop(self) -> None:
-        """Send a latched STOP without waiting for an answer; RemoteError if the robot cannot be reached."""
+        """Send a latched STOP without waiting for a reply; RemoteError if the robot cannot be reached."""
         self._client.notify(Stop(latch=True, source=SOURCE))
 
     def send(self, request: Request[Any]) -> None:
-        """Send a command without waiting for an answer; errors are ignored.
+        """Send a command without waiting for a reply; errors are ignored.
 
         `messages` reports that the robot has ended.
         """
@@ -280,7 +280,7 @@ class RobotConnection:
             self._client.notify(request)
 
     def ask(self, request: Request[Any]) -> str | None:
-        """Send a request on a separate connection and wait; return the reason of a failure, None on success."""
+        """Send a request on a separate connection and wait; return the reason for a failure, or None on success."""
         try:
             with RobotClient.connect(self.name, _TIMEOUT_S) as client:
                 client.ask(request, _ACTION_TIMEOUT_S)
@@ -301,7 +301,7 @@ T = TypeVar("T")
 
 
 async def in_thread(function: Callable[[], T], discard: Callable[[T], object] | None = None) -> T:
-    """Run `function` on a thread and return its result; raises the errors of `function`.
+    """Run `function` on a thread and return its result or raise its error.
 
     If the caller was cancelled meanwhile, `discard` gets the result, such as a connection that has to be closed. The
     default executor is not used, because the program waits for that executor at its end, and a robot or a drive that

@@ -78,7 +78,7 @@ class WorldClient:
         return False
 
     def _drive(self) -> NodeAddress | None:
-        """Return any virtual drive whose simulated world accepts disturbances, else None."""
+        """Return any virtual drive whose simulated world accepts disturbances, or None."""
         alive = set(list_sockets("drive"))
         for node in self._nodes:
             if drive_name(node.channel, node.node_id) not in alive:

@@ -28,7 +28,7 @@ SPAN_S: Final = 30.0
 RATE: Final = 10  # samples per second
 _SIZE: Final = round(SPAN_S * RATE) + 1
 Row = list[float | None]
-"""Row of a plot: the time, and a value for each name, None if unknown."""
+"""Row of a plot: the time, and a value for each name (None: unknown)."""
 
 
 class History:
@@ -41,7 +41,7 @@ class History:
         self._new = 0
 
     def add(self, time: float, values: Mapping[str, float | None]) -> None:
-        """Add the values of a sample, which replace an earlier sample of the same tenth of a second."""
+        """Add the values of a sample; they replace an earlier sample of the same tenth of a second."""
         slot = math.floor(time * RATE + 1e-6)
         if self._slot is not None and slot < self._slot:
             self.clear()  # the clock was set back
@@ -53,11 +53,11 @@ class History:
         self._rows.append([time, *(_finite(values.get(name)) for name in self.names)])
 
     def rows(self) -> list[Row]:
-        """Return all rows, the oldest first."""
+        """Return all rows, oldest first."""
         return list(self._rows)
 
     def take_new_rows(self) -> list[Row]:
-        """Return the complete rows since the last call, the oldest first."""
+        """Return the complete rows since the last call, oldest first."""
         rows, count = list(self._rows), min(self._new, len(self._rows))
         if count < 2:
             return []
@@ -105,7 +105,7 @@ class Chart:
 
 
 def names(joints: Sequence[str], buses: Sequence[str]) -> list[str]:
-    """Return the names of a history's values for these joints and buses; only the first `SHOWN_JOINTS` joints."""
+    """Return the names of a history's values for these joints and buses; at most `SHOWN_JOINTS` joints."""
     of_joints = [f"{joint} {name}" for joint in joints[:SHOWN_JOINTS] for name in ("command", "actual", "error")]
     return [*of_joints, "work", "cycle", *(f"load {bus}" for bus in buses)]
 
@@ -186,7 +186,7 @@ class Sampler:
 
 
 class Stillness:
-    """Detector of standstill, which is `STILL_S` of the robot's time without motion or a new command."""
+    """Detector of standstill: `STILL_S` of the robot's time without motion or a new command."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[float, float | None]] = {}

@@ -193,7 +193,7 @@ class WorldView:
         self.document: WorldDocument | None = None
 
     def take(self, shapes: Sequence[WorldShape], state: StateSample) -> WorldDocument | None:
-        """Update the shapes and the frame; return the new document, None if unchanged or without a true pose."""
+        """Update shapes and frame; return the new document, or None if unchanged or without a true pose."""
         truth = state.true_pose
         if truth is None or truth.odom is None or not (shapes or self.document):
             return None

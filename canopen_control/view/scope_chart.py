@@ -176,7 +176,7 @@ def _marks(named: NamedShot, cursors: tuple[float, float] | None) -> list[Option
 
 
 def _fields(named: NamedShot) -> list[str]:
-    """Return the distinct units, because signals of the same unit share a plot."""
+    """Return the distinct units, since signals of the same unit share a plot."""
     return list(dict.fromkeys(_unit(named, place) for place in range(len(named.names))))
 
 

@@ -31,7 +31,7 @@ MODES: Final = {
     "TQ": _EFFORT,
     "CST": _EFFORT,
 }
-"""Quantity of the target by mode of operation; modes without a target are missing."""
+"""Quantity of the target for each mode of operation that has a target."""
 _UNITS: Final = {_POSITION: "rad", _VELOCITY: "rad/s", _EFFORT: "effort"}
 
 
@@ -88,13 +88,13 @@ class TargetSliders:
         self._held_at: float | None = None
 
     def set(self, joint: str, value: float) -> None:
-        """Set the target of a slider that the user has moved."""
+        """Set the target of a slider moved by the user."""
         low, high = self._limits[joint]
         self.values[joint] = min(max(value, low), high)
         self._set.add(joint)
 
     def follow(self, positions: Mapping[str, float | None]) -> dict[str, float]:
-        """Return new values for the sliders whose joints have moved; empty while a button is held."""
+        """Return new values for sliders whose joints have moved; empty while a button is held."""
         now = self._clock()
         if self._driven(now):
             return {}
@@ -120,7 +120,7 @@ class TargetSliders:
         return [value if joint in self._set else self._rest.get(joint, value) for joint, value in self.values.items()]
 
     def rest(self, positions: Mapping[str, float | None]) -> list[float]:
-        """Return the command that ends the motion, which is the present or last known position of each joint."""
+        """Return the command that ends the motion: the current or last known position of each joint."""
         values = {**self.values, **self._rest}
         values |= {joint: at for joint, at in positions.items() if at is not None}
         return [values[joint] for joint in self.values]

@@ -58,7 +58,7 @@ class LoadedTrajectory:
 
 
 def load(data: bytes, name: str) -> LoadedTrajectory:
-    """Parse an uploaded file; ConfigError with all errors and their lines if the file is invalid."""
+    """Parse an uploaded file; ConfigError with all errors by line if it is invalid."""
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -85,7 +85,7 @@ def follows_trajectories(controller: ControllerReading) -> bool:
 
 
 def progress_of(sample: TrajectorySample | None, duration: float) -> tuple[float, str]:
-    """Return the progress of a trajectory, as a number from 0 to 1 and as a sentence."""
+    """Return the progress of a trajectory as a number from 0 to 1 and as a sentence."""
     if sample is None or not sample.executing:
         return 0.0, "Playing."
     at = min(max(sample.reference.time_from_start, 0.0), duration)
@@ -159,11 +159,11 @@ class TrajectoryPlayer:
 
     @property
     def page(self) -> str | None:
-        """Page that plays a trajectory; None if nothing is being played."""
+        """Page that plays a trajectory, or None."""
         return self._page
 
     async def play(self, page: str, controller: str, trajectory: LoadedTrajectory) -> TrajectoryOutcome:
-        """Play a trajectory and wait for its end; a page that may not play gets a refusal as the outcome."""
+        """Play a trajectory and wait for its end; for a page that may not play, the outcome is a refusal."""
         if not self._may_play(page):
             return TrajectoryOutcome(False, "this page may not move the robot")
         if self._run is not None:
@@ -183,7 +183,7 @@ class TrajectoryPlayer:
             self._confirmed_at = self._clock()
 
     def tick(self) -> None:
-        """Send a heartbeat to the robot; end the trajectory if the page was silent for `SILENT_S`."""
+        """Send a heartbeat to the robot; end the trajectory if the page has been silent for `SILENT_S`."""
         if self._run is None:
             return
         self._run.beat()
@@ -231,7 +231,7 @@ class _Run:
             self._report()
 
     def close(self) -> None:
-        """Close the connection, upon which the robot brakes."""
+        """Close the connection, whereupon the robot brakes."""
         self._cancelled = True
         if self._client is not None:
             self._client.close()
@@ -254,7 +254,7 @@ class _Run:
         return TrajectoryOutcome(result.state == "succeeded", result.text)
 
     def beat(self) -> None:
-        """Send a heartbeat, if the trajectory is running."""
+        """Send a heartbeat if the trajectory is running."""
         if self._sent and not self._cancelled:
             self._notify(TrajectoryHeartbeat())
 

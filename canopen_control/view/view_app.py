@@ -65,7 +65,7 @@ _ELEMENTS: Final = Path(__file__).parent / "elements"
 
 @dataclass(frozen=True, slots=True)
 class PanelSlot:
-    """Panel and its column, "side", "middle" or "right"; without a title the panel has no heading."""
+    """Panel and its column: "side", "middle" or "right"; without a title, the panel has no heading."""
 
     key: str
     column: str
@@ -140,11 +140,11 @@ class Page:
             self._drive.show(content)
 
     def leave(self) -> None:
-        """Stop reading objects for this page, which was closed."""
+        """Stop reading objects for this page because it was closed."""
         self._drive.leave()
 
     def changes(self, content: PageContent) -> FeedMessage:
-        """Return the feed message for this page, with the changes since the last call."""
+        """Return the feed message for this page with the changes since the last call."""
         message: FeedMessage = {}
         if content.commanded != self._commanded:
             self._commanded = content.commanded
@@ -156,11 +156,11 @@ class Page:
         return message
 
     def send(self, data: FeedMessage) -> None:
-        """Send a feed message to the scene and the plots; an empty message only reports that the view is running."""
+        """Send a feed message to the scene and the plots; an empty message only shows that the view is running."""
         self._feed.send(data)
 
     def reload(self) -> None:
-        """Reload the page in the browser, after the robot's structure has changed."""
+        """Reload the page in the browser when the robot's structure has changed."""
         self.client.run_javascript("location.reload()")
 
 
@@ -180,7 +180,7 @@ _SILENT_S: Final = 1.5  # a running robot sends at least 5 messages a second
 
 
 class ViewApp:
-    """View of the robot `name` (None: the only running robot), which serves until a signal or its parent's end.
+    """View of the robot `name` (None: the only running robot); serves until a signal or its parent's end.
 
     `report` prints a text. ConfigError if there is no such robot, or no free port.
     """
@@ -264,7 +264,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ what a page may do
 
     def stop(self) -> str | None:
-        """Send a latched STOP; return the reason if the robot is not connected or does not answer, else None."""
+        """Send a latched STOP; return the reason if the robot is not connected or does not respond, else None."""
         if self._connection is None:
             return (
                 f"Robot {self.name} is not connected: {self._lost}. "
@@ -282,7 +282,7 @@ class ViewApp:
         )
 
     async def ask(self, request: Request[Any]) -> str | None:
-        """Send a request to the robot and wait; return the reason of a failure, None on success."""
+        """Send a request to the robot and wait; return the reason for a failure, or None on success."""
         connection = self._connection
         return (
             f"robot {self.name} is not connected"
@@ -303,7 +303,7 @@ class ViewApp:
         self._dead_man.leave(page)
 
     def _watch_hold(self) -> None:
-        """End the motion after the timeout, and schedule the next check while a button is held."""
+        """End the motion after the timeout; schedule the next check while a button is held."""
         now = time.monotonic_ns()
         self._dead_man.tick(now)
         deadline = self._dead_man.deadline
@@ -400,7 +400,7 @@ class ViewApp:
             page.send({"scene": changed})
 
     async def _follow_controllers(self, robot: RobotView) -> None:
-        """Request the controllers until the robot answers, ends, or the controllers change again."""
+        """Request the controllers until the robot replies, ends, or the controllers change again."""
         connection, requested = self._connection, self._controller_states
         while connection is not None and connection is self._connection and requested is self._controller_states:
             with contextlib.suppress(CanopenError):
@@ -409,7 +409,7 @@ class ViewApp:
             await asyncio.sleep(_RETRY_S)
 
     def refresh_faults(self) -> None:
-        """Read the faults of the virtual drives on a separate thread, because a drive may not answer."""
+        """Read the faults of the virtual drives on a separate thread, since a drive may not respond."""
         self._start(self._refresh_faults())
 
     async def _refresh_faults(self) -> None:
@@ -438,7 +438,7 @@ class ViewApp:
     # ------------------------------------------------------------------------------------ the connection
 
     async def _connect(self) -> None:
-        """Connect to the robot, and retry until connected; a view that `run` has started tries only once."""
+        """Connect to the robot, retrying until connected; a view started by `run` tries only once."""
         while (opened := await self._open_connection()) is None:
             if self._lifeline is not None:
                 self._report(self._lost)
@@ -463,7 +463,7 @@ class ViewApp:
             return None
 
     def _read_info(self, info: RobotInfo) -> None:
-        """Store the constant data of a robot; reload the pages if the robot's structure has changed."""
+        """Store the constant data of a robot; reload the pages if its structure has changed."""
         if self._robot is not None and self._robot.resume(info):
             return
         self._robot = RobotView(info, self._publish)
@@ -479,7 +479,7 @@ class ViewApp:
         return path.removeprefix("/")  # an address of the page is relative: it begins with the token
 
     def _announce(self, connection: RobotConnection) -> None:
-        """Print the page's address; a view that `run` has started prints and publishes the address without token.
+        """Print the page's address; a view started by `run` prints and publishes the address without token.
 
         Events are recorded and published as ROS topics; `run` gets the token from `page_addresses`.
         """

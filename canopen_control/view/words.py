@@ -39,7 +39,7 @@ LATE_S: Final = 0.25  # age from which the time of the last message is shown
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """Robot state for the banner, with problem, advice, and the next action by its name in the API."""
+    """Robot state for the banner: problem, advice, and the API name of the next action."""
 
     words: str
     tone: str
@@ -59,7 +59,7 @@ _FEW: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class AxisRow:
-    """Table row of one axis, or of a node without axes; `tone` is the level for the colour, `age` is a text."""
+    """Table row of one axis, or of a node without axes; `tone` is the level for the colour, `age` is text."""
 
     node: str
     node_id: int
@@ -195,7 +195,7 @@ _JOINT_TITLES: Final = ("joint", "position", "velocity", "effort", "command")
 
 
 def _tracking(reading: TrackingReading, unit: str) -> str:
-    """Return a joint's largest and RMS tracking error, and the repeated and skipped set-points, as HTML."""
+    """Return a joint's maximum and RMS tracking error, and the repeated and skipped set-points, as HTML."""
     per = "" if reading.interface == "position" else "/s"
     odd = [
         f"{count} {title}" for count, title in ((reading.repeated, "repeated"), (reading.skipped, "skipped")) if count
@@ -228,7 +228,7 @@ def _facts(state: StateSample) -> Iterator[str]:
 
 
 def event_log(events: Iterable[RobotEvent]) -> str:
-    """Return the list of events as HTML, the newest first."""
+    """Return the list of events as HTML, newest first."""
     lines = [
         f"<div class='cc-event cc-{_LEVELS.get(event.level, IDLE)}'><time>{_clock(event.time)}</time>"
         f"<span>{escape(event.text)}</span></div>"

@@ -1,4 +1,4 @@
-"""Drive view of the page, which shows one node in tabs, next to STOP and the robot's state.
+"""Drive view of the page: shows one node in tabs, next to STOP and the robot's state.
 
 To add a tab, write a file NAME_tab.py in this folder with a class that follows the protocol `drive_tab.DriveTab`, and
 add the class to `drive_view.TABS`. A tab is created when the user opens it for a node the first time, in the current

@@ -31,7 +31,7 @@ _SHOWN: Final = 200  # maximum number of lines and rows
 
 
 class WorkBar:
-    """Progress bar for the newest job that a tab of any page has started at a node."""
+    """Progress bar for the latest job that a tab of any page has started at a node."""
 
     def __init__(self, node_jobs: NodeJobs, tab: str) -> None:
         self._node_jobs, self._tab = node_jobs, tab
@@ -44,7 +44,7 @@ class WorkBar:
         self.show()
 
     def show(self) -> None:
-        """Update the progress of the job, or show the result."""
+        """Update the progress of the job, or show its result."""
         work = self._node_jobs.work
         is_own = work is not None and work.job.tab == self._tab
         running = work is not None and not work.over
@@ -76,7 +76,7 @@ class WorkBar:
 
 
 def progress_words(work: JobRun, now: float) -> str:
-    """Return a text with the step of a job, the progress, and if known the rate and the remaining time."""
+    """Return a text with the step of a job, its progress and, if known, the rate and remaining time."""
     words = f"{work.title}: {work.doing}" if work.doing else work.title
     if work.total:
         words += f", {work.done:,} of {work.total:,} {work.unit} ({100 * work.done // work.total} %)"
@@ -99,7 +99,7 @@ def outcome(work: JobRun) -> str:
 
 
 class JobForm:
-    """Inputs for the options of a job, a checkbox for a switch and a text field for all others.
+    """Inputs for the options of a job: a checkbox for a switch, a text field for all others.
 
     The inputs for `names`, by default for all options, are created in the current container; `add` creates more.
     """
@@ -137,7 +137,7 @@ LOOK_ONLY = "<p class='cc-note'>This page is read-only. To write, start <code>ca
 
 @dataclass(frozen=True, slots=True)
 class DriveTabContext:
-    """Context of a tab, with the page and the node's jobs, which all pages share."""
+    """Context of a tab: the page, and the node's jobs, which all pages share."""
 
     panel: PanelContext
     node_jobs: NodeJobs
@@ -152,7 +152,7 @@ class DriveTabContext:
         return self.node_jobs.place.name
 
     def reading(self, content: PageContent) -> NodeReading | None:
-        """Return the node's state as the robot reports it; None without a connection."""
+        """Return the node's state as reported by the robot, or None without a connection."""
         return None if content.lost else content.state.nodes.get(self.node)
 
 
@@ -162,7 +162,7 @@ class DriveTab(Protocol):
     def __init__(self, context: DriveTabContext) -> None: ...
 
     def show(self, content: PageContent) -> None:
-        """Update the visible tab; unchanged data are not sent again."""
+        """Update the visible tab; unchanged data is not sent again."""
         ...
 
     def leave(self) -> None:

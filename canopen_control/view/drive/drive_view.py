@@ -49,7 +49,7 @@ _FULL_UPDATE: Final = 25  # calls of `show` between two full updates
 
 
 class ObjectsTab:
-    """Tab with the object tree of a node, which reads the visible objects and writes only with `--teleop`."""
+    """Tab with the object tree of a node; it reads the visible objects, and writes only with `--teleop`."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -112,7 +112,7 @@ class ObjectsTab:
     # ------------------------------------------------------------------------------------ events of the tree
 
     def seen(self, addresses: list[str]) -> None:
-        """Start to read the objects at these addresses, which are visible now."""
+        """Start reading the objects at these addresses, which are now visible."""
         self._addresses, self._has_addresses = addresses, True
         self._show_values()
         if not self._is_left:
@@ -131,7 +131,7 @@ class ObjectsTab:
             self._tree.matches(text, *self._list.search(text))
 
     def write(self, address: str, text: str) -> None:
-        """Write an object on a thread, and show the result next to the object."""
+        """Write an object on a thread, and show the result next to it."""
         background_tasks.create(self._write(address, text), name="write")
 
     async def _write(self, address: str, text: str) -> None:
@@ -341,7 +341,7 @@ class DriveView:
     # ------------------------------------------------------------------------------------ calls of the page
 
     def show(self, content: PageContent) -> None:
-        """Update the visible tab, if the Drive view is open."""
+        """Update the visible tab if the Drive view is open."""
         self._content = content
         if not self.is_open:
             return
@@ -385,7 +385,7 @@ class DriveView:
         self._update_address()
 
     def _open_tab(self) -> None:
-        """Show the selected tab of the selected node; create the tab if necessary."""
+        """Show the selected tab of the selected node, creating it if necessary."""
         if self._key not in self._tabs and self._node:
             slot = next(tab for tab in TABS if tab.key == self._key)
             context = DriveTabContext(self._context, self._context.robot.node_jobs(self._node))
@@ -409,7 +409,7 @@ class DriveView:
 
 
 def node_state(content: PageContent, node: str) -> str:
-    """Return the states of a node's axes as HTML; the node's own state if there are no axes."""
+    """Return the states of a node's axes as HTML, or without axes the node's own state."""
     rows = [row for row in axis_rows(content.state) if row.node == node]
     return "".join(
         chip(f"{row.joint}: {row.state}" if len(rows) > 1 else row.state, row.tone)

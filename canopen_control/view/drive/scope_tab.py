@@ -1,4 +1,4 @@
-"""Scope tab, which plots up to eight objects and joint values over time."""
+"""Scope tab: plots up to eight objects and joint values over time."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ class ScopeTab:
         self._upload.props("accept='.csv'")
 
     async def _list_signals(self) -> None:
-        """List the numeric objects of the node and the joints of the robot as signals to select."""
+        """List the numeric objects of the node and the joints of the robot as selectable signals."""
         try:
             od = await in_thread(self._node_jobs.dictionary)
         except CanopenError as error:
@@ -161,7 +161,7 @@ class ScopeTab:
             self._draw(run.shots[-1])
 
     def leave(self) -> None:
-        """Do nothing, because the scope waits for its trigger even if no page is open."""
+        """Do nothing, since the scope waits for its trigger even if no page is open."""
 
     # ------------------------------------------------------------------------------------ what the user does
 
@@ -240,7 +240,7 @@ class ScopeTab:
             ui.download.content(csv_of(self._shown).encode(), f"{self._context.node}.csv")
 
     async def _save_png(self) -> None:
-        """Save the chart as the browser shows it, with zoom and cursors, as a PNG."""
+        """Save the chart as a PNG, as the browser shows it, with zoom and cursors."""
         options = {"type": "png", "pixelRatio": 2, "backgroundColor": "#ffffff"}
         try:
             address = await self._chart.run_chart_method("getDataURL", options, timeout=5.0)
@@ -272,7 +272,7 @@ class ScopeTab:
 
 
 def read_overlay(data: bytes, name: str, shown: NamedShot | None) -> NamedShot:
-    """Parse a saved capture; ConfigError if the file is invalid, or contains none of the shown signals."""
+    """Parse a saved capture; ConfigError if the file is invalid or contains none of the shown signals."""
     try:
         overlay = parse_csv(data.decode("utf-8-sig"), name)
     except (UnicodeDecodeError, csv.Error):

@@ -1,4 +1,4 @@
-"""Tune tab, where the user starts a tuning run within confirmed limits, and applies the gains found."""
+"""Tune tab, where the user starts a tuning run within confirmed limits and applies the resulting gains."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _APPLY: Final = (
 
 
 class TuneTab:
-    """Tab that starts tuning runs of a node, and shows the last result, from any page."""
+    """Tab that starts tuning runs of a node, and shows the last result from any page."""
 
     def __init__(self, context: DriveTabContext) -> None:
         self._context, self._node_jobs = context, context.node_jobs
@@ -111,7 +111,7 @@ class TuneTab:
                 ui.button("Cancel", color="blue-grey-8", on_click=self._dialog.close).props("outline no-caps")
 
     def _arrange(self) -> None:
-        """Show the inputs that the chosen test needs."""
+        """Show the inputs needed by the chosen test."""
         test = TuneTest[str(self._test.value)]
         self._speed.visible = test is TuneTest.STEP
         self._signal.visible = test is TuneTest.BODE
@@ -152,7 +152,7 @@ class TuneTab:
         return f"Gains cannot be set in an enabled drive; disable {', '.join(on)} first." if on else ""
 
     def leave(self) -> None:
-        """Hide the tab, which ends a run that this page has started."""
+        """Hide the tab; this ends a run that this page has started."""
         work = self._node_jobs.work
         if self._mine and work is not None and work.job is TUNE:
             work.end()
@@ -176,7 +176,7 @@ class TuneTab:
 
     @property
     def _moved(self) -> str:
-        """Name of the node that would move, with the axis if there are several."""
+        """Name of the node that would move, with the axis if it has several."""
         return f"{self._context.node}, axis {self._axis.value}" if self._axis.visible else self._context.node
 
     def _ask(self) -> None:

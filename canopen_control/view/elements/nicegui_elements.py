@@ -1,4 +1,4 @@
-"""Page elements that NiceGUI lacks, such as hold buttons, 3D scene, strip charts and object tree."""
+"""Page elements that NiceGUI lacks: hold buttons, 3D scene, strip charts, object tree and others."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class SceneChange(TypedDict, total=False):
-    """Changed joint positions, by index in rad or m, pose of the base, and joints whose drive is in fault.
+    """Changed joint positions by index in rad or m, pose of the base, and joints whose drive is in fault.
 
     `truth` is the true pose of a simulated base, in the odometry frame like `pose`.
     """
@@ -46,7 +46,7 @@ class PlotRows(TypedDict, total=False):
 
 
 class FeedMessage(TypedDict, total=False):
-    """Message of the feed to a page; missing keys mean no change.
+    """Message of the feed to a page; a missing key means "unchanged".
 
     `trail` are points in m of the odometry path, `truth` are points of the true path. `ghost` are the previewed
     positions of the joints by index, null for no preview; `world` are the objects around the robot; `titles` are the
@@ -68,13 +68,13 @@ class Feed(Element, component="feed.js"):
     """Invisible element that raises the event `cc-KEY` in the page's window for every key of a message."""
 
     def send(self, data: FeedMessage) -> None:
-        """Send changed data; an empty message signals that the view is running."""
+        """Send changed data; an empty message shows that the view is running."""
         self.run_method("take", data)
 
 
 @dataclass(frozen=True, slots=True)
 class HoldButton:
-    """Button of `HoldButtons`, where `key` identifies the button and `keyboard` is an equivalent key."""
+    """Button of `HoldButtons`; `key` identifies the button, `keyboard` is an equivalent key."""
 
     key: str
     label: str

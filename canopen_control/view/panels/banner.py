@@ -1,4 +1,4 @@
-"""Panels for the robot's state with the next step, for drives, joints and events."""
+"""Panels for the robot's state with the next step, and for drives, joints and events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _UNKNOWN = "<p class='cc-note'>No connection: the state of the drives is unknown
 
 
 class DrivesPanel:
-    """Table of drives; a note without a connection."""
+    """Table of drives; without a connection, a note."""
 
     def __init__(self, context: PanelContext) -> None:
         del context
@@ -43,7 +43,7 @@ class JointsPanel:
         self._table = Html("cc-stale")
 
     def show(self, content: PageContent) -> None:
-        """Update the table of joints; without a connection the last values remain, greyed out."""
+        """Update the table of joints; without a connection, the last values remain, greyed out."""
         if not content.lost:
             self._table.show(joint_table(content.state.joints, self._linear, content.commanded))
 

@@ -1,4 +1,4 @@
-"""Protocols of panels and of their context, and common HTML, notices and sliders.
+"""Protocols of panels and of their context; common HTML, notices and sliders.
 
 Functions of `words` have already escaped the text in a piece of HTML.
 """
@@ -41,7 +41,7 @@ class PanelContext(Protocol):
         ...
 
     async def ask(self, request: Request[Any]) -> str | None:
-        """Send a request to the robot and wait; return the reason of a failure, None on success."""
+        """Send a request to the robot and wait; return the reason for a failure, or None on success."""
         ...
 
     def hold(self, page: str, motion: TeleopCommands, on_refusal: Callable[[str], None]) -> None:
@@ -53,7 +53,7 @@ class PanelContext(Protocol):
         ...
 
     def refresh_faults(self) -> None:
-        """Request the faults of all virtual drives, which a later `show` contains."""
+        """Request the faults of all virtual drives, which a later `show` displays."""
         ...
 
 
@@ -100,14 +100,14 @@ def show_notice(title: str, text: str) -> None:
 
 
 LARGEST: Final = {"velocity": 10.0, "position": 3.14, "effort": 1.0}
-"""End of a slider by quantity if no limit is known, in rad/s, rad, and the unit of efforts."""
+"""Ends of a slider by quantity if no limit is known, in rad/s, rad, and the unit of efforts."""
 READ_ONLY: Final = (
     "<p class='cc-note'>This page is read-only. To drive, start <code>canopen-control view --teleop</code></p>"
 )
 
 
 def value_slider(label: str, low: float, high: float, step: float, value: float) -> ui.slider:
-    """Create a slider with a label before and the value behind the slider."""
+    """Create a slider with a label before it and the value behind it."""
     with ui.element("div").classes("cc-slider"):
         ui.label(label)
         slider = ui.slider(min=low, max=high, step=step, value=value).props(f'dense aria-label="{label}"')

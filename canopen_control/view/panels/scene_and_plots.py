@@ -28,7 +28,7 @@ class ScenePanel:
         ).classes("cc-follow")
 
     def show(self, content: PageContent) -> None:
-        """Do nothing, because the feed updates the scene."""
+        """Do nothing, since the feed updates the scene."""
 
 
 class PlotsPanel:
@@ -44,4 +44,4 @@ class PlotsPanel:
                     StripCharts([chart for chart in plots if chart.group == group], context.robot.history.names, SPAN_S)
 
     def show(self, content: PageContent) -> None:
-        """Do nothing, because the feed updates the charts."""
+        """Do nothing, since the feed updates the charts."""

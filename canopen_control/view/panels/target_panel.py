@@ -39,7 +39,7 @@ _LATCHED: Final = "STOP is latched: release it first, then enable."
 
 
 class PowerPanel:
-    """Buttons that enable, disable and reset each drive or all drives, or with `node` only the drives of one node.
+    """Buttons that enable, disable and reset each drive or all drives, or with `node` only that node's drives.
 
     The Enable buttons are disabled with a hint while STOP is latched, because the robot would refuse.
     """
@@ -131,7 +131,7 @@ class TargetPanel:
 
 
 class _Row:
-    """Row of one drive, with buttons and with a slider for the target of the current mode."""
+    """Row of one drive, with buttons and a slider for the target of the current mode."""
 
     def __init__(self, context: PanelContext, drive: DriveTarget) -> None:
         self._context, self._client = context, ui.context.client
@@ -179,7 +179,7 @@ class _Row:
         self._slider = value_slider(f"target, {drive.unit}", -end, end, end / 200, min(max(here, -end), end))
 
     def _stretch(self, end: float | None) -> None:
-        """Set the range of the slider to -`end` and `end`."""
+        """Set the range of the slider to -`end` to `end`."""
         if self._slider is None or not end or not 0.0 < end <= _MOST:
             return
         self._slider.props(f"min={-end} max={end} step={end / 200}")

@@ -1,4 +1,4 @@
-"""Teleoperation panel, where a button drives the robot while held; only with `--teleop`.
+"""Teleoperation panel: a button drives the robot while held; only with `--teleop`.
 
 The active controllers define what can be driven: a base by its twist, joints by values, and an arm by a trajectory to
 the positions of the sliders.
@@ -53,7 +53,7 @@ _INACTIVE: Final = "<p class='cc-note'>{} takes commands, but is not active.</p>
 
 
 class TeleopPanel:
-    """Panel with the inputs for the first active controller, which is rebuilt when the controllers change."""
+    """Panel with the inputs for the first active controller; rebuilt when the controllers change."""
 
     def __init__(self, context: PanelContext) -> None:
         self._context, self._client = context, ui.context.client
@@ -107,7 +107,7 @@ class TeleopPanel:
             self._choice(candidates, active)
 
     def _choice(self, candidates: tuple[ControllerReading, ...], active: list[ControllerReading]) -> None:
-        """Create the choice of the controller, if there are several."""
+        """Create the selection of the controller, if there are several."""
         names = [candidate.name for candidate in candidates]
         if len(names) < 2:
             return
@@ -151,7 +151,7 @@ class TeleopPanel:
         hold_buttons(self._context, [HoldButton("drive", "Hold to drive")], lambda _key: self._motion(controller))
 
     def _reach(self, controller: ControllerReading) -> None:
-        """Create a slider for each joint of an arm, and a button that moves the arm to these positions while held."""
+        """Create a slider for each joint of an arm, and a button that moves the arm there while held."""
         limits = {joint: self._range(joint, "position") for joint in controller.joints}
         targets = self._targets = TargetSliders(limits)
         targets.follow(self._positions)

@@ -107,7 +107,7 @@ class TrajectoryPanel:
             self._choice.visible = len(controllers) > 1
 
     async def _take(self, event: UploadEventArguments) -> None:
-        """Read the uploaded file, and preview it unless a trajectory is being played."""
+        """Read the uploaded file and preview it, unless a trajectory is being played."""
         self._upload.reset()
         try:
             if event.file.size() > MOST_BYTES:
@@ -173,7 +173,7 @@ class TrajectoryPanel:
         self._table.show(preview_table(loaded, number, self._now, self._context.robot.linear))
 
     def _feed_ghost(self) -> None:
-        """Draw the previewed point as a transparent robot; all other joints are drawn where they are now."""
+        """Draw the previewed point as a transparent robot; other joints are drawn at their current positions."""
         positions = self._loaded.positions(self._number()) if self._loaded is not None and self._playing is None else {}
         angles = angles_of(self._context.robot.model, {**self._now, **positions}) if positions else None
         self._feed.send({"ghost": angles})

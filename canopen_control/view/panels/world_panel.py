@@ -97,7 +97,7 @@ class WorldPanel:
         return "" if self._link.value == _HEAVIEST else str(self._link.value)
 
     async def _act(self, world_act: WorldAct, text: str) -> None:
-        """Apply a disturbance; unless the robot itself reports the disturbance, publish an event."""
+        """Apply a disturbance and publish an event, unless the robot itself reports the disturbance."""
         try:
             is_reported = await in_thread(partial(self._context.robot.world_client.act, world_act))
         except CanopenError as error:
