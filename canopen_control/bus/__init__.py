@@ -1,4 +1,4 @@
-"""CAN channels of all kinds, with one common port interface.
+"""CAN channels of all kinds, with a common port interface.
 
 Operating system errors become `BusError` here and nowhere else.
 """

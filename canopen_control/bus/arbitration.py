@@ -32,7 +32,7 @@ _UNSTUFFED_TAIL = 1 + 2 + 7 + 3  # CRC delimiter, acknowledge slot and delimiter
 
 
 def _crc_table() -> list[int]:
-    """Return the CRC contribution of each possible byte that is shifted out of the register."""
+    """Return the CRC contribution of each possible byte shifted out of the register."""
     table = []
     for byte in range(256):
         crc = byte << 7
@@ -100,7 +100,7 @@ def _head(can_id: int, length: int) -> tuple[int, int, int, int]:
 
 
 def frame_bits(can_id: int, data: bytes) -> int:
-    """Return the number of bits of a frame, from start of frame to the end of intermission, with stuff bits."""
+    """Return the number of bits of a frame from start of frame to the end of intermission, with stuff bits."""
     bits, crc, count, state = _head(can_id, len(data))
     stuffed = _stuffed_bytes()
     if not can_id & REMOTE_FLAG:
@@ -196,7 +196,7 @@ class PacedWire:
         return len(self.queues.pop(sender, ()))
 
     def drain(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the sender and the raw record of all waiting frames in the order of arbitration, without delay."""
+        """Yield sender and raw record of all waiting frames in the order of arbitration, without delay."""
         while self._on_wire is not None:
             _, sender, _, record = self._on_wire
             yield sender, record
@@ -215,7 +215,7 @@ class PacedWire:
         return self.end()
 
     def end(self) -> Waiting | None:
-        """Complete the frame on the wire without a disturbance and start the next; return the same as `finish`."""
+        """Complete the frame on the wire undisturbed and start the next; return the same values as `finish`."""
         done = self._on_wire
         if self.queues:
             if done is not None:
@@ -225,7 +225,7 @@ class PacedWire:
         return done
 
     def advance(self, now: int) -> Iterator[tuple[int, bytes]]:
-        """Yield the sender and the raw record of each frame whose last bit has been sent by `now`."""
+        """Yield sender and raw record of each frame whose last bit has been sent by `now`."""
         while self._on_wire is not None and self._done_ns <= now:
             if (passed := self.finish()) is not None:
                 yield passed[1], passed[3]

@@ -1,4 +1,4 @@
-"""Bounded reader of Vector's BLF recordings, built on python-can's reader.
+"""Bounded reader of Vector's BLF recordings, based on python-can's reader.
 
 python-can trusts every length in the file: a header may claim gigabytes, an object may claim to be shorter than its
 header (which would be read again for ever), and a container may unpack to a thousand times its size. This reader bounds
@@ -66,7 +66,7 @@ class _Within:
 
 
 def _unpacked(data: bytes) -> bytes | None:
-    """Return the content of a container; None for an unknown compression, ValueError if it is too large."""
+    """Return the content of a container; None for an unknown compression, ValueError if too large."""
     method, _ = blf.LOG_CONTAINER_STRUCT.unpack_from(data)
     packed = data[blf.LOG_CONTAINER_STRUCT.size :]
     if method == blf.NO_COMPRESSION:
@@ -81,7 +81,7 @@ def _unpacked(data: bytes) -> bytes | None:
 
 
 def _refuse_standstill(data: bytes) -> None:
-    """Raise ValueError for an object that is shorter than its header, at which a reader would loop forever."""
+    """Raise ValueError for an object shorter than its header, at which a reader would loop forever."""
     at = 0
     while (at := data.find(_SIGNATURE, at, at + _PADDING)) >= 0 and at + _SIZE_AT + _SIZE.size <= len(data):
         (length,) = _SIZE.unpack_from(data, at + _SIZE_AT)

@@ -84,7 +84,7 @@ def find_listeners(interface: str, proc: Path = PROC) -> list[Listener]:
 
 
 def count_hearing(interface: str, proc: Path = PROC) -> int:
-    """Return the number of sockets that receive frames of an interface."""
+    """Return the number of sockets that receive frames from an interface."""
     receivers = set()
     for path in (proc / "net" / "can" / f"rcvlist_{name}" for name in _RECEIVE_LISTS):
         with contextlib.suppress(OSError):
@@ -130,7 +130,7 @@ def _listener(pid: int, descriptor: int, inode: str, protocol: str, proc: Path) 
 
 
 def _command(pid: int, proc: Path) -> str:
-    """Return the command line of a process; verbs of this package are shown as `canopen-control VERB`."""
+    """Return the command line of a process; commands of this package are shown as `canopen-control VERB`."""
     words = (proc / str(pid) / "cmdline").read_bytes().decode(errors="replace").split("\0")
     words = [word for word in words if word]
     if len(words) == 1:  # of a fork, see `canopen_control.host.fork`: one string
@@ -192,7 +192,7 @@ _COUNTERS = ("packets", "bytes")
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """Traffic of an interface; `load` is the bus load, None if the interface has no bit rate."""
+    """Traffic of an interface; `load` is the bus load, or None if the interface has no bit rate."""
 
     frames_per_second: float
     load: float | None
@@ -225,7 +225,7 @@ def _traffic(link: CanInterface, frames: int, size: int, seconds: float) -> Traf
 
 
 def _counted(link: CanInterface, network_class: Path) -> tuple[int, int] | None:
-    """Return the numbers of frames and data bytes since the interface was created; None if it is gone."""
+    """Return the numbers of frames and data bytes since the interface was created, or None if it is gone."""
     folder = network_class / link.name / "statistics"
     directions = ("tx",) if link.kind in _LOOPED else ("rx", "tx")
     try:
@@ -246,7 +246,7 @@ _LIST = "list the interfaces with: canopen-control bus list"
 
 @dataclass(frozen=True, slots=True)
 class CanInterface:
-    """State of a CAN interface; attributes are None if unknown to the kernel, as for virtual interfaces.
+    """State of a CAN interface; attributes unknown to the kernel, as for virtual interfaces, are None.
 
     `bitrate` in bit/s, `restart_ms` 0 for no automatic restart after bus-off, `state` such as ``ERROR-ACTIVE``.
     """
@@ -320,7 +320,7 @@ class _LinkInfo(TypedDict, total=False):
 
 
 class _Entry(TypedDict, total=False):
-    """Interface in the output of ``ip -json``, with the keys that are used here."""
+    """Interface in the output of ``ip -json``, limited to the keys used here."""
 
     ifname: Required[str]
     link_type: str
@@ -373,7 +373,7 @@ def list_can_interfaces(run: Run = run_command) -> list[CanInterface]:
 
 
 def find_can_interface(name: str, run: Run = run_command) -> CanInterface | None:
-    """Return the CAN interface of this name, or None if there is none."""
+    """Return the CAN interface of this name, or None."""
     return next((link for link in list_can_interfaces(run) if link.name == name), None)
 
 
@@ -434,7 +434,7 @@ def up_commands(
     restart_ms: int | None = None,
     sample_point: float | None = None,
 ) -> list[InterfaceCommand]:
-    """Return the commands that bring an interface up with these settings; [] if there is nothing to do.
+    """Return the commands that bring an interface up with these settings; [] if nothing needs to be done.
 
     `link` is the present state of the interface, None if there is no such interface.
     """
@@ -492,7 +492,7 @@ def _run_all(name: str, commands: Sequence[InterfaceCommand], report: Callable[[
 
 
 def _problem(command: InterfaceCommand, run: Run) -> str:
-    """Run a command; return "", or a message with advice if the command failed."""
+    """Run a command; return "", or a message with advice if it failed."""
     try:
         result = run(command.argv)
     except OSError as error:
@@ -504,7 +504,7 @@ def _problem(command: InterfaceCommand, run: Run) -> str:
 
 
 def _privilege(name: str, commands: Sequence[InterfaceCommand], run: Run) -> tuple[str, ...]:
-    """Return the command prefix for root permissions, empty for root; ConfigError if there is none."""
+    """Return the command prefix for root permissions (empty for root); ConfigError if none is available."""
     if os.geteuid() == 0:
         return ()
     if shutil.which("sudo") and run(("sudo", "-n", "true")).returncode == 0:

@@ -42,7 +42,7 @@ SERVED: Final = frozenset({"remote", _SOCKETCAND, "udp_multicast"})
 
 
 class ChannelKind(enum.Enum):
-    """Kind of a channel, which decides how the channel is opened."""
+    """Kind of a channel, which determines how it is opened."""
 
     LOCAL = "local"
     MEMORY = "memory"
@@ -57,7 +57,7 @@ class ChannelKind(enum.Enum):
 
     @property
     def shared(self) -> bool:
-        """Whether several processes can open the bus; an adapter of python-can has one owner."""
+        """Whether several processes can open the bus; a python-can adapter has one owner."""
         return self in (ChannelKind.LOCAL, ChannelKind.SOCKETCAN)
 
 
@@ -84,7 +84,7 @@ class ChannelSpec:
 
 
 def parse_channel(text: str) -> ChannelSpec:
-    """Return the parts of a channel name; ConfigError with the valid forms if it is invalid."""
+    """Return the parts of a channel name; ConfigError, with the valid forms, if it is invalid."""
     prefix, colon, name = text.partition(":")
     if not colon:
         return _network_interface(text)

@@ -51,7 +51,7 @@ def _controller_events(detail: int, counters: str) -> Iterator[BusEvent]:
 
 
 def events_of(frame: CanFrame) -> list[BusEvent]:
-    """Return the events of an error frame; a single bus error has no event and is only counted.
+    """Return the events of an error frame; a single bus error is only counted and has no event.
 
     Bus-off hides the other events of its frame: some adapters report in the same frame that the controller was
     error-passive before.

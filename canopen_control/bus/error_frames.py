@@ -65,7 +65,7 @@ def passive_frame() -> CanFrame:
 
 
 def active_frame() -> CanFrame:
-    """Return the error frame of a controller that is error-active again."""
+    """Return the error frame of a controller that has become error-active again."""
     return _frame(CONTROLLER, ACTIVE_AGAIN)
 
 
@@ -84,7 +84,7 @@ def overrun_frame(lost: int) -> CanFrame:
 
 
 def lost_frames(frame: CanFrame) -> int:
-    """Return the number in an `overrun_frame`, or 0 for any other frame."""
+    """Return the number in an `overrun_frame`; 0 for any other frame."""
     if frame.can_id != ERROR_FLAG | CONTROLLER or frame.data[:2] != bytes((_WITH_NUMBER, RX_OVERFLOW)):
         return 0
     lost: int = _U32.unpack_from(frame.data, 4)[0]

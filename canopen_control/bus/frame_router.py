@@ -35,7 +35,7 @@ DELAY_LIMIT = 65536
 
 
 class RouterPort:
-    """Member of a bus, which is one opened port; counters are in frames, as seen by this member."""
+    """Member of a bus: one opened port; counters are in frames, as seen by this member."""
 
     __slots__ = ("label", "lost", "missed", "number", "outbox", "partial", "pid", "rx", "silent", "subscription", "tx")
 
@@ -90,7 +90,7 @@ class FrameRouter:
         return name
 
     def leave(self, member: RouterPort) -> None:
-        """Remove a member; its frames are still delivered, except those that wait for the wire."""
+        """Remove a member; its frames are still delivered, except those waiting for the wire."""
         self.members.pop(member.number, None)
         self._stamping = any(other.subscription.stamps for other in self.members.values())
         self._last_due.pop(member.number, None)
@@ -209,7 +209,7 @@ class FrameRouter:
         return records[:room]
 
     def sent(self, member: RouterPort, size: int) -> None:
-        """Remove the first `size` bytes of the outbox, which were written.
+        """Remove the first `size` bytes of the outbox, which have been written.
 
         Report lost frames once the outbox is at most half full.
         """
@@ -253,13 +253,13 @@ class FrameRouter:
                 self._deliver(sender, record, end_ns)
 
     def next_deadline(self) -> int | None:
-        """Return the time in ns of the next delivery, or None if no frame waits."""
+        """Return the time in ns of the next delivery, or None if no frame is waiting."""
         deadlines = [self._delayed[0][0]] if self._delayed else []
         wire = self.wire.next_deadline() if self.wire is not None else None
         return min([*deadlines, wire] if wire is not None else deadlines, default=None)
 
     def may_read(self, member: RouterPort) -> bool:
-        """Whether the hub may read from a member; False while too many frames of the member wait for a paced wire."""
+        """Whether the hub may read from a member; False while too many of its frames wait for a paced wire."""
         return self.wire is None or self.wire.backlog(member.number) < BACKLOG_LIMIT
 
     # -- control
@@ -272,7 +272,7 @@ class FrameRouter:
                 self._transmit(sender, record, now)
 
     def load(self, now: int) -> float | None:
-        """Return the bus load of the last full second, from 0 to 1; None without a bit rate."""
+        """Return the bus load of the last full second, from 0 to 1, or None without a bit rate."""
         return None if self.wire is None else self.wire.load(now)
 
     def cut(self, label: str, *, repair: bool = False) -> None:
@@ -281,7 +281,7 @@ class FrameRouter:
         self._refresh()
 
     def bus_off(self, label: str, *, restart: bool = False) -> None:
-        """Set the CAN controllers with a label to bus-off, or restart them; their ports get an error frame."""
+        """Set the CAN controllers with a label to bus-off, or restart them; their ports receive an error frame."""
         (self.faults.bus_off.discard if restart else self.faults.bus_off.add)(label)
         self._refresh()
         self.report(label, restarted_frame() if restart else bus_off_frame())
@@ -305,12 +305,12 @@ class FrameRouter:
 
 
 def _plain_ids(records: bytes) -> list[int]:
-    """Return the identifiers of records; [] if any record may be an error frame, which every member receives."""
+    """Return the identifiers of records; [] if any may be an error frame, which every member receives."""
     return [] if has_error_frames(records) else memoryview(records).cast("I")[:: RECORD_SIZE // 4].tolist()
 
 
 def _split_reports(records: bytes) -> tuple[bytes, bytes]:
-    """Return the error frames, which are not sent on the wire, and the other frames."""
+    """Split records into error frames, which are not sent on the wire, and other frames."""
     parts: Iterable[bytes] = (records[at : at + RECORD_SIZE] for at in range(0, len(records), RECORD_SIZE))
     reports, frames = b"", b""
     for record in parts:

@@ -46,7 +46,7 @@ class _End:
 
 
 class Hub:
-    """Server of one ``local:`` bus on a reactor; `on_end` is called when the hub ends by itself, without `close`."""
+    """Server of one ``local:`` bus on a reactor; `on_end` is called when the hub ends without `close`."""
 
     def __init__(self, reactor: Reactor, name: str) -> None:
         self.name = name
@@ -216,7 +216,7 @@ class Hub:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Serve the bus named on the command line until the last port is closed; return 1 if the hub cannot start."""
+    """Serve the bus named on the command line until its last port is closed; return 1 if the hub cannot start."""
     (name,) = sys.argv[1:] if arguments is None else arguments
     reactor = Reactor()
     try:

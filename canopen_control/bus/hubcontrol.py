@@ -1,4 +1,4 @@
-"""Control socket of a hub, which serves the requests of `rpc.messages.hub` for one `FrameRouter`.
+"""Control socket of a hub: serves the requests of `rpc.messages.hub` for one `FrameRouter`.
 
 Its import takes longer than the rest of a hub, because of msgspec, so the hub imports it when no port waits for frames.
 """
@@ -92,7 +92,7 @@ class HubControl:
         self._server.answers(kind, handle)
 
     def _label(self, label: str) -> str:
-        """Return `label` if a member or a fault has this label; ConfigError otherwise."""
+        """Return `label` if a member or a fault has it; ConfigError otherwise."""
         faults = self._exchange.faults
         labels = [member.label for member in self._exchange.members.values()]
         if label in labels or faults.silences(label) or label in faults.delays:

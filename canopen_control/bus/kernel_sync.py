@@ -55,7 +55,7 @@ class KernelSync:
         self._socket: BcmSocket | None = None
 
     def why_not(self) -> str | None:
-        """Return the reason why the kernel cannot send on this interface, or None; nothing is sent."""
+        """Return why the kernel cannot send on this interface, or None; nothing is sent."""
         try:
             self._connected()
         except OSError as error:

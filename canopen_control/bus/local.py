@@ -113,7 +113,7 @@ class LocalPort:
         return data[:complete]
 
     def ask_stamps(self, *, echo: bool = False) -> None:
-        """Request time stamps from now on; with `echo` also this port's own frames, in the order of the bus.
+        """Request time stamps from now on; with `echo`, also this port's own frames, in the order of the bus.
 
         A second call does nothing. Hubs of earlier versions do not support it; see `gives_stamps`.
         """
@@ -127,7 +127,7 @@ class LocalPort:
         return bool(self._abilities & GIVES_STAMPS)
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return received records, and the time stamp of each by the hub in monotonic ns, or 0 if unknown."""
+        """Return received records, and the hub's time stamp of each in monotonic ns (0: unknown)."""
         records = self.receive()
         if self._chunks is None:
             return records, [0] * (len(records) // RECORD_SIZE)
@@ -136,7 +136,7 @@ class LocalPort:
         return records, [stamp for chunk in self._chunks for stamp in chunk.stamps] if records else []
 
     def receive_chunks(self) -> list[Chunk]:
-        """Return received records as chunks with time stamps; without stamps as one chunk."""
+        """Return received records as chunks with time stamps; without stamps, as one chunk."""
         records = self.receive()
         if not records:
             return []
@@ -203,7 +203,7 @@ class LocalPort:
 
 
 def greet(sock: socket.socket, name: str, label: str) -> LocalPort | None:
-    """Exchange greetings with the hub on a new connection; return None if the hub has closed the connection.
+    """Exchange greetings with the hub on a new connection; return None if the hub has closed it.
 
     BusError if the hub has another version or does not answer. The socket is closed unless a port is returned.
     """
@@ -255,7 +255,7 @@ def open_local(name: str, label: str = "") -> LocalPort:
 
 
 def join_local(name: str, label: str = "") -> LocalPort:
-    """Open a port on a ``local:`` bus whose hub is running; BusNotOpen if no hub runs, BusError as `open_local`."""
+    """Open a port on a ``local:`` bus whose hub is running; BusNotOpen if no hub runs, BusError as in `open_local`."""
     port = _join(socket_path("bus", name), name, label)
     if port is None:
         raise _not_open(name)
@@ -292,7 +292,7 @@ def _join(path: Path, name: str, label: str) -> LocalPort | None:
 
 
 def ask_hub(name: str, request: Request[A]) -> A:
-    """Send a control request of `canopen_control.rpc.messages.hub` to the hub of a ``local:`` bus; return its answer.
+    """Send a control request of `rpc.messages.hub` to the hub of a ``local:`` bus; return the reply.
 
     BusNotOpen if the bus is not open, BusError if its hub does not answer, ConfigError if it refuses the request.
     """

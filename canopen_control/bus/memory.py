@@ -1,4 +1,4 @@
-"""CAN bus inside one process, for tests, with faults that are switched on and off by calls.
+"""CAN bus inside one process, for tests; faults are switched on and off by calls.
 
 Nothing happens by itself: when `send` returns, the frame is in the queues of all other ports, in the order of sending.
 A delay has no duration but ends by a call (`hold`, `release`), so that tests with a manual clock are exact.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from canopen_control.bus.port import Port
 
     Predicate = Callable[[str, CanFrame], bool]
-    """Function of a sender's label and a frame that returns whether a fault applies to the frame."""
+    """Function of a sender's label and a frame; returns whether a fault applies to the frame."""
 
 
 QUEUE_LIMIT = 65536 * RECORD_SIZE  # bytes that wait for one reader
@@ -65,7 +65,7 @@ def bus_of_channel(name: str) -> InProcessBus:
 
 
 class MemoryBus:
-    """Bus inside one process, whose frames go directly into the queues of the ports.
+    """Bus inside one process; frames go directly into the queues of the ports.
 
     `get` finds a bus by name; a bus exists while a reference to it or to one of its ports exists.
     """
@@ -88,7 +88,7 @@ class MemoryBus:
 
     @classmethod
     def get(cls, name: str) -> MemoryBus:
-        """Return the bus with this name, which is the same for every caller in this process."""
+        """Return the bus with this name, which is the same for all callers in this process."""
         with cls._registry_lock:
             bus = cls._registry.get(name)
             if bus is None:
@@ -101,7 +101,7 @@ class MemoryBus:
 
     @property
     def history(self) -> list[tuple[str, CanFrame]]:
-        """Label of the sender and frame for everything delivered, oldest first; the length is limited."""
+        """Sender's label and frame of everything delivered, oldest first; the length is limited."""
         with self.lock:
             log = list(self._log)
         return [(label, frame) for label, records in log for frame in frames_of(records)]
@@ -121,18 +121,18 @@ class MemoryBus:
     # -- faults
 
     def drop(self, predicate: Predicate | None) -> None:
-        """Drop each frame that `predicate` selects, for all readers; None ends the fault.
+        """Drop each frame selected by `predicate`, for all readers; None ends the fault.
 
         Lost frames are counted in `dropped`.
         """
         self._drop = predicate
 
     def duplicate(self, predicate: Predicate | None) -> None:
-        """Deliver each frame that `predicate` selects twice, as after a lost acknowledge; None ends the fault."""
+        """Deliver each frame selected by `predicate` twice, as after a lost acknowledge; None ends the fault."""
         self._duplicate = predicate
 
     def hold(self, predicate: Predicate | None) -> None:
-        """Hold back each frame that `predicate` selects until `release`; None ends the fault, but releases nothing."""
+        """Hold back each frame selected by `predicate` until `release`; None ends the fault, but releases nothing."""
         self._hold = predicate
 
     def release(self) -> int:
@@ -239,7 +239,7 @@ class MemoryPort:
         return self.bus.channel
 
     def fileno(self) -> int:
-        """Return a descriptor, created at the first call, that is readable while records wait."""
+        """Return a descriptor, created on the first call, that is readable while records wait."""
         with self.bus.lock:
             if self._wake is None:
                 self._wake = WakeDescriptor()
@@ -289,7 +289,7 @@ class MemoryPort:
             self.bus.transmit(self, bytes(records))
 
     def flush(self) -> None:
-        """Do nothing, because all records are delivered at once."""
+        """Do nothing, since all records are delivered at once."""
 
     def events(self) -> list[BusEvent]:
         return self._events.drain()

@@ -27,7 +27,7 @@ _TRY_S = 0.1
 
 @dataclass(slots=True)
 class PlayReport:
-    """Result of a replay; `errors` is the number of skipped error frames, `late_max` the largest delay in s."""
+    """Result of a replay; `errors` is the number of skipped error frames, `late_max` the maximum delay in s."""
 
     frames: int = 0
     errors: int = 0

@@ -70,7 +70,7 @@ class LocalBus(can.BusABC):
         super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
     def fileno(self) -> int:
-        """Return a descriptor that is readable while a message waits, -1 after shutdown."""
+        """Return a descriptor that is readable while a message waits; -1 after shutdown."""
         if self._is_shutdown:
             return -1
         if self._readable is None:
@@ -146,7 +146,7 @@ class LocalBus(can.BusABC):
                 yield message
 
     def _mark_waiting(self) -> None:
-        """Keep the descriptor readable while messages wait here, after they were read from the port."""
+        """Keep the descriptor readable while messages that were read from the port wait here."""
         if self._readable is not None and bool(self._waiting) is not self._woken:
             self._woken = not self._woken
             (self._wake.set if self._woken else self._wake.clear)()

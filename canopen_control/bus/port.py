@@ -1,4 +1,4 @@
-"""Interface of all ports, and the parts they share: an event log, a send queue, a wake descriptor.
+"""Interface of all ports, and their common parts: an event log, a send queue, a wake-up descriptor.
 
 Rules:
 - Frames pass a port as whole 16-byte records (`canopen_control.frame`), many at once.
@@ -84,7 +84,7 @@ class Port(Protocol):
         """Return the received whole records, or ``b""``; BusClosed when the channel is gone."""
 
     def send(self, records: Records) -> None:
-        """Send whole records, in order; queue those that the channel does not accept, dropping the oldest when full.
+        """Send whole records in order; queue those that the channel does not accept, dropping the oldest when full.
 
         BusClosed when the channel is gone.
         """
@@ -115,7 +115,7 @@ SEND_LIMIT: Final = 4096
 
 
 class BusEventLog:
-    """Bounded log of port events that were not fetched yet; the oldest events are dropped."""
+    """Bounded log of port events that have not been fetched; the oldest events are dropped."""
 
     __slots__ = ("_events",)
 
@@ -138,7 +138,7 @@ class BusEventLog:
 
 
 class SendQueue:
-    """Bounded queue of frames to send; if it is full the oldest frames are dropped, but no partly sent frame.
+    """Bounded queue of frames to send; when full, the oldest frames are dropped, but no partly sent frame.
 
     `data` begins with the rest of a partly sent record, if there is one.
     """
@@ -150,11 +150,11 @@ class SendQueue:
         self.limit = limit
 
     def __len__(self) -> int:
-        """Return the number of waiting frames, including one that was sent in part."""
+        """Return the number of waiting frames, including one that was partly sent."""
         return (len(self.data) + RECORD_SIZE - 1) // RECORD_SIZE
 
     def put(self, records: Records) -> int:
-        """Append records, of which the first may be partly sent; return the number of frames dropped."""
+        """Append records, the first of which may be partly sent; return the number of frames dropped."""
         self.data += records
         excess = len(self) - self.limit
         if excess <= 0:
@@ -164,11 +164,11 @@ class SendQueue:
         return excess
 
     def taken(self, size: int) -> None:
-        """Remove the first `size` bytes, which were sent."""
+        """Remove the first `size` bytes, which have been sent."""
         del self.data[:size]
 
     def clear(self) -> int:
-        """Clear the queue and return the number of frames it had."""
+        """Clear the queue and return the number of frames that it held."""
         count = len(self)
         self.data.clear()
         return count
@@ -181,7 +181,7 @@ class WakeDescriptor:
         self._reader, self._writer = _open_wake()
 
     def fileno(self) -> int:
-        """Return the descriptor to wait on, -1 once closed."""
+        """Return the descriptor to wait on; -1 once closed."""
         return self._reader
 
     def set(self) -> None:

@@ -31,7 +31,7 @@ class Filtering(Protocol):
 
 
 def set_filter(port: Port, can_ids: Iterable[int]) -> None:
-    """Set the filter of a port that supports filters; do nothing for other ports."""
+    """Set the filter of a port that supports filters; no effect on other ports."""
     if isinstance(port, Filtering):
         port.set_filter(can_ids)
 
@@ -47,7 +47,7 @@ class Stamping(Protocol):
         """Record time stamps from now on; a second call does nothing."""
 
     def receive_stamped(self) -> tuple[bytes, list[int]]:
-        """Return the records of `receive` and the monotonic time of each in ns, or 0 if unknown.
+        """Return the records of `receive` and the monotonic time of each in ns (0: unknown).
 
         BusClosed when the channel is gone.
         """
@@ -79,7 +79,7 @@ class UnixOffset:
 
 
 class Arrivals:
-    """Receiver of the records of a port, with a time for each; create it before the frames of interest arrive.
+    """Receiver of a port's records with a time for each; create it before the frames of interest arrive.
 
     Times are strictly increasing, by at least 1 us, so that recordings can distinguish them. A port without time stamps
     gives the time of reading. Times are monotonic; the constant `unix_offset_ns` converts them to Unix time, so that

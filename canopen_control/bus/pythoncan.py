@@ -211,7 +211,7 @@ class PythonCanPort:
                     self.stats.lost += 1
 
     def flush(self) -> None:
-        """Do nothing: the writer thread sends as soon as the adapter accepts frames."""
+        """Do nothing; the writer thread sends as soon as the adapter accepts frames."""
 
     def events(self) -> list[BusEvent]:
         with self._lock:
@@ -324,7 +324,7 @@ class PythonCanPort:
                 self._wake.set()
 
     def _is_broken(self) -> bool:
-        """Whether the adapter has failed without a success for so long that it must be reopened."""
+        """Whether the adapter has failed, without a success, for so long that it must be reopened."""
         if self._reopen is None or not self._failing_since:
             return False
         now = time.monotonic()
@@ -348,7 +348,7 @@ class PythonCanPort:
             return
 
     def _take_bus(self, bus: can.BusABC) -> None:
-        """Use a reopened adapter; if sending failed before, it counts as failing until a frame was sent."""
+        """Use a reopened adapter; if sending failed before, it still counts as failing until a frame was sent."""
         with self._lock:
             self._bus = bus
             if _SEND in self._failing_since:
@@ -415,7 +415,7 @@ _PACKAGES = {
 
 
 def missing_package(interface: str) -> str | None:
-    """Return the package that a python-can interface requires and that is missing, or None if nothing is missing."""
+    """Return the missing package that a python-can interface requires, or None."""
     module, package = _PACKAGES.get(interface, ("can", "python-can"))
     return package if importlib.util.find_spec(module) is None else None
 

@@ -1,4 +1,4 @@
-"""Raw AF_CAN sockets: opening with all options of a port, or an error with the command to type.
+"""Raw AF_CAN sockets: opened with all options of a port, or an error with the command to type.
 
 See linux/can.h and linux/can/raw.h. The receive buffer is at least 1 MiB (the default holds 278 frames), error frames
 are enabled, and the kernel reports overflows (SO_RXQ_OVFL) and on request time stamps (SO_TIMESTAMPNS) as ancillary
@@ -100,18 +100,18 @@ def ask_stamps(sock: CanSocket) -> None:
 
 
 def interface_of(address: object) -> str:
-    """Return the name of an interface from the source address of a frame, or "" if there is none."""
+    """Return the name of an interface from the source address of a frame, or ""."""
     return str(address[0]) if isinstance(address, tuple) and address else ""
 
 
 def overflow_of(ancillary: Ancillary) -> int | None:
-    """Return the kernel's wrapping count of frames lost in the receive buffer, or None if absent."""
+    """Return the kernel's wrapping count of frames lost in the receive buffer, or None."""
     data = _find(ancillary, _SO_RXQ_OVFL, _U32.size)
     return None if data is None else int(_U32.unpack_from(data)[0])
 
 
 def stamp_of(ancillary: Ancillary) -> int | None:
-    """Return the time stamp of a frame in Unix ns, or None if absent."""
+    """Return the time stamp of a frame in Unix ns, or None."""
     data = _find(ancillary, _SO_TIMESTAMPNS, _TIMESPEC.size)
     if data is None:
         return None
@@ -179,7 +179,7 @@ def _refuse_down(name: str, interface: Path) -> None:
 
 
 def _number(path: Path, base: int) -> int:
-    """Return the number in a file of sysfs, -1 if the file cannot be read."""
+    """Return the number in a file of sysfs; -1 if it cannot be read."""
     try:
         return int(path.read_text(), base)
     except (OSError, ValueError):

@@ -79,7 +79,7 @@ _STATUS: Final = (  # bit of PCAN-Basic, error class, controller detail
 
 
 def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield the Unix time in ns and the frame of each row of a PEAK trace, None for rows without a classic frame.
+    """Yield the Unix time in ns and the frame of each row of a PEAK trace; None for rows without a classic frame.
 
     EOFError for a truncated last row. Without a start time the times begin at 0.
     """
@@ -102,7 +102,7 @@ def read_trc(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
 
 
 def _start(days: str) -> float:
-    """Return the start time in Unix s of a day number, or 0 if it is invalid."""
+    """Return the start time in Unix s of a day number; 0 if it is invalid."""
     try:
         return (_DAY_ZERO + datetime.timedelta(days=float(days))).timestamp()
     except (ValueError, OverflowError):
@@ -110,7 +110,7 @@ def _start(days: str) -> float:
 
 
 def _parsed(text: str, columns: str) -> tuple[float, CanFrame] | None:
-    """Return the offset in ms and the frame of a row; None if the row contains no valid frame."""
+    """Return the offset in ms and the frame of a row; None if the row has no valid frame."""
     words = text.split()
     try:
         offset = float(words[columns.index("O")])
@@ -221,7 +221,7 @@ def parse_line(line: str) -> tuple[int, CanFrame] | None:
 
 
 def read_lines(file: TextIO) -> Iterator[tuple[int, CanFrame] | None]:
-    """Yield the time and the frame of each candump line, None for a line without a frame; skip empty lines."""
+    """Yield time and frame of each candump line; None for a line without a frame; empty lines are skipped."""
     while line := file.readline(_LONGEST_LINE):
         if text := line.strip():
             yield parse_line(text)
@@ -252,7 +252,7 @@ def _asc_writer(path: Path) -> can.io.generic.MessageWriter:
     import can
 
     class Writer(can.ASCWriter):
-        """ASC writer with three digits for the milliseconds of the start: readers read `.5` as half a second."""
+        """ASC writer with three digits for the milliseconds of the start: readers take `.5` for half a second."""
 
         def _format_header_datetime(self, dt: Any) -> str:  # noqa: ANN401 - a datetime
             return str(dt.strftime(self.FORMAT_DATE.format(f"{dt.microsecond // 1000:03d}")))
@@ -325,7 +325,7 @@ def _is_packed(path: Path) -> bool:
 
 
 class RecordingWriter:
-    """Writer of a recording; `written` and `left_out` count frames. Without `close`, last frames may be lost.
+    """Writer of a recording; `written` and `left_out` count frames. Without `close`, the last frames may be lost.
 
     An existing file is replaced; a new one is accessible to its user only (mode 0600). ConfigError if it cannot be
     written, DiskFull if it cannot be completed: the frames written before are kept then, and `written` counts them.

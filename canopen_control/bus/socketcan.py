@@ -205,7 +205,7 @@ class SocketCanPort:
         self.stats.queued = len(self._queue)
 
     def _send_one(self, record: memoryview) -> int:
-        """Send one frame, and return its size; a frame that the kernel refuses as invalid is lost and counted."""
+        """Send one frame and return its size; a frame that the kernel refuses as invalid is lost and counted."""
         try:
             self._socket.send(record)
         except OSError as error:
@@ -258,7 +258,7 @@ class SocketCanPort:
         self._rebind_at = None if self._bind(self.channel) else self._now() + _REBIND_NS
 
     def _is_back(self, address: object) -> bool:
-        """Bind again if a frame came from an interface with the name of the removed one; return True then."""
+        """Bind again if a frame came from an interface with the name of the removed one; return True if so."""
         if interface_of(address) != self.channel:
             return False
         self._rebind()

@@ -60,7 +60,7 @@ def _cut(label: str) -> bytes:
 
 
 def parse_hello(data: bytes) -> Hello | None:
-    """Return the content of a greeting of `HELLO_SIZE` bytes; None if it is invalid."""
+    """Return the content of a greeting of `HELLO_SIZE` bytes, or None if it is invalid."""
     if len(data) != HELLO_SIZE:
         return None
     magic, version, abilities, pid, label = _HELLO.unpack(data)
@@ -97,7 +97,7 @@ class HelloServer:
         return bool(self._newcomers)
 
     def accept(self) -> None:
-        """Accept the next connection, if there is one."""
+        """Accept the next connection, if any."""
         try:
             sock, _ = self._listener.accept()
         except (BlockingIOError, InterruptedError, ConnectionAbortedError):  # the peer closed it
@@ -166,9 +166,9 @@ def _refuse(sock: socket.socket) -> None:
 
 TAKES_SUBSCRIPTION: Final = 1
 GIVES_STAMPS: Final = 2
-"""Abilities of a hub, in its greeting: it supports subscriptions; it supports stamps and echo."""
+"""Abilities of a hub in its greeting: it supports subscriptions; it supports stamps and echo."""
 STAMP_STEP_NS: Final = 1000
-"""Distance of the stamps of one chunk, whose frames arrived together: the resolution of recordings in us."""
+"""Interval between the stamps of one chunk, whose frames arrived together: the resolution of recordings in us."""
 _RECORD: Final = struct.Struct("=5sBxxII")  # mark, kind, identifiers
 _STAMP: Final = struct.Struct("=5sBxxq")  # mark, _OWN or 0, monotonic ns of the first frame
 MARK: Final = b"\xff" * 5
@@ -216,13 +216,13 @@ class Chunk(NamedTuple):
 
     @property
     def stamps(self) -> list[int]:
-        """Time of each record in monotonic ns, or 0 if unknown."""
+        """Time of each record in monotonic ns (0: unknown)."""
         count = len(self.records) // RECORD_SIZE
         return [*range(self.at_ns, self.next_ns, STAMP_STEP_NS)] if self.at_ns else [0] * count
 
     @property
     def next_ns(self) -> int:
-        """Time in ns of a record that follows the chunk without its own stamp, or 0 if unknown."""
+        """Time in ns of a record that follows the chunk without its own stamp (0: unknown)."""
         return self.at_ns and self.at_ns + len(self.records) // RECORD_SIZE * STAMP_STEP_NS
 
 

@@ -27,7 +27,7 @@ class DropRule:
         return self.count is not None and self.lost >= self.count
 
     def takes(self, label: str, can_id: int) -> bool:
-        """Count a frame if it matches the rule, and return whether the rule drops it."""
+        """Count a frame that matches the rule, and return whether the rule drops it."""
         if self.spent or self.label not in ("", label) or self.can_id not in (None, can_id):
             return False
         self.matched += 1
@@ -47,11 +47,11 @@ class WireFaults:
 
     @property
     def active(self) -> bool:
-        """Whether frames must be checked before delivery, because there are delays or drop rules."""
+        """Whether frames must be checked before delivery because of delays or drop rules."""
         return bool(self.delays or self.drops)
 
     def silences(self, label: str) -> bool:
-        """Whether members with this label are disconnected, by a cut cable or by bus-off."""
+        """Whether members with this label are disconnected, by a cut cable or bus-off."""
         return label in self.cut or label in self.bus_off
 
     def delay_of(self, label: str) -> int:

@@ -139,7 +139,7 @@ def calibrate(
     report: Callable[[str], object],
     corrected: Callable[[dict[str, float]], object] = lambda _: None,
 ) -> CalibrationResult:
-    """Calibrate a base; `report` is called with progress texts, `corrected` with each set of new multipliers by name.
+    """Calibrate a base; `report` receives progress texts, `corrected` each set of new multipliers by name.
 
     Raises ControlError, RemoteError or ImplausibleEnds if the calibration fails; the initial values are then restored.
     """
@@ -198,7 +198,7 @@ def _round(
 
 
 def _written(value: float) -> float:
-    """Return a value rounded to the digits that are written to a file, so that robot and file have the same value."""
+    """Round a value to the digits written to a file, so that robot and file have the same value."""
     return float(f"{value:.9g}")
 
 

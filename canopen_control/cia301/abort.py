@@ -62,7 +62,7 @@ class AbortCode(enum.IntEnum):
 BUSY_CODES = frozenset(
     (AbortCode.OUT_OF_MEMORY, AbortCode.NO_RESOURCE, AbortCode.LOCAL_CONTROL, AbortCode.DEVICE_STATE),
 )
-"""Abort codes whose cause may disappear after a pause, so that another try is worthwhile."""
+"""Abort codes whose cause may disappear after a pause, so that a retry is worthwhile."""
 
 _TEXTS = {int(code): code.text for code in AbortCode}
 

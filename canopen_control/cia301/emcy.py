@@ -1,4 +1,4 @@
-"""Emergency object (EMCY), for producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.17 and 7.5.2.18).
+"""Emergency object (EMCY), producer and consumer (CiA 301, 7.2.7, 7.5.2.2 to 7.5.2.4, 7.5.2.17 and 7.5.2.18).
 
 The producer keeps the active errors, the error register (0x1001) computed from them, and the history (0x1003, newest
 first). Each new error is sent once. When an error is cleared, an error reset (0x0000) is sent with the remaining
@@ -203,7 +203,7 @@ def register_text(register: int) -> str:
 
 
 def is_reset_code(code: int) -> bool:
-    """Return whether an error code means an error reset or no error: 00xx."""
+    """Whether an error code means an error reset or no error: 00xx."""
     return code <= 0xFF
 
 
@@ -223,7 +223,7 @@ class EmcyMessage:
 
     @classmethod
     def parse(cls, frame: CanFrame, node_id: int | None = None) -> EmcyMessage | None:
-        """Return the message of `frame`, or None if the frame is not an emergency message.
+        """Return the message in `frame`, or None if it is not an emergency message.
 
         Without `node_id` the COB-ID must be between 0x081 and 0x0FF. Frames of fewer than 3 bytes are rejected.
         """
@@ -238,7 +238,7 @@ class EmcyMessage:
         return cls(node_id, data[0] | data[1] << 8, data[2], data[3:8])
 
     def encode(self, cob_id: int | None = None) -> CanFrame:
-        """Return the frame of 8 bytes; without `cob_id` its COB-ID is 0x080 + node id."""
+        """Return the 8-byte frame; without `cob_id` its COB-ID is 0x080 + node id."""
         head = bytes((self.error_code & 0xFF, self.error_code >> 8 & 0xFF, self.error_register & 0xFF))
         data = head + self.data[:MANUFACTURER_BYTES].ljust(MANUFACTURER_BYTES, b"\0")
         return CanFrame(EMCY_COB_ID + self.node_id if cob_id is None else cob_id, data)
@@ -309,7 +309,7 @@ class EmcyProducer:
 
     @property
     def lost(self) -> int:
-        """Number of messages dropped because the queue of waiting messages was full."""
+        """Number of messages dropped because the queue was full."""
         return self._lost + self.outgoing.lost
 
     def raise_error(self, code: int, register: int, now: int, data: bytes = b"") -> bool:
@@ -362,7 +362,7 @@ class EmcyProducer:
         return None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Ignore the frame: an EMCY producer receives nothing."""
+        """Ignore the frame; an EMCY producer receives nothing."""
 
     def tick(self, now: int) -> None:
         """Send the waiting messages that the inhibit time permits; discard all while the NMT state forbids EMCY."""
@@ -398,7 +398,7 @@ class EmcyProducer:
 
 
 class EmcyConsumer:
-    """Consumer of the EMCY messages of one node; it keeps at most `active_limit` active errors, and drops the oldest.
+    """Consumer of one node's EMCY messages; keeps up to `active_limit` active errors and drops the oldest.
 
     `register` is the last reported error register, 0 before any message; `malformed` counts frames of fewer than 3
     bytes.
@@ -440,10 +440,10 @@ class EmcyConsumer:
         self._events.put(message)
 
     def tick(self, now: int) -> None:
-        """Do nothing: this core has no timers."""
+        """Do nothing; this core has no timers."""
 
     def next_deadline(self) -> None:
-        """Return None: this core has no timers."""
+        """Return None; this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
         return []

@@ -1,4 +1,4 @@
-"""Node guarding and life guarding, for master and slave (CiA 301, 7.2.8.3.2.1).
+"""Node guarding and life guarding, master and slave (CiA 301, 7.2.8.3.2.1).
 
 Every guard time the master sends a remote frame on the error control COB-ID of each node. The node answers with its
 state and a toggle bit that alternates and is 0 after a reset; a node that was already running may begin with either.
@@ -32,7 +32,7 @@ class GuardingEventKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class GuardingEvent:
-    """Guarding event `kind` of `node_id`; `state` is the last state received, None if it is unknown."""
+    """Guarding event `kind` of `node_id`; `state` is the last received state, None if unknown."""
 
     kind: GuardingEventKind
     node_id: int
@@ -52,7 +52,7 @@ class _Guarded:
 
 
 class GuardingMaster:
-    """Guarding of any number of nodes by the master; `malformed` counts answers whose length is not 1."""
+    """Guarding of any number of nodes by the master; `malformed` counts responses whose length is not 1."""
 
     def __init__(self) -> None:
         self.malformed = 0
@@ -61,7 +61,7 @@ class GuardingMaster:
         self._events: Outbox[GuardingEvent] = Outbox(1024)
 
     def watch(self, node_id: int, guard_time_ns: int, life_time_factor: int, now: int) -> None:
-        """Start to guard `node_id`; raise LocalProtocolError for an invalid node id, or a time or factor of 0."""
+        """Start guarding `node_id`; LocalProtocolError for an invalid node id, or a time or factor of 0."""
         if not 1 <= node_id <= MAX_NODE_ID or guard_time_ns <= 0 or life_time_factor <= 0:
             msg = f"cannot guard node {node_id} every {guard_time_ns} ns with factor {life_time_factor}"
             raise LocalProtocolError(msg)
@@ -73,12 +73,12 @@ class GuardingMaster:
         self._nodes.pop(node_id, None)
 
     def state_of(self, node_id: int) -> NmtState | None:
-        """Return the last received state; None if unknown, not received yet, or if the node is not guarded."""
+        """Return the last received state; None if unknown, not yet received, or if the node is not guarded."""
         node = self._nodes.get(node_id)
         return None if node is None else node.state
 
     def receive(self, frame: CanFrame, now: int, since: int | None = None) -> None:
-        """Receive an answer or a boot-up of a guarded node.
+        """Receive a response or a boot-up of a guarded node.
 
         The frame arrived between `since`, when the receive queue was last empty, and `now`.
         """
@@ -103,7 +103,7 @@ class GuardingMaster:
             self._answered(node_id, node, value >> 7, state_of_byte(value), now)
 
     def tick(self, now: int) -> None:
-        """Send the remote frames that are due and report nodes that did not answer in time."""
+        """Send the remote frames that are due, and report nodes that have not responded in time."""
         for node_id, node in self._nodes.items():
             self._check(node_id, node, now)
             if now >= node.poll_ns:
@@ -149,7 +149,7 @@ class GuardingMaster:
 
 
 class GuardingSlave:
-    """Guarding in one slave, which answers remote frames and monitors the master; the owner keeps `state` up to date.
+    """Guarding in one slave: answers remote frames and monitors the master; the owner keeps `state` up to date.
 
     `enabled` is False while a heartbeat producer time is set: only one of the two protocols runs, and heartbeat takes
     precedence (CiA 301, 7.2.8.3.2.1). `guard_time_ns` x `life_time_factor` (0x100C, 0x100D) is the life time; at 0 the
@@ -194,7 +194,7 @@ class GuardingSlave:
         self.outgoing.put(CanFrame(ERROR_CONTROL_COB_ID + self.node_id, answer))
 
     def tick(self, now: int) -> None:
-        """Report once that the master was silent for the life time (EMCY 0x8130)."""
+        """Report once that the master has been silent for the life time (EMCY 0x8130)."""
         # CiA 301, 7.2.8.3.2.1: life guarding event after guard time x life time factor
         deadline = self.next_deadline()
         if deadline is not None and now >= deadline:
@@ -202,7 +202,7 @@ class GuardingSlave:
             self.happened.put(GuardingEvent(GuardingEventKind.MISSED, self.node_id, self.state))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the life time expires, or None if the master is not monitored now."""
+        """Return the time at which the life time expires, or None if the master is not currently monitored."""
         if self._asked_ns is None or self._missed or not self.enabled or not self.life_time_ns:
             return None
         return self._asked_ns + self.life_time_ns

@@ -1,4 +1,4 @@
-"""Heartbeat protocol, for producer and consumer (CiA 301, 7.2.8.3.2.2).
+"""Heartbeat protocol, producer and consumer (CiA 301, 7.2.8.3.2.2).
 
 Monitoring of a node starts with its first heartbeat, not with `watch` or its boot-up. A boot-up suspends monitoring
 until the next heartbeat, because the node may have lost its producer time. A byte whose low seven bits are not an
@@ -35,7 +35,7 @@ def parse_consumer_entry(value: int) -> tuple[int, int]:
 
 
 def next_on_grid(deadline_ns: int, period_ns: int, now: int) -> int:
-    """Return `deadline_ns`, advanced by as many whole periods as are needed to be after `now`."""
+    """Return `deadline_ns` advanced by as many whole periods as necessary to be after `now`."""
     if deadline_ns > now:
         return deadline_ns
     return deadline_ns + ((now - deadline_ns) // period_ns + 1) * period_ns
@@ -76,10 +76,10 @@ class HeartbeatProducer:
         self._deadline_ns = now + self._period_ns
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Ignore the frame: a heartbeat producer receives nothing."""
+        """Ignore the frame; a heartbeat producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send the heartbeat when it is due; missed periods are skipped, without a shift of the later heartbeats."""
+        """Send the heartbeat when due; missed periods are skipped and do not shift later heartbeats."""
         # CiA 301, 7.5.2.20: a time of 0 disables the heartbeat; 7.3.2.2.5: only the boot-up while INITIALISING
         if self._period_ns <= 0 or self.state is NmtState.INITIALISING:
             return
@@ -176,7 +176,7 @@ class HeartbeatConsumer:
         return None if node is None else node.state
 
     def age_ns(self, node_id: int, now: int) -> int | None:
-        """Return the time in ns since the last heartbeat or boot-up, or None if there was none."""
+        """Return the time since the last heartbeat or boot-up in ns, or None before the first one."""
         node = self._nodes.get(node_id)
         return None if node is None or node.last_ns is None else now - node.last_ns
 

@@ -1,4 +1,4 @@
-"""Layer setting services (LSS), for master and slave (CiA 305).
+"""Layer setting services (LSS), master and slave (CiA 305).
 
 Every LSS frame has 8 bytes: the command specifier, then little-endian parameters, then zeros. The master sends on
 0x7E5; all slaves answer on 0x7E4 without identification. A service addresses either one slave by its identity
@@ -88,7 +88,7 @@ class LssIdentity(NamedTuple):
 
 
 def lss_frame(command: int, value: int = 0, *, tail: bytes = b"", cob_id: int = MASTER_COB_ID) -> CanFrame:
-    """Return the frame with a command, a 32-bit value and up to three more bytes."""
+    """Return a frame with a command, a 32-bit value and up to three more bytes."""
     head = bytes((command,)) + value.to_bytes(4, "little")
     return CanFrame(cob_id, (head + tail).ljust(8, b"\0"))
 
@@ -104,7 +104,7 @@ _REFUSALS = {1: "not supported or out of range", 2: "storing failed"}
 
 
 class _Exchange(NamedTuple):
-    """Frames to send as one step of a service, and the command specifier of the awaited answer (None: no wait).
+    """Frames to send as one step of a service, and the command specifier of the expected response (None: no wait).
 
     With `scan` the master waits for the whole scan time, because the answers of several slaves are identical and a late
     answer would be mistaken for the answer to the next request.
@@ -117,7 +117,7 @@ class _Exchange(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class LssRequest:
-    """One LSS service call; `result` is valid once it is `done` and `error` is None; the owner may use `context`."""
+    """LSS service call; `result` is valid once it is `done` and `error` is None; the owner may use `context`."""
 
     name: str
     result: LssResult = None
@@ -136,7 +136,7 @@ class _Job:
 
 
 class LssMaster:
-    """Queue of LSS services, of which only one uses the bus at a time; each call returns an `LssRequest` (CiA 305).
+    """Queue of LSS services, one of which uses the bus at a time; each call returns an `LssRequest` (CiA 305).
 
     A service is a generator that yields its requests and returns its result. A missing answer is an error if one slave
     must answer, and a result if the service checks whether a slave exists. `timeout_ns` is the time for an answer,
@@ -250,7 +250,7 @@ class LssMaster:
             self._advance(job, now)
 
     def tick(self, now: int) -> None:
-        """Send the next request, or stop waiting for an answer when its time has elapsed."""
+        """Send the next request, or stop waiting for a response when its time has elapsed."""
         if not self._jobs:
             return
         job = self._jobs[0]
@@ -258,7 +258,7 @@ class LssMaster:
             self._advance(job, now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next request or timeout; 0 means at once, None that no service waits."""
+        """Return the time of the next request or timeout; 0 means at once, None that no service is waiting."""
         if not self._jobs:
             return None
         job = self._jobs[0]
@@ -388,7 +388,7 @@ class LssActivateBitTiming:
 
 
 class LssSlave:
-    """LSS slave of one node; `node_id` is the active node id (255: none), `pending_node_id` the next node id (CiA 305).
+    """LSS slave of one node; `node_id` is the active node id (255: none), `pending_node_id` the next one (CiA 305).
 
     The slave is in the waiting state until the master switches all slaves, selects this slave by its identity, or finds
     it by fast scan; then it is in the configuration state. An unconfigured node activates a new node id when it returns
@@ -443,7 +443,7 @@ class LssSlave:
             self.ignored += 1
 
     def tick(self, now: int) -> None:
-        """Do nothing: this core has no timers."""
+        """Do nothing; this core has no timers."""
 
     def next_deadline(self) -> None: ...
 
@@ -570,7 +570,7 @@ class LssSlave:
         LssCommand.INQUIRE_NODE_ID: _inquire_node_id,
         **dict.fromkeys(range(LssCommand.INQUIRE, LssCommand.INQUIRE + 4), _inquire),
     }
-    """Handlers of the services that are available in the configuration state only."""
+    """Handlers of the services that are available only in the configuration state."""
 
 
 def _number(data: bytes) -> int:

@@ -1,4 +1,4 @@
-"""Network management (NMT), for master and slave (CiA 301, 7.2.8.2 and 7.3.2).
+"""Network management (NMT), master and slave (CiA 301, 7.2.8.2 and 7.3.2).
 
 `TRANSITIONS` is the slave's state machine: state and command give the next state, and a missing pair is ignored. A
 slave ignores all commands while INITIALISING and leaves this state only through `NmtSlave.boot`, which sends the
@@ -28,7 +28,7 @@ ERROR_CONTROL_COB_ID: Final = cob_id(Service.HEARTBEAT)  # plus node id
 
 
 class NmtState(enum.IntEnum):
-    """NMT states, with the values that boot-up, heartbeat and guarding frames transmit."""
+    """NMT states, with their values in boot-up, heartbeat and guarding frames."""
 
     INITIALISING = 0
     STOPPED = 4
@@ -117,7 +117,7 @@ def state_of_byte(value: int) -> NmtState | None:
 
 
 def nmt_frame(command: NmtCommand, node_id: int = BROADCAST) -> CanFrame:
-    """Return the command frame for `node_id` (0: all nodes); LocalProtocolError for a node id outside of 0 to 127."""
+    """Return the command frame for `node_id` (0: all nodes); LocalProtocolError for a node id outside 0 to 127."""
     if not 0 <= node_id <= MAX_NODE_ID:
         msg = f"NMT {command.name}: node id {node_id} is out of range, 0 to {MAX_NODE_ID}"
         raise LocalProtocolError(msg)
@@ -209,10 +209,10 @@ class NmtSlave:
             self.command(parsed[0])
 
     def tick(self, now: int) -> None:
-        """Do nothing: this core has no timers."""
+        """Do nothing; this core has no timers."""
 
     def next_deadline(self) -> None:
-        """Return None: this core has no timers."""
+        """Return None; this core has no timers."""
 
     def frames(self) -> list[CanFrame]:
         return self.outgoing.drain()
@@ -278,7 +278,7 @@ class NmtMaster:
                 self._pending[node] = _Pending(command, now, now + self._timeout(command))
 
     def pending(self, node_id: int) -> NmtCommand | None:
-        """Return the command of `node_id` that awaits confirmation, or None if there is none."""
+        """Return the command of `node_id` that awaits confirmation, or None."""
         entry = self._pending.get(node_id)
         return None if entry is None else entry.command
 
@@ -287,7 +287,7 @@ class NmtMaster:
         self._pending.pop(node_id, None)
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Receive a boot-up, heartbeat or guarding answer, which may confirm a pending command."""
+        """Receive a boot-up, heartbeat or guarding response, which may confirm a pending command."""
         node_id = frame.can_id - ERROR_CONTROL_COB_ID
         entry = self._pending.get(node_id)
         if entry is None or len(frame.data) != 1:

@@ -1,4 +1,4 @@
-"""Bounded queue of the frames or events of a protocol core, until the core's owner fetches them.
+"""Bounded queue of a protocol core's frames or events, until its owner fetches them.
 
 A core must not grow when the bus is flooded or its owner stops fetching: the oldest item is dropped and counted.
 """

@@ -53,7 +53,7 @@ DUMMY_TYPES: dict[int, DataType] = {
 
 
 class MappedObject(NamedTuple):
-    """Object in a PDO mapping: `bits` is the width in the PDO, `data_type` the interpretation of the bits."""
+    """Object in a PDO mapping: `bits` is its width in the PDO, `data_type` the interpretation of the bits."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index, which means nothing here
     subindex: int
@@ -118,7 +118,7 @@ class PdoParameters:
 
     @property
     def event_ns(self) -> int:
-        """Event timer of a TPDO or timeout of an RPDO in ns; 0 if none is set."""
+        """Event timer of a TPDO or timeout of an RPDO in ns; 0 if not set."""
         return self.event_timer_ms * 1_000_000
 
     @classmethod
@@ -217,7 +217,7 @@ def _value_of(field: _Field, raw: int) -> Value:
 
 
 class PdoCodec:
-    """Codec of a mapping, which packs and unpacks values; `length` is the number of bytes, the last possibly partial.
+    """Codec of a mapping: packs and unpacks values; `length` is the number of bytes, the last possibly partial.
 
     `struct` is the compiled form, None if the mapping needs the slower bit form. A mapping of more than 64 bits or of
     an invalid width raises LocalProtocolError.
@@ -327,7 +327,7 @@ class RpdoConsumer:
 
     @property
     def holds(self) -> bool:
-        """Whether data are waiting for the next SYNC."""
+        """Whether data is waiting for the next SYNC."""
         return self._held is not None
 
     @property
@@ -335,7 +335,7 @@ class RpdoConsumer:
         return self._parameters
 
     def configure(self, parameters: PdoParameters, length: int) -> None:
-        """Set the communication parameter and mapping length; waiting data are discarded."""
+        """Set the communication parameter and mapping length; waiting data is discarded."""
         self.length = length
         self._clear()
         self._adopt(parameters)
@@ -346,7 +346,7 @@ class RpdoConsumer:
         self.running = True
 
     def stop(self) -> None:
-        """Stop reception when the node leaves OPERATIONAL; waiting data are discarded. No-op if stopped."""
+        """Stop reception when the node leaves OPERATIONAL; waiting data is discarded. No-op if stopped."""
         self._clear()
         self.running = False
 
@@ -372,7 +372,7 @@ class RpdoConsumer:
             self._held = data
 
     def hold(self, data: bytes) -> bool:
-        """Store synchronous data until the next SYNC; return False if `receive` must process the data instead."""
+        """Store synchronous data until the next SYNC; return False if `receive` must process it instead."""
         usual = self._waits and self.running and len(data) == self.length
         if not usual or self.window_ns or self._timed_out or self.length_error is not None:
             return False
@@ -505,7 +505,7 @@ class TpdoProducer:
         self.outgoing.clear()
 
     def changed(self, now: int) -> None:
-        """Record a changed value or a profile event; PDOs whose type is not triggered by changes ignore the call."""
+        """Record a changed value or a profile event; no effect on PDOs whose type is not triggered by changes."""
         if not self._active:
             return
         transmission_type = self._type
@@ -549,7 +549,7 @@ class TpdoProducer:
             self._send(now)
 
     def next_deadline(self) -> int | None:
-        """Return the time of the next transmission that a timer triggers, or None if there is none."""
+        """Return the time of the next transmission triggered by a timer, or None."""
         if not (self._driven_by_events and self.running and self._valid):
             return None
         if self._pending:

@@ -1,4 +1,4 @@
-"""Rules of a device for changing a PDO by SDO (CiA 301, 7.5.2.36 and 7.5.2.38).
+"""Rules for changing a PDO of a device by SDO (CiA 301, 7.5.2.36 and 7.5.2.38).
 
 Mapping and times can be changed only while the PDO is invalid, in this order: set bit 31 of the COB-ID, set the
 number of mapped objects to 0, write the mapping entries, set the number, write the times, clear bit 31. A write out of
@@ -41,7 +41,7 @@ class MappingTarget(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class PdoRules:
-    """Checks of SDO writes to the parameters of one PDO; each returns the abort code, None if the write is accepted.
+    """Checks of SDO writes to the parameters of one PDO; each returns the abort code, or None if accepted.
 
     `rtr_supported` concerns bit 30 of a TPDO's COB-ID, "no RTR allowed" (CiA 301, 7.5.2.37): a device that does not
     answer remote frames may require it. In an RPDO the bit is reserved, "do not care" (7.5.2.35): the bit is stored as

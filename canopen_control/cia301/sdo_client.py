@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 
 class Awaiting(Phase, metaclass=ABCMeta):
-    """Base class of the phases after an initiate request, in which the server's answer is pending."""
+    """Base class of the phases after an initiate request, while the server's response is pending."""
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
         request = exchange.active
@@ -78,10 +78,10 @@ class Awaiting(Phase, metaclass=ABCMeta):
 
 
 class AwaitingUpload(Awaiting):
-    """Phase after the initiate request of an upload: the answer contains the data (expedited) or announces segments."""
+    """Phase after the initiate request of an upload; the response has the data (expedited) or announces segments."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Complete an expedited upload, or start to receive segments (CiA 301, 7.2.4.3.6)."""
+        """Complete an expedited upload, or start receiving segments (CiA 301, 7.2.4.3.6)."""
         if data[0] & COMMAND_MASK != UPLOAD:
             exchange.ignored += 1
             return
@@ -102,7 +102,7 @@ class AwaitingBlockUpload(AwaitingUpload):
     """Phase after the initiate request of a block upload; the server may switch to another upload protocol."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Start to receive sub-blocks (CiA 301, 7.2.4.3.13)."""
+        """Start receiving sub-blocks (CiA 301, 7.2.4.3.13)."""
         command, options = data[0], exchange.options
         if command & ~(CRC_FLAG | SIZED_FLAG) != BLOCK_UPLOAD_ANSWER:
             super().answered(exchange, request, data, now)
@@ -117,7 +117,7 @@ class AwaitingBlockUpload(AwaitingUpload):
 
 
 class AwaitingDownload(Awaiting):
-    """Phase after the initiate request of a download; the data were in the request (expedited) or follow."""
+    """Phase after the initiate request of a download; the data was in the request (expedited) or follows."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
         """Complete an expedited download, or send the first segment (CiA 301, 7.2.4.3.3)."""
@@ -136,7 +136,7 @@ class AwaitingBlockDownload(Awaiting):
     """Phase after the initiate request of a block download."""
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Send the first sub-block, with the number of segments that the server requests (CiA 301, 7.2.4.3.9)."""
+        """Send the first sub-block, with the number of segments requested by the server (CiA 301, 7.2.4.3.9)."""
         command, block_size = data[0], data[4]
         if command & ~CRC_FLAG != BLOCK_DOWNLOAD_ANSWER:
             exchange.ignored += 1
@@ -159,7 +159,7 @@ class FlushingLateAnswers(Awaiting):
     """
 
     def answered(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Start the actual request: any answer to the other object proves that no earlier answer is outstanding."""
+        """Start the actual request; any response to the other object proves that no earlier response is outstanding."""
         if data[0] & COMMAND_MASK not in (UPLOAD, ABORT):
             exchange.ignored += 1
             return
@@ -167,7 +167,7 @@ class FlushingLateAnswers(Awaiting):
         exchange.start_try(request, now)
 
     def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Process an abort like any other answer."""
+        """Process an abort like any other response."""
         self.answered(exchange, request, data, now)
 
 
@@ -178,7 +178,7 @@ class Transferring(Phase):
         self.block, self.transfer, self._active = block, transfer, transfer
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:
-        """Pass a frame to the transfer, and end the request when the transfer is complete."""
+        """Pass a frame to the transfer, and end the request once the transfer is complete."""
         outcome = self._active.receive(data, exchange.out)
         request = exchange.active
         if outcome == PROGRESS and request is not None:
@@ -222,7 +222,7 @@ _FLUSHING: Final = FlushingLateAnswers()
 
 
 def first_phase(exchange: SdoTransfer, request: SdoRequest) -> tuple[Phase, bytes]:
-    """Return the first phase and the first frame of a try, either of the request or of a flush before the request."""
+    """Return the first phase and the first frame of a try: of the request, or of a flush before it."""
     if request.block and exchange.may_use_blocks:
         phase: Phase = _BLOCK_DOWNLOAD if request.is_write else _BLOCK_UPLOAD
         data = initiate_block(request, exchange.options)
@@ -296,7 +296,7 @@ class SdoClient:
         block: bool | None = None,
         now: int | None = None,
     ) -> SdoRequest:
-        """Download `data` to an object; the request is `done` when the server has confirmed it.
+        """Download `data` to an object; the request is `done` once the server has confirmed it.
 
         If `block` is None, the length determines the transfer (see SdoOptions).
         """
@@ -307,7 +307,7 @@ class SdoClient:
         return request
 
     def cancel(self, request: SdoRequest, error: CanopenError) -> None:
-        """End one request with `error`; no-op if the request is done."""
+        """End one request with `error`; no-op if it is done."""
         if request is self._exchange.active:
             self._exchange.cancel(error)
             self._next(None)
@@ -322,7 +322,7 @@ class SdoClient:
             self._exchange.report(self._queue.popleft(), error)
 
     def forget(self) -> None:
-        """Clear the state of a server that has booted: no late answers will arrive, and a transfer is lost."""
+        """Clear the state of a server that has booted: no late responses will arrive, and a transfer is lost."""
         active = self._exchange.active
         if active is not None and self._exchange.phase.transfer is not None:
             self.cancel(active, SdoRestarted(self.node_id, active.index, active.subindex, self.name))
@@ -334,7 +334,7 @@ class SdoClient:
 
     @property
     def waiting(self) -> int:
-        """Number of requests that wait for the end of the active request."""
+        """Number of requests waiting for the end of the active request."""
         return len(self._queue)
 
     @property
@@ -349,7 +349,7 @@ class SdoClient:
 
     @property
     def progress(self) -> tuple[int, int | None]:
-        """Number of bytes transferred, and the size of the object; (0, None) if no transfer is active.
+        """Number of bytes transferred, and size of the object; (0, None) if no transfer is active.
 
         The property may be read from another thread, and is then slightly out of date.
         """

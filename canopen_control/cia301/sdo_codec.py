@@ -89,7 +89,7 @@ _COMPARED: Final = int.from_bytes(b"\xff\xff\xff\xff\xff\0\0\0\xff", "little") *
 
 
 def segments_in_order(records: bytes, start: int, cob_id: int, number: int, most: int) -> bytearray:
-    """Return the data of the consecutive segments that begin at byte `start`: seven bytes of each, of `most` at most.
+    """Return the data of the consecutive segments beginning at byte `start`: seven bytes of each, at most `most`.
 
     `number` is the sequence number of the first segment; `number + most - 1` is at most 127. The result is empty if
     fewer than `SHORTEST_RUN` records are available, or the first two are not consecutive.
@@ -111,7 +111,7 @@ def segments_in_order(records: bytes, start: int, cob_id: int, number: int, most
 
 
 def segment_frame(cob_id: int, data: bytes, offset: int, toggle: int) -> CanFrame:
-    """Return the segment of `data` that begins at `offset` (CiA 301, 7.2.4.3.4 and 7.2.4.3.7)."""
+    """Return the segment of `data` beginning at `offset` (CiA 301, 7.2.4.3.4 and 7.2.4.3.7)."""
     chunk = data[offset : offset + SEGMENT_DATA]
     command = SEGMENT | toggle | (SEGMENT_DATA - len(chunk)) << 1 | (offset + SEGMENT_DATA >= len(data))
     return CanFrame(cob_id, bytes((command,)) + chunk.ljust(SEGMENT_DATA, b"\0"))

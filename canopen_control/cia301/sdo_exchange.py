@@ -1,4 +1,4 @@
-"""State machine of one SDO request of a client: tries, answers, timeouts and aborts (CiA 301, 7.2.4).
+"""State machine of one SDO request of a client: tries, responses, timeouts and aborts (CiA 301, 7.2.4).
 
 Rules:
 - A `Phase` interprets frames, aborts, timeouts and cancellations; `SdoTransfer` decides what follows from them.
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from canopen_control.od.model import Entry, ObjectDictionary
 
     FirstPhase = Callable[["SdoTransfer", "SdoRequest"], tuple["Phase", bytes]]
-    """Function that returns the first phase of a try, and the first frame."""
+    """Function that returns the first phase and the first frame of a try."""
 
 
 _MAX_RESTARTS: Final = 2  # after toggle errors
@@ -129,7 +129,7 @@ class SdoRequest:
 
 
 class RetryBudget:
-    """Remaining retries of one request, created at the first error of the request.
+    """Remaining retries of one request, created on its first error.
 
     A timeout is retried `tries` times and a toggle error twice. A busy abort of a download is retried after increasing
     pauses until `busy_ns` have elapsed; a busy abort of an upload is retried once. A failed block transfer is repeated
@@ -146,7 +146,7 @@ class RetryBudget:
         self.waited_ns = 0  # total time of expired timeouts
 
     def has_try(self, code: int) -> bool:
-        """Use up one retry for a timeout or a toggle error; return False for other codes, or if none is left."""
+        """Use one retry for a timeout or a toggle error; return False for other codes, or if none is left."""
         if code == AbortCode.TIMED_OUT and self._tries > 0:
             self._tries -= 1
             return True
@@ -157,7 +157,7 @@ class RetryBudget:
 
     @property
     def paused(self) -> bool:
-        """Whether the request was repeated after a busy abort."""
+        """Whether the request has been repeated after a busy abort."""
         return self._busy_until is not None
 
     def pause(self, code: int, busy_ns: int, now: int) -> int | None:
@@ -209,7 +209,7 @@ def initiate_block(request: SdoRequest, options: SdoOptions) -> bytes:
 
 
 def completed(data: bytes) -> bytes:
-    """Return the data of a frame padded to 8 bytes; empty if a byte that the protocol uses is missing.
+    """Return the data of a frame padded to 8 bytes; empty if a byte used by the protocol is missing.
 
     Some servers truncate frames after the last used byte, although CiA 301 requires 8 bytes.
     """
@@ -243,7 +243,7 @@ class LateAnswerGuard:
         self.pending.setdefault(mux)
 
     def answered(self, mux: bytes) -> None:
-        """Remove the requests that can have no late answer after an answer to `mux`."""
+        """Remove the requests that can have no late response after a response to `mux`."""
         if not self.pending:
             return
         if mux not in self.pending:
@@ -283,7 +283,7 @@ class Transfer(Protocol):
         """Process a frame of the server, as described in `sdo_transfers`."""
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:
-        """Acknowledge an incomplete sub-block after a timeout; return False if there is nothing to acknowledge."""
+        """Acknowledge an incomplete sub-block after a timeout; return False if nothing can be acknowledged."""
 
 
 class Phase:
@@ -296,7 +296,7 @@ class Phase:
         self.block, self.transfer = block, transfer
 
     def receive(self, exchange: SdoTransfer, data: bytes, now: int) -> None:  # noqa: ARG002 - interface of all phases
-        """Receive a frame of eight bytes other than an abort."""
+        """Receive an eight-byte frame other than an abort."""
         exchange.ignored += 1
 
     def owns_abort(self, exchange: SdoTransfer, mux: bytes) -> bool:  # noqa: ARG002
@@ -304,7 +304,7 @@ class Phase:
         return False
 
     def aborted(self, exchange: SdoTransfer, request: SdoRequest, data: bytes, now: int) -> None:
-        """Process an abort of the request by the server."""
+        """Process the server's abort of the request."""
         if data[1:4] == exchange.mux:
             exchange.late_answers.answered(exchange.mux)
         exchange.handle_abort(request, int.from_bytes(data[4:8], "little"), now)
@@ -328,7 +328,7 @@ _PAUSING: Final = Pausing()
 
 
 class SdoTransfer:
-    """State of a client's transfers: the active request with its phase, and late answers.
+    """State of a client's transfers: the active request with its phase, and late responses.
 
     `first_phase` starts a try. The client fetches `out`, the frames to send, and `finished`, the ended requests. `mux`
     and `first` are the multiplexer and the first frame of the current try.
@@ -370,7 +370,7 @@ class SdoTransfer:
         return (0, None) if transfer is None else transfer.progress
 
     def start(self, request: SdoRequest, now: int | None) -> None:
-        """Start a request; if `now` is None, the timeout starts at the next tick."""
+        """Start a request; if `now` is None, its timeout starts at the next tick."""
         self.active, self._started, self._budget = request, now, None
         self.start_try(request, now)
 
@@ -386,7 +386,7 @@ class SdoTransfer:
             self.ignored += 1
 
     def receive_records(self, records: bytes, start: int, cob_id: int, now: int) -> int:
-        """Receive the consecutive segments of a block upload at once; return their number, 0 if there are none."""
+        """Receive the consecutive segments of a block upload at once; return their number, which may be 0."""
         transfer, request = self.phase.transfer, self.active
         if not isinstance(transfer, BlockUpload) or request is None:
             return 0
@@ -405,7 +405,7 @@ class SdoTransfer:
             self.phase.expire(self, request, now)
 
     def cancel(self, error: CanopenError) -> None:
-        """End the active request with `error`; send an abort if the server has received the request."""
+        """End the active request with `error`; send an abort if the server has received it."""
         if (request := self.active) is None:
             return
         self.phase.abandon(self)
@@ -413,7 +413,7 @@ class SdoTransfer:
         self.report(request, error)
 
     def forget(self) -> None:
-        """Clear the pending late answers and the learned abilities of a server that has booted."""
+        """Clear the pending late responses and the learned abilities of a server that has booted."""
         self.late_answers.pending.clear()
         self.block_supported = None
         self._constant_codes.clear()
@@ -433,7 +433,7 @@ class SdoTransfer:
         return self.block_supported is not False and not (self._budget and self._budget.plain)
 
     def enter(self, request: SdoRequest, phase: Phase, now: int) -> None:
-        """Enter the phase that follows the answer to the initiate request, and restart the timeout."""
+        """Enter the phase that follows the response to the initiate request, and restart the timeout."""
         self.phase = phase
         self.deadline = now + request.timeout_ns
 
@@ -443,14 +443,14 @@ class SdoTransfer:
         self.start_try(request, now)
 
     def fits(self, request: SdoRequest, size: int | None, now: int) -> bool:
-        """Whether the announced size of an upload is within the limit; end the request if it is not."""
+        """Whether the announced size of an upload is within the limit; otherwise end the request."""
         if size is None or size <= self.options.max_size:
             return True
         self.abort_transfer(request, AbortCode.OUT_OF_MEMORY, now)
         return False
 
     def uploaded(self, request: SdoRequest, data: bytes, sized: bool, now: int) -> None:
-        """Complete an upload; report SdoLengthError if the data do not fit the type of the object."""
+        """Complete an upload; report SdoLengthError if the data does not fit the type of the object."""
         request.data = data
         entry = None if self.od is None else self.od.get(request.index, request.subindex)
         if entry is not None:
@@ -481,7 +481,7 @@ class SdoTransfer:
         self.phase, self.mux = _IDLE, b""
 
     def handle_abort(self, request: SdoRequest, code: int, now: int) -> None:
-        """Process an abort of the server or of this client: retry, pause, or end the request."""
+        """Process an abort by the server or this client: retry, pause, or end the request."""
         budget = self._retry_budget()
         if self._program_started(request):
             if self.phase.block and code in BLOCK_ERRORS:
@@ -524,11 +524,11 @@ class SdoTransfer:
             self.finish(request, now, SdoTimeout(self.node_id, request.index, request.subindex, seconds, self.name))
 
     def _program_started(self, request: SdoRequest) -> bool:
-        """Whether program data were sent, so that no automatic retry may follow (CiA 302-3)."""
+        """Whether program data has been sent, so that no automatic retry may follow (CiA 302-3)."""
         return request.is_write and request.index == _PROGRAM_DATA and self.phase.transfer is not None
 
     def abort_unanswered(self, code: int) -> None:
-        """Abort a request whose answer may still arrive."""
+        """Abort a request that may still be answered."""
         self.late_answers.add(self.mux)
         self.out = [frame for frame in self.out if frame.data[0] == ABORT]  # pending segments are dropped
         self._send_abort(code)

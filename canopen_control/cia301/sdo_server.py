@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 class SdoServerAbort(CanopenError):
-    """Error by which an object store refuses an access; the transfer is aborted with `code`."""
+    """Error with which an object store refuses an access; the transfer is aborted with `code`."""
 
     def __init__(self, code: int) -> None:
         self.code = code
@@ -67,14 +67,14 @@ class ServedObjects(Protocol):
         """Write the bytes of an object; the store checks length, limits, access and state."""
 
     def size_of(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object in bytes, or None if it is variable.
+        """Return the size of an object in bytes, or None if variable.
 
         Called before a download in several frames, so that a wrong size is refused at the initiate.
         """
 
 
 class StoreFailure:
-    """Unexpected exception of the object store; the client received abort 0x08000000."""
+    """Unexpected exception of the object store; the client has received abort 0x08000000."""
 
     __slots__ = ("error", "index", "subindex")
 
@@ -83,7 +83,7 @@ class StoreFailure:
 
 
 class _Transfer(Protocol):
-    """Segmented or block transfer after an initiate request, see `sdo_transfers`."""
+    """Segmented or block transfer after an initiate request; see `sdo_transfers`."""
 
     index: int
     subindex: int
@@ -281,7 +281,7 @@ class SdoServer:
         self._last = b""
 
     def _on_stray(self, data: bytes, now: int) -> None:  # noqa: ARG002 - one signature for the whole table
-        """Abort with 0x05040001 after a frame outside of the transfer, unless it is a copy (CiA 301, 7.2.4.3.17)."""
+        """Abort with 0x05040001 after a frame outside the transfer, unless it is a copy (CiA 301, 7.2.4.3.17)."""
         if self._out or data == self._last:
             self.ignored += 1
             return
@@ -321,7 +321,7 @@ class SdoServer:
     # -- store
 
     def _accepts(self, index: int, subindex: int, announced: int | None) -> bool:
-        """Whether a download of several frames may start; an abort is sent if not."""
+        """Whether a download of several frames may start; otherwise an abort is sent."""
         if (size := self._size(index, subindex)) is None:
             return False
         code = 0
@@ -335,7 +335,7 @@ class SdoServer:
         return not code
 
     def _size(self, index: int, subindex: int) -> int | None:
-        """Return the size of an object, -1 if it is variable, or None if the store aborted."""
+        """Return the size of an object: -1 if variable, None if the store aborted."""
         try:
             size = self.store.size_of(index, subindex)
         except Exception as error:  # noqa: BLE001 - a defect of the store must not stop the device

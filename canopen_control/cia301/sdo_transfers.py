@@ -1,4 +1,4 @@
-"""Segmented and block SDO transfers, for clients and for servers (CiA 301, 7.2.4.3).
+"""Segmented and block SDO transfers, client and server (CiA 301, 7.2.4.3).
 
 A transfer begins after the initiate request and its answer. Each direction is implemented once: a receiver or a sender
 is the base class of the client's and of the server's transfer. `receive` processes a frame of the other side, appends
@@ -65,7 +65,7 @@ def _frame(cob_id: int, frames: Sequence[bytes], toggle: int) -> CanFrame:
 
 
 class SegmentReceiver:
-    """Receiver of segments; `size` is the announced size in bytes or None, `limit` the largest size accepted."""
+    """Receiver of segments; `size` is the announced size in bytes or None, `limit` the maximum size accepted."""
 
     def __init__(self, cob_id: int, size: int | None, limit: int) -> None:
         self._cob_id, self._size, self._limit = cob_id, size, limit
@@ -116,7 +116,7 @@ class BlockReceiver(SegmentReceiver):
         self._stuck = 0  # sub-blocks or silences since the last segment in order
 
     def receive_records(self, records: bytes, start: int, cob_id: int, out: list[CanFrame]) -> int:
-        """Receive at once the consecutive segments that begin at byte `start` of `records`; return their number.
+        """Receive the consecutive segments beginning at byte `start` of `records` at once; return their number.
 
         Segments that must be acknowledged or make the object too large are left to `receive`.
         """
@@ -210,7 +210,7 @@ class BlockSender:
         return min(self._first * SEGMENT_DATA, len(self._data)), len(self._data)
 
     def receive(self, data: bytes, out: list[CanFrame]) -> int:
-        """Process the receiver's next expected frame; ignore a frame with any other command specifier."""
+        """Process the receiver's next expected frame; ignore frames with any other command specifier."""
         if out or data[0] != self._expected:
             return IGNORED
         if self._expected == BLOCK_END_ANSWER:
@@ -221,7 +221,7 @@ class BlockSender:
         return PROGRESS
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002 - interface of all transfers
-        """Return False: a sender acknowledges nothing."""
+        """Return False; a sender acknowledges nothing."""
         return False
 
     def _acknowledged(self, number: int, block_size: int) -> int:
@@ -278,7 +278,7 @@ class SegmentedUpload(SegmentReceiver):
         return PROGRESS
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002
-        """Return False: a lost segment cannot be requested again."""
+        """Return False; a lost segment cannot be requested again."""
         return False
 
 
@@ -317,7 +317,7 @@ class SegmentedDownload:
         return PROGRESS
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002
-        """Return False: a client must not send a segment twice."""
+        """Return False; a client must not send a segment twice."""
         return False
 
 
@@ -386,10 +386,10 @@ class ServedUpload:
         return DONE if self._offset >= len(self._data) else PROGRESS
 
     def confirm(self, out: list[CanFrame]) -> None:
-        """Do nothing: the last segment ends the transfer."""
+        """Do nothing; the last segment ends the transfer."""
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002
-        """Return False: the client requests segments."""
+        """Return False; the client requests segments."""
         return False
 
 
@@ -419,7 +419,7 @@ class ServedDownload(SegmentReceiver):
         out.append(_frame(self._cob_id, _CONFIRMATIONS, self._toggle ^ TOGGLE))
 
     def acknowledge_on_silence(self, out: list[CanFrame]) -> bool:  # noqa: ARG002
-        """Return False: a lost segment cannot be requested again."""
+        """Return False; a lost segment cannot be requested again."""
         return False
 
 
@@ -437,7 +437,7 @@ class ServedBlockUpload(BlockSender):
         return command & COMMAND_MASK == BLOCK_UPLOAD and command & 0x03 != 0
 
     def confirm(self, out: list[CanFrame]) -> None:
-        """Do nothing: the client's answer ends the transfer."""
+        """Do nothing; the client's response ends the transfer."""
 
 
 class ServedBlockDownload(BlockReceiver):

@@ -54,7 +54,7 @@ def is_valid_overflow(overflow: int) -> bool:
 
 
 def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
-    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`; None if the write is valid."""
+    """Return the abort code of a write to 0x1019 while 0x1006 is `period_us`, or None if valid."""
     # CiA 301, 7.5.2.22: the overflow value must not change while 0x1006 is not 0
     if period_us:
         return AbortCode.DEVICE_STATE
@@ -62,7 +62,7 @@ def check_overflow(overflow: int, period_us: int) -> AbortCode | None:
 
 
 def check_cob_id_sync(value: int, present: int, *, can_produce: bool = True) -> AbortCode | None:
-    """Return the abort code of a write to 0x1005 whose current value is `present`; None if the write is valid."""
+    """Return the abort code of a write to 0x1005 whose current value is `present`, or None if valid."""
     # CiA 301, 7.5.2.5: bit 30, the device generates SYNC
     if value & PRODUCER_BIT and not can_produce:
         return AbortCode.INVALID_VALUE
@@ -120,10 +120,10 @@ class SyncProducer:
         self._deadline_ns = None
 
     def receive(self, frame: CanFrame, now: int) -> None:
-        """Ignore the frame: a SYNC producer receives nothing."""
+        """Ignore the frame; a SYNC producer receives nothing."""
 
     def tick(self, now: int) -> None:
-        """Send a SYNC when one is due; missed periods are skipped, without a shift of the later SYNCs."""
+        """Send a SYNC when due; missed periods are skipped and do not shift later SYNCs."""
         if self.period_ns and self._deadline_ns is not None and now >= self._deadline_ns:
             self._frames.put(self.frame())
             self._deadline_ns = next_on_grid(self._deadline_ns, self.period_ns, now)
@@ -190,7 +190,7 @@ class SyncConsumer:
         self.happened.put(SyncEvent(SyncEventKind.SYNC, now, counter))
 
     def receive_plain(self, now: int) -> bool:
-        """Count a SYNC without data, without an event, if it is in time; False if `receive` must process the SYNC."""
+        """Count a timely SYNC without data, with no event; False if `receive` must process it."""
         deadline = self._deadline_ns
         if self.overflow or self._missed or (deadline is not None and now >= deadline):
             return False
@@ -199,14 +199,14 @@ class SyncConsumer:
         return True
 
     def tick(self, now: int) -> None:
-        """Report once that no SYNC arrived within 1.5 periods."""
+        """Report once that no SYNC has arrived within 1.5 periods."""
         # 1.5 communication cycle periods (0x1006), as in CANopenNode
         if self._deadline_ns is not None and now >= self._deadline_ns:
             self._deadline_ns, self._missed = None, True
             self.happened.put(SyncEvent(SyncEventKind.MISSED, now))
 
     def next_deadline(self) -> int | None:
-        """Return the time at which the next SYNC counts as missed, or None if SYNC is not monitored."""
+        """Return the time at which the next SYNC is considered missed, or None if SYNC is not monitored."""
         return self._deadline_ns
 
     def frames(self) -> list[CanFrame]:

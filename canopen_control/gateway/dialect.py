@@ -1,4 +1,4 @@
-"""Parser and formatter of CiA 309-3 commands and answers as in CANopenNode, without I/O.
+"""Parser and formatter of CiA 309-3 commands and responses as in CANopenNode, without I/O.
 
     line    = [command] ["#" comment] LF
     command = "[" sequence "]" [[net] node] verb arguments
@@ -111,7 +111,7 @@ _LEDS: Final = b" CANopen status LEDs: R  G         \r"  # without line feed, as
 
 @dataclass(frozen=True, slots=True)
 class ReadOrder:
-    """SDO upload requested by the client; `type_name` selects the format of the answer."""
+    """SDO upload requested by the client; `type_name` selects the format of the response."""
 
     node_id: int
     index: int
@@ -151,7 +151,7 @@ GatewayRequest: TypeAlias = ReadOrder | WriteOrder | NmtOrder | LssOrder | LogOr
 
 
 class GatewayRefusal(CanopenError):
-    """Error answer of CiA 309-3; `reason` is a sentence where the text of the number is too general."""
+    """Error response of CiA 309-3; `reason` is a sentence where the text of the number is too general."""
 
     def __init__(self, number: int, reason: str = "") -> None:
         self.number, self.reason = number, reason
@@ -162,7 +162,7 @@ class GatewayRefusal(CanopenError):
 
 
 class _Fixed(NamedTuple):
-    """Data type of fixed size, with its format character in `struct` and the format in which values are printed."""
+    """Data type of fixed size: format character for `struct`, and format for printing values."""
 
     letter: str
     shown: str
@@ -189,7 +189,7 @@ _LONG_VALUE: Final = re.compile(
 
 
 def shown_value(type_name: str, data: bytes) -> str:
-    """Format an object's data as CANopenNode prints the type; in hexadecimal if the length does not fit the type."""
+    """Format an object's data like CANopenNode; in hexadecimal if the length does not fit the type."""
     fixed = _FIXED.get(type_name)
     if fixed is not None and len(data) == struct.calcsize(fixed.letter):
         return fixed.shown.format(*struct.unpack(f"<{fixed.letter}", data))
@@ -202,7 +202,7 @@ def shown_value(type_name: str, data: bytes) -> str:
 
 
 def _c_number(token: bytes) -> tuple[int, bool]:
-    """Parse a number as C's strtoul does; the flag is True if the whole token is a number."""
+    """Parse a number like C's strtoul; the flag is True if the whole token is a number."""
     match = _NUMBER.match(token)
     if match is None:
         return 0, not token
@@ -228,7 +228,7 @@ def _fixed_bytes(fixed: _Fixed, token: bytes) -> bytes:
 
 
 def _open_bytes(type_name: str, raw: bytes) -> bytes:
-    """Return the data of a text, hex or base64 value, which extends to the end of the line."""
+    """Return the data of a text, hex or base64 value that extends to the end of the line."""
     data = b""
     if type_name == _TEXT:
         match = (_QUOTED if raw[:1] == b'"' else _WORD).fullmatch(raw)
@@ -252,7 +252,7 @@ def _open_bytes(type_name: str, raw: bytes) -> bytes:
 
 
 class _Line:
-    """Command line that is read token by token; `closed` means that only a comment, or nothing, follows."""
+    """Command line, read token by token; `closed` means that only a comment, or nothing, follows."""
 
     def __init__(self, raw: bytes) -> None:
         self.raw = raw
@@ -266,7 +266,7 @@ class _Line:
         return self.raw[self._position : self._position + 1] in (b"", b"#")
 
     def token(self, longest: int = _LONGEST_TOKEN) -> bytes:
-        """Return the next token, b"" at the end of the line."""
+        """Return the next token, or b"" at the end of the line."""
         begin = end = self._position
         while end < len(self.raw) and 0x21 <= self.raw[end] <= 0x7E and self.raw[end] != ord("#"):
             end += 1
@@ -330,7 +330,7 @@ def _ranged(token: bytes, low: int, high: int) -> int:
 
 
 class _Arguments(NamedTuple):
-    """Arguments of an LSS command, as the permitted numbers of arguments and the range of each argument."""
+    """Arguments of an LSS command: permitted numbers of arguments, and the range of each argument."""
 
     counts: tuple[int, ...]
     ranges: tuple[tuple[int, int], ...] = ()
@@ -366,7 +366,7 @@ _LSS: Final = {
 
 
 class GatewayDialect:
-    """Session of one client, with the client's default node, SDO settings and unfinished line.
+    """Session of one client, with its default node, SDO settings and unfinished line.
 
     With `optional_sequence`, for people who type, a line may begin with the command; the sequence number is then 0.
     """
@@ -390,7 +390,7 @@ class GatewayDialect:
         self._input += data
 
     def next_event(self) -> GatewayRequest | bytes | None:
-        """Return the next request, or the answer to a command without bus access; None if no line is complete."""
+        """Return the next request, or the response to a command without bus access; None without a complete line."""
         try:
             line = self._next_line()
             return None if line is None else self._parsed(line)
@@ -560,29 +560,29 @@ class GatewayDialect:
     # -- answers, to be sent in one piece each, because cocomm expects a whole answer from one read
 
     def ok(self) -> bytes:
-        """Return the answer to a successful command without a value."""
+        """Return the response to a successful command without a value."""
         return self.text("OK")
 
     def text(self, text: str) -> bytes:
-        """Return an answer with the sequence number of the command."""
+        """Return a response with the sequence number of the command."""
         signed = self.sequence - (1 << 32) if self.sequence >> 31 else self.sequence  # CANopenNode prints PRId32
         return f"[{signed}] {text}".encode("utf-8", "surrogateescape") + _END
 
     def value(self, type_name: str, data: bytes) -> bytes:
-        """Return the answer to a successful upload."""
+        """Return the response to a successful upload."""
         return self.text(shown_value(type_name, data))
 
     def abort(self, code: int) -> bytes:
-        """Return the answer to an aborted SDO transfer."""
+        """Return the response to an aborted SDO transfer."""
         meaning = _ABORTS.get(code) or abort_text(code)
         return self.text(f"ERROR:0x{code:08X} #{meaning[:1].upper()}{meaning[1:]}.")
 
     def error(self, refusal: GatewayRefusal) -> bytes:
-        """Return the answer to a refused command."""
+        """Return the response to a refused command."""
         reason = " ".join(refusal.reason.split())
         return self.text(f"ERROR:{refusal.number} #{ERRORS[refusal.number]} {reason}".rstrip())
 
     @staticmethod
     def log(lines: list[str]) -> bytes:
-        """Return the answer to the `log` command, which has no sequence number."""
+        """Return the response to the `log` command, which has no sequence number."""
         return "\n".join(lines).encode("utf-8", "surrogateescape") + _END

@@ -1,4 +1,4 @@
-"""Gateway server, which executes the commands of clients on a bus or a running robot, over stdio or a socket.
+"""Gateway server: executes the commands of clients on a bus or a running robot, over stdio or a socket.
 
 There is one client at a time, with one command at a time; other clients wait until it disconnects. Commands that may
 move a drive are refused unless the gateway was started with permission. The robot's stop and supervision are not
@@ -95,7 +95,7 @@ class GatewayNetwork(Protocol):
         """Send an NMT command to a node; node id 0 addresses all nodes."""
 
     def lss(self, ask: Callable[[LssMaster], LssRequest], scan_s: float | None = None) -> LssResult:
-        """Run an LSS service and return its result; `scan_s` is the time to wait for each Fastscan answer in s."""
+        """Run an LSS service and return its result; `scan_s` is the time in s to wait for each Fastscan response."""
 
     def log(self) -> list[str]:
         """Return the events since the last call, one line each."""
@@ -130,7 +130,7 @@ class BusLog:
 
 
 def motion_reason(request: GatewayRequest) -> str:
-    """Return the reason why a request needs --allow-motion; "" for a request that is always permitted."""
+    """Return why a request needs --allow-motion, or "" for a request that is always permitted."""
     advice = f"start the gateway with {ALLOW_MOTION} to allow it"
     if isinstance(request, NmtOrder):
         return f"NMT commands start and stop drives; {advice}"
@@ -142,14 +142,14 @@ def motion_reason(request: GatewayRequest) -> str:
 
 
 class _LssConsole:
-    """Executor of LSS commands, which tracks the configuration state of slaves as CANopenNode's master does."""
+    """Executor of LSS commands, which tracks the configuration state of slaves like CANopenNode's master."""
 
     def __init__(self, network: GatewayNetwork) -> None:
         self._network = network
         self._configuring = False
 
     def answer(self, order: LssOrder) -> list[str]:
-        """Run an LSS service and return the lines of the answer, without the sequence number."""
+        """Run an LSS service and return the lines of the response, without the sequence number."""
         verb, numbers = order
         if verb == "lss_switch_glob" and not numbers[0]:
             return self._leave()
@@ -256,7 +256,7 @@ class GatewayService:
         self._lss = _LssConsole(network)
 
     def answers(self, client: GatewayDialect, data: bytes) -> Iterator[bytes]:
-        """Yield the answers to a client's input; raise RemoteError or BusClosed if the robot or the bus is lost."""
+        """Yield the responses to a client's input; raise RemoteError or BusClosed if the robot or the bus is lost."""
         client.receive(data)
         while (event := client.next_event()) is not None:
             yield event if isinstance(event, bytes) else self._answer(client, event)
@@ -348,14 +348,14 @@ class GatewayService:
         return poll
 
     def _ready(self, poll: select.poll, descriptor: int) -> bool:
-        """Wait for data of the client or the network, handle the network's data; True if the client has sent data."""
+        """Wait for data from the client or the network, and handle network data; True if the client has sent data."""
         ready = {number for number, _ in poll.poll()}
         self.network.take_in()
         return descriptor in ready
 
 
 def _abort_of(error: CanopenError) -> int | None:
-    """Return the SDO abort code with which the gateway answers an error, or None for an error without an abort code."""
+    """Return the SDO abort code for an error, or None for an error without an abort code."""
     if isinstance(error, SdoAbort):
         return error.code
     if isinstance(error, SdoTimeout) or (isinstance(error, RemoteError) and error.kind in _SILENT):
@@ -367,7 +367,7 @@ def _abort_of(error: CanopenError) -> int | None:
 
 
 def _refusal_of(error: CanopenError) -> GatewayRefusal:
-    """Convert an error to an error answer of CiA 309-3; raise the error again if the robot or the bus is lost."""
+    """Convert an error to an error response of CiA 309-3; re-raise it if the robot or the bus is lost."""
     kind = error.kind if isinstance(error, RemoteError) else type(error).__name__
     if kind == BusClosed.__name__:
         raise error

@@ -1,4 +1,4 @@
-"""Environment of child processes, without the variables that are meant only for this process.
+"""Environment of child processes, without variables that are meant only for this process.
 
 The ROS wheels restart every interpreter of their environment with their own libraries in LD_LIBRARY_PATH and a guard
 variable. A child inherits both, and they break it if it uses another environment: rclpy then finds the wrong

@@ -30,7 +30,7 @@ FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO))
 
 
 def make_private(path: str | Path) -> None:
-    """Create an empty file that only the user can access, unless the file exists; raise OSError.
+    """Create an empty file that only the user can access, unless it exists; raise OSError.
 
     Logs of robots are private, and later openers keep the mode of the file.
     """
@@ -60,7 +60,7 @@ def write_whole(path: str | Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def telling(path: str | Path, remains: str) -> Iterator[None]:
-    """Convert an OSError during a write to `path` to DiskFull, with the text `remains`, or else to ConfigError."""
+    """Convert an OSError during a write to `path` into DiskFull, with the text `remains`, or else ConfigError."""
     try:
         yield
     except OSError as error:
@@ -98,7 +98,7 @@ class LogFile:
 
     @contextlib.contextmanager
     def opened_for(self, argv: Sequence[str]) -> Iterator[BinaryIO]:
-        """Open the log for a child and write a start line; raise ConfigError if the log cannot be written."""
+        """Open the log for a child and write a start line; raise ConfigError if it cannot be written."""
         try:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if self.path.exists() and self.path.stat().st_size > self._limit:
@@ -121,7 +121,7 @@ class LogFile:
         return self.path.with_name(self.path.name + ".1")
 
     def last_lines(self, count: int) -> list[str]:
-        """Return the last lines of this run, at most `count`; an empty list if the file was removed."""
+        """Return the last lines of this run, at most `count`; empty if the file was removed."""
         try:
             with open(self.path, "rb") as file:
                 size = file.seek(0, os.SEEK_END)
@@ -133,7 +133,7 @@ class LogFile:
         return text.splitlines()[-count:]
 
     def rotate_if_long(self) -> None:
-        """Rotate the log on a thread if the log is longer than the limit; the check takes microseconds."""
+        """Rotate the log on a thread if it is longer than the limit; the check takes microseconds."""
         with contextlib.suppress(OSError):
             if self.path.stat().st_size <= self._limit or (self._busy is not None and self._busy.is_alive()):
                 return
@@ -141,7 +141,7 @@ class LogFile:
             self._busy.start()
 
     def rotate(self) -> None:
-        """Copy the log to a file that ends in `.1`, and truncate the log."""
+        """Copy the log to a file whose name ends in `.1`, and truncate the log."""
         with contextlib.suppress(OSError):  # disk full: truncating still helps
             make_private(self._old)
             shutil.copyfile(self.path, self._old)

@@ -39,7 +39,7 @@ Main: TypeAlias = "tuple[str, Sequence[str]]"
 
 
 def allow_forks() -> None:
-    """Allow `spawn` to fork this process; forked children may fork as well."""
+    """Allow `spawn` to fork this process; forked children may fork too."""
     global _allowed
     _allowed = True
 
@@ -68,7 +68,7 @@ class ForkedProcess:
         return self._wait(os.WNOHANG)
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for the end of the child, at most `timeout` s; return the exit status, None while the child runs."""
+        """Wait for the end of the child, at most `timeout` s; return the exit status, or None while it runs."""
         if timeout is not None and self.poll() is None:
             descriptor = os.pidfd_open(self.pid)
             try:
@@ -128,7 +128,7 @@ def _run_child(
     mask: Collection[int],
     detached: bool,
 ) -> NoReturn:
-    """Run the program in the fork, then end the process without returning to any caller."""
+    """Run the program in the fork, then end the process without returning to a caller."""
     code = 1
     try:
         os.setsid()
@@ -180,7 +180,7 @@ def _reset_environment(environment: Mapping[str, str]) -> None:
 
 
 def _reset_streams() -> None:
-    """Open the standard streams, unbuffered as with PYTHONUNBUFFERED."""
+    """Open the standard streams unbuffered, as with PYTHONUNBUFFERED."""
     _parents_objects.extend((sys.stdin, sys.stdout, sys.stderr, sys.__stdin__, sys.__stdout__, sys.__stderr__))
     usual = sys.__stdout__
     encoding, errors = ("utf-8", "strict") if usual is None else (usual.encoding, usual.errors or "strict")

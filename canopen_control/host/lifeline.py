@@ -1,4 +1,4 @@
-"""Child's side of `spawn` and `spawn_detached`: detection of the parent's end, and reports of readiness.
+"""Child's side of `spawn` and `spawn_detached`: detects the parent's end, and reports readiness.
 
 The module is separate so that children need not import the code that starts processes.
 """
@@ -24,7 +24,7 @@ def lifeline_fd() -> int | None:
 
 
 def gate_fd() -> int | None:
-    """Return the descriptor of this process's gate, or None without a gate; the caller must close the descriptor.
+    """Return the descriptor of this process's gate, or None without a gate; the caller must close it.
 
     The descriptor becomes readable when the parent opens the gate, with one byte, or at end of file if the gate will
     never be opened.
@@ -55,7 +55,7 @@ def report_ready() -> None:
 
 
 def report_failure(sentence: str) -> None:
-    """Report to `spawn_detached` why this process could not start; no-op in a process without a waiting starter."""
+    """Report to `spawn_detached` why this process could not start; no-op without a waiting starter."""
     _report(" ".join(sentence.split()).encode()[:4000])
 
 
@@ -69,7 +69,7 @@ def _report(line: bytes) -> None:
 
 
 class LivenessReport:
-    """Reports of a child to `spawn`: first that the child is ready, then that the child is still running.
+    """Reports of a child to `spawn`: first that it is ready, then that it is still running.
 
     The methods have no effect in a process whose starter has not requested reports.
     """

@@ -1,4 +1,4 @@
-"""Blocking client of a line server, for scripts, threads and the command line; and the splitter of byte streams."""
+"""Blocking client of a line server, for scripts, threads and the command line; and a splitter of byte streams."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _COSTLY: Final = b",[{\\"  # every value, or escaped letter, that takes time con
 
 
 def too_many_values(line: bytes) -> bool:
-    """Whether a line of JSON has more than `MAX_VALUES` values, estimated without decoding the line."""
+    """Whether a line of JSON has more than `MAX_VALUES` values, estimated without decoding it."""
     return sum(map(line.count, _COSTLY)) > MAX_VALUES
 
 
 class LineBuffer:
-    """Splitter of a byte stream into lines, independent of how the stream is divided into pieces.
+    """Splitter of a byte stream into lines, however the stream is divided into pieces.
 
     `overflow` becomes True when a line is longer than `limit` bytes; no line is returned after that.
     """
@@ -101,7 +101,7 @@ class LineClient:
         self.close()
 
     def fileno(self) -> int:
-        """Return the descriptor, readable when `receive` may return a line; -1 after `close`."""
+        """Return the descriptor, which is readable when `receive` may return a line; -1 after `close`."""
         return self._socket.fileno()
 
     def send(self, line: bytes, timeout: float = 5.0) -> None:
@@ -134,7 +134,7 @@ class LineClient:
         return line
 
     def hang_up(self) -> None:
-        """Shut the connection down in both directions, which ends a `receive` that waits in another thread."""
+        """Shut the connection down in both directions, which ends a `receive` waiting in another thread."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
 

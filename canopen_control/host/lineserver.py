@@ -71,7 +71,7 @@ class Connection:
 
     @property
     def closed(self) -> bool:
-        """Whether the connection has ended, or will end when the last answer has been sent."""
+        """Whether the connection has ended, or will end once the last reply has been sent."""
         return bool(self.reason)
 
     @property
@@ -86,7 +86,7 @@ class Connection:
         self._unanswered += 1
 
     def answer(self, line: bytes) -> None:
-        """Send the answer to a request counted by `expect_answer`."""
+        """Send the reply to a request counted by `expect_answer`."""
         self._unanswered -= 1
         self.send(line)
 
@@ -109,7 +109,7 @@ class Connection:
         self._output += line
 
     def close(self, reason: str = "closed") -> None:
-        """Close the connection when everything was sent, after one second at most; no-op if it is closed already."""
+        """Close the connection once everything has been sent, after at most one second; no-op if already closed."""
         if self.reason:
             return
         if not self._output:
@@ -149,7 +149,7 @@ class Connection:
             self._release()
 
     def eviction_order(self, now: int) -> tuple[int, int] | None:
-        """Return the eviction rank as (class, time), lowest first; None if the connection is not to be evicted now."""
+        """Return the eviction rank as (class, time), lowest first, or None if it must not be evicted now."""
         if now - self._connected_at < _GRACE_NS or self.reason:
             return None
         if not self._requests:
@@ -172,7 +172,7 @@ class Connection:
         self._queue_turn()
 
     def _queue_turn(self) -> None:
-        """Queue the connection for the next received line, if there is one."""
+        """Queue the connection for its next received line, if any."""
         self._next = None if self.reason else self._input.next_line()
         if self._next is not None:
             self._server.line_up(self, first=not self._requests)
@@ -258,7 +258,7 @@ class LineServer:
 
     @property
     def connections(self) -> list[Connection]:
-        """Open connections, without those that are about to close."""
+        """Open connections, except those that are about to close."""
         return [connection for connection in self._connections if not connection.closed]
 
     def close(self) -> None:
@@ -280,14 +280,14 @@ class LineServer:
             self.on_close(connection)
 
     def line_up(self, connection: Connection, *, first: bool) -> None:
-        """Queue a connection for processing of its next line; called by the connection."""
+        """Queue a connection for processing its next line; called by the connection."""
         (self._newcomers if first else self._waiting).append(connection)
         if not self._planned:
             self._planned = True
             self.reactor.call_soon(self._serve_turn)
 
     def _serve_turn(self) -> None:
-        """Process one line per connection in turn, until the time of this turn has elapsed."""
+        """Process one line per connection in turn until the time of this iteration has elapsed."""
         until = self.reactor.now() + _SHARE_NS
         try:
             for _ in range(_LINES_PER_TURN):
@@ -331,7 +331,7 @@ class LineServer:
             self.reactor.add_reader(self._socket, self._on_readable)
 
     def _make_room(self) -> bool:
-        """Disconnect a client with a message, so that another can connect; False if all are new or exempt."""
+        """Disconnect a client, with a message, so that another can connect; False if all are new or exempt."""
         now = self.reactor.now()
         candidates = [
             connection

@@ -1,4 +1,4 @@
-"""Pollers for the reactor: epoll, or an in-process poller for simulations, whose readiness costs no system call."""
+"""Pollers for the reactor: epoll, or an in-process poller for simulations whose readiness costs no system call."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _READABLE: Final = getattr(select, "EPOLLIN", 1)
 
 
 class Poller(Protocol):
-    """Source of the descriptors that are ready."""
+    """Source of ready descriptors."""
 
     def poll(self, timeout: float | None, maxevents: int, /) -> Sequence[tuple[int, int]]:
         """Return ready descriptors with their event masks, as epoll does."""
@@ -26,7 +26,7 @@ class Poller(Protocol):
 
 
 def open_poller(selector: selectors.BaseSelector) -> Poller | None:
-    """Return a poller that is faster than `selector` itself, or None if there is none.
+    """Return a poller that is faster than `selector` itself, or None.
 
     The epoll poller has a descriptor of its own, so that both the poller and the selector can be closed.
     """
@@ -50,7 +50,7 @@ class MarkedSelector(selectors.BaseSelector):
         self._next = _FIRST
 
     def allocate(self) -> int:
-        """Return an unused number, to be used in place of a descriptor."""
+        """Return an unused number to be used in place of a descriptor."""
         self._next += 1
         return self._next
 
@@ -60,7 +60,7 @@ class MarkedSelector(selectors.BaseSelector):
         return number in self._keys
 
     def clear_ready(self, number: int) -> None:
-        """Make a number unreadable; no-op if the number is not ready."""
+        """Make a number unreadable; no-op if it is not ready."""
         self.marked.pop(number, None)
 
     def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:  # noqa: ANN401 - selectors' own types
@@ -80,7 +80,7 @@ class MarkedSelector(selectors.BaseSelector):
         ]
 
     def poll(self, _timeout: float | None, _most: int) -> Sequence[tuple[int, int]]:
-        """Return the numbers that are registered and ready, each with the mask of readable, as epoll does."""
+        """Return the registered and ready numbers, each with the mask of readable, as epoll does."""
         marked, keys = self.marked, self._keys
         if not marked:
             return ()

@@ -31,7 +31,7 @@ _SPECIAL_ANNOTATIONS: Final = ("ClassVar", "InitVar", "KW_ONLY")
 
 
 class _Method:
-    """Method of a dataclass that creates the actual function on lookup or call, and replaces itself."""
+    """Method of a dataclass that creates the actual function on lookup or call, and replaces itself with it."""
 
     __slots__ = ("__name__", "_make")
 
@@ -110,7 +110,7 @@ class _LazyPattern:
 
 @contextlib.contextmanager
 def lazy_patterns() -> Iterator[None]:
-    """Defer the compilation of the patterns that this package and PyYAML define in this context until their first use.
+    """Defer compiling the patterns that this package and PyYAML define in this context until their first use.
 
     The patterns of compiled modules are compiled at once.
     """
@@ -141,7 +141,7 @@ def quick_imports() -> Iterator[None]:
 
 @contextlib.contextmanager
 def quick_start() -> Iterator[None]:
-    """Speed up imports as `quick_imports` does, with the garbage collector disabled until the end of the context."""
+    """Speed up imports like `quick_imports`, with the garbage collector disabled until the end of the context."""
     gc.disable()
     try:
         with quick_imports():

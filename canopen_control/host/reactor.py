@@ -50,7 +50,7 @@ FileLike: TypeAlias = int | HasFileno
 
 
 class _Watch:
-    """Callbacks of one descriptor, and the turn in which the descriptor was registered."""
+    """Callbacks of one descriptor, and the iteration in which it was registered."""
 
     __slots__ = ("on_readable", "on_writable", "since")
 
@@ -75,7 +75,7 @@ def _fd_of(fileobj: FileLike) -> int:
 
 
 def _nop(*_args: object) -> None:
-    """Do nothing: the signal number arrives through the wake-up descriptor."""
+    """Do nothing; the signal number arrives through the wake-up descriptor."""
 
 
 class Reactor:
@@ -126,19 +126,19 @@ class Reactor:
     # -- descriptors
 
     def add_reader(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
-        """Call `callback` in every turn in which the descriptor is readable; an earlier reader is replaced."""
+        """Call `callback` in every iteration in which the descriptor is readable; an earlier reader is replaced."""
         self._change(_fd_of(fileobj), _READ, callback)
 
     def remove_reader(self, fileobj: FileLike) -> None:
-        """Remove the reader at once; no-op without a reader. Call this before the descriptor is closed."""
+        """Remove the reader at once; no-op without a reader. Call this before closing the descriptor."""
         self._change(_fd_of(fileobj), _READ, None)
 
     def add_writer(self, fileobj: FileLike, callback: Callable[[], object]) -> None:
-        """Call `callback` in every turn in which the descriptor is writable; an earlier writer is replaced."""
+        """Call `callback` in every iteration in which the descriptor is writable; an earlier writer is replaced."""
         self._change(_fd_of(fileobj), _WRITE, callback)
 
     def remove_writer(self, fileobj: FileLike) -> None:
-        """Remove the writer at once; no-op without a writer. Call this before the descriptor is closed."""
+        """Remove the writer at once; no-op without a writer. Call this before closing the descriptor."""
         self._change(_fd_of(fileobj), _WRITE, None)
 
     def _change(self, fd: int, event: int, callback: Callable[[], object] | None) -> None:
@@ -180,7 +180,7 @@ class Reactor:
     # -- time
 
     def call_at(self, deadline_ns: int, callback: Callable[[], object]) -> Timer:
-        """Call `callback` once, when the clock has reached `deadline_ns`."""
+        """Call `callback` once when the clock has reached `deadline_ns`."""
         return self._timers.push(deadline_ns, callback)
 
     def call_later(self, delay_ns: int, callback: Callable[[], object]) -> Timer:
@@ -188,7 +188,7 @@ class Reactor:
         return self._timers.push(self.now() + delay_ns, callback)
 
     def call_soon(self, callback: Callable[[], object]) -> None:
-        """Call `callback` once, in this turn or the next, in the order of the `call_soon` calls."""
+        """Call `callback` once, in this iteration or the next, in the order of the `call_soon` calls."""
         self._soon.append(callback)
 
     def call_threadsafe(self, callback: Callable[[], object]) -> None:
@@ -240,7 +240,7 @@ class Reactor:
                     self._turn(None)  # a manual clock without timers: only a descriptor can continue
 
     def run_until(self, condition_or_deadline: Callable[[], bool] | int, timeout_ns: int | None = None) -> bool:
-        """Process events until a condition is true or a deadline is reached; return the value of the condition.
+        """Process events until a condition is true or a deadline is reached; return the condition's value.
 
         The condition is checked before every turn. The result is False if `timeout_ns` has elapsed, if `stop` was
         called, or, with a manual clock, if no event is left. For a deadline the result is True unless `stop` was
@@ -272,11 +272,11 @@ class Reactor:
                 return deadline
 
     def stop(self) -> None:
-        """End `run`, `run_until` or `run_for` after this turn; if none is running, end the next call at its start."""
+        """End `run`, `run_until` or `run_for` after this iteration; if none is running, end the next at its start."""
         self._stopping = True
 
     def close(self) -> None:
-        """Restore the signal handlers and close all descriptors; no-op if the reactor is closed already."""
+        """Restore the signal handlers and close all descriptors; no-op if already closed."""
         if self._closed:
             return
         self._closed = True
@@ -318,7 +318,7 @@ class Reactor:
         return False
 
     def _step(self, limit: int | None) -> bool:
-        """Process one turn; return False at the limit, or with a manual clock if no event is left before the limit."""
+        """Process one iteration; return False at the limit, or with a manual clock if no event is left before it."""
         if not self.clock.is_manual:
             self._turn(self._longest_wait())
             return limit is None or self.now() < limit

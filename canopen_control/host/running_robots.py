@@ -1,4 +1,4 @@
-"""Search for running robots of this user, by the names of their sockets."""
+"""Search for this user's running robots, by the names of their sockets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def find_robots() -> list[str]:
 
 
 def select_robot(name: str | None = None) -> str:
-    """Return `name` if that robot is running, else raise ConfigError; without `name`, return the only running robot."""
+    """Return `name` if that robot is running; without `name`, the only running robot; else raise ConfigError."""
     running = find_robots()
     if name is not None:
         if check_name(name) in running:

@@ -33,7 +33,7 @@ def on_signals(numbers: Iterable[signal.Signals], call: Callable[[], object]) ->
 
 
 def interrupt() -> None:
-    """Raise KeyboardInterrupt as Ctrl-C does, for signals that end a program in the same way."""
+    """Raise KeyboardInterrupt like Ctrl-C, for signals that end a program in the same way."""
     raise KeyboardInterrupt
 
 
@@ -63,7 +63,7 @@ class ProcessSignals:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
 
     def finish(self) -> None:
-        """Raise no further KeyboardInterrupt; a second signal from now on ends the process."""
+        """Raise no further KeyboardInterrupt; from now on a second signal ends the process."""
         self._finished = True
         _stop_timer()
 
@@ -86,21 +86,21 @@ class ProcessSignals:
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
 
     def _raise_again(self, unraisable: sys.UnraisableHookArgs) -> None:
-        """Repeat a KeyboardInterrupt that could not be raised where it occurred; report other exceptions."""
+        """Re-raise a KeyboardInterrupt that could not be raised where it occurred; report other exceptions."""
         if unraisable.exc_type is not KeyboardInterrupt:
             sys.__unraisablehook__(unraisable)
         elif not self._finished:
             self._handle_soon()
 
     def _ignore(self) -> None:
-        """Ignore the signals while the interpreter frees its objects, because no Python handler can run then."""
+        """Ignore the signals while the interpreter frees its objects, since no Python handler can run then."""
         for number in _ENDING:
             if signal.getsignal(number) == self._handle:
                 signal.signal(number, signal.SIG_IGN)
 
 
 def _stop_timer() -> bool:
-    """Stop the timer of `ProcessSignals`; return whether the timer was running."""
+    """Stop the timer of `ProcessSignals`; return whether it was running."""
     owner = getattr(signal.getsignal(signal.SIGALRM), "__self__", None)
     return isinstance(owner, ProcessSignals) and signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0
 

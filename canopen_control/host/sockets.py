@@ -1,4 +1,4 @@
-"""Named Unix sockets: their paths, access rights, and whether a process listens.
+"""Named Unix sockets: paths, access rights, and whether a process listens.
 
 The sockets are in $XDG_RUNTIME_DIR/canopen_control, or in canopen_control-UID in the temporary folder. The folder must
 be private: a folder (not a link), owned by this user, with mode 0700, in a parent where no other user can replace it.
@@ -52,7 +52,7 @@ _umask = threading.Lock()  # the umask belongs to the process, not to the thread
 
 
 class SocketInUse(CanopenError):
-    """Error of a name on which a running process listens already; `pid` is its process id, 0 if unknown."""
+    """Error for a name on which a running process already listens; `pid` is its process id, 0 if unknown."""
 
     def __init__(self, path: Path, pid: int) -> None:
         self.path, self.pid = path, pid
@@ -63,7 +63,7 @@ class SocketInUse(CanopenError):
 
 
 def runtime_dir() -> Path:
-    """Return the folder of this user's sockets, created if necessary; ConfigError if the folder is not private."""
+    """Return the folder of this user's sockets, created if necessary; ConfigError if it is not private."""
     base = os.environ.get("XDG_RUNTIME_DIR", "")
     if base.startswith("/") and os.path.isdir(base):
         return private_folder(Path(base) / "canopen_control")
@@ -73,7 +73,7 @@ def runtime_dir() -> Path:
 
 
 def private_folder(path: Path) -> Path:
-    """Return the folder `path`, created with mode 0700 if it is missing; ConfigError if it is not private."""
+    """Return the folder `path`, created with mode 0700 if missing; ConfigError if it is not private."""
     _refuse_open_parent(path.parent)
     try:
         with contextlib.suppress(FileExistsError):
@@ -126,7 +126,7 @@ def drive_name(channel: str, node_id: int) -> str:
 
 
 def check_name(name: str, longest: int = 32) -> str:
-    """Return `name` if it is a valid name of a bus or robot; raise ConfigError otherwise."""
+    """Return `name` if it is a valid name of a bus or robot; otherwise raise ConfigError."""
     if len(name) > longest or not _NAME.fullmatch(name):
         raise ConfigError(f"{name!r} is not a valid name: use 1 to {longest} of A-Z a-z 0-9 _ -")
     return name
@@ -161,7 +161,7 @@ def list_sockets(kind: SocketKind) -> list[str]:
 
 
 def _peer(sock: socket.socket) -> tuple[int, int] | None:
-    """Return the process id (0 if unknown) and user id of a socket's peer, or None if the peer is gone."""
+    """Return process id (0 if unknown) and user id of a socket's peer, or None if the peer is gone."""
     try:
         if _LINUX:
             pid, uid, _ = _UCRED.unpack(sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
@@ -220,7 +220,7 @@ def open_lock(path: Path) -> int:
 
 
 def claim(path: Path, timeout: float = 0.0) -> int:
-    """Lock a file until this process ends, write the process id into the file, and return its descriptor.
+    """Lock a file until this process ends, write the process id into it, and return its descriptor.
 
     If another process holds the lock and does not end within `timeout` s, SocketInUse with its process id is raised.
     Closing the returned descriptor releases the lock.
@@ -248,7 +248,7 @@ def _flock(fd: int, path: Path, deadline: float) -> None:
 
 
 def listen(path: Path, backlog: int = 64) -> socket.socket:
-    """Return a non-blocking socket that listens at `path`; replace a stale file, raise SocketInUse for one in use.
+    """Return a non-blocking socket listening at `path`; replace a stale file, raise SocketInUse for one in use.
 
     `close_listener` closes the socket and removes the file.
     """
@@ -310,7 +310,7 @@ def _answers(probe: socket.socket, path: Path) -> bool:
 
 
 def close_listener(sock: socket.socket) -> None:
-    """Remove the file of a listening socket, then close the socket; no-op if it is closed already."""
+    """Remove the file of a listening socket, then close the socket; no-op if already closed."""
     if sock.fileno() < 0:
         return
     # While the socket listens, no process treats the file as stale, so that it still belongs to this socket.
@@ -320,7 +320,7 @@ def close_listener(sock: socket.socket) -> None:
 
 
 def _timeval(seconds: float) -> bytes:
-    """Return a time in s as a `struct timeval`, at least 1 us for a positive time."""
+    """Return a time in s as a `struct timeval`, at least 1 us if positive."""
     whole_seconds, microseconds = divmod(math.ceil(seconds * 1_000_000), 1_000_000)
     return struct.pack("@ll", whole_seconds, microseconds)
 

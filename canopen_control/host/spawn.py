@@ -81,17 +81,17 @@ class Child:
 
     @property
     def returncode(self) -> int | None:
-        """Exit status, negative for a signal; None while the child runs or was not polled."""
+        """Exit status, negative for a signal; None while the child runs or has not been polled."""
         return self._process.returncode
 
     def poll(self) -> int | None:
-        """Check whether the child has ended; return its exit status, None while it runs."""
+        """Check whether the child has ended; return its exit status, or None while it runs."""
         if self._process.poll() is not None:
             self.cut_lifeline()
         return self._process.returncode
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait for the end of the child and return its exit status; None after `timeout` s. The method blocks."""
+        """Wait for the end of the child and return its exit status; None after `timeout` s. Blocks."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(timeout)
         return self.poll()
@@ -114,7 +114,7 @@ class Child:
                 os.close(pipe)
 
     def open_gate(self) -> None:
-        """Open the gate of a child, so that the child begins; no-op for a child without a gate."""
+        """Open the gate of a child, so that the child begins; no-op without a gate."""
         gate, self._gate = self._gate, -1
         if gate >= 0:
             with contextlib.suppress(BrokenPipeError):  # it has ended
@@ -122,7 +122,7 @@ class Child:
             os.close(gate)
 
     def discard(self) -> None:
-        """Kill a child that is not watched, wait for its end, and close its pipes; no-op if that was done already."""
+        """Kill a child that is not watched, wait for its end, and close its pipes; no-op if already done."""
         self.kill()
         self.wait()
         self.cut_lifeline()
@@ -131,7 +131,7 @@ class Child:
             os.close(readiness)
 
     def watch_ready(self, reactor: Reactor, on_ready: Callable[[], object]) -> None:
-        """Call `on_ready()` once on the loop when the child has reported readiness or has closed its end of the pipe.
+        """Call `on_ready()` once on the loop when the child has reported readiness or closed its end of the pipe.
 
         `heard_at` is the time of the last report: a child with a `LivenessReport` repeats its report.
         """
@@ -217,7 +217,7 @@ class Child:
 
 
 def end_children(children: Sequence[Child], reactor: Reactor, grace: float) -> None:
-    """Send SIGTERM to all children, and SIGKILL to those still running after `grace` s; the function blocks.
+    """Send SIGTERM to all children, and SIGKILL to those still running after `grace` s; blocks.
 
     The children are unwatched first, so that none is restarted.
     """
@@ -316,7 +316,7 @@ def spawn_detached(
     log_dir: Path | None = None,
     main: Main | None = None,
 ) -> None:
-    """Start a process that is not a child of this process, and return after its call of `report_ready`.
+    """Start a process that is not a child of this process, and return after it has called `report_ready`.
 
     `main` is used as in `spawn`. CanopenError is raised with the sentence given to `report_failure`, with the last
     lines of the log (`<log_dir>/<name>.log`, default folder: `state_dir()`) if the process has ended, or if `ready` s

@@ -38,7 +38,7 @@ class TimeSource(Protocol):
 
 
 class MonotonicClock:
-    """Monotonic clock of the machine, which is also the clock of timerfd."""
+    """Monotonic clock of the machine, which timerfd uses too."""
 
     __slots__ = ()
     is_manual: Final = False
@@ -46,7 +46,7 @@ class MonotonicClock:
 
 
 class ManualClock:
-    """Clock for tests and simulations: `now_ns` is the time, and the owner advances it."""
+    """Clock for tests and simulations: `now_ns` is the time, which the owner advances."""
 
     __slots__ = ("now_ns",)
     is_manual: Final = True
@@ -74,12 +74,12 @@ class Timer:
         return self._callback is not None
 
     def cancel(self) -> None:
-        """Cancel the timer; no-op if the timer has fired or was cancelled."""
+        """Cancel the timer; no-op if it has fired or was cancelled."""
         if self.take() is not None and self.queue is not None:
             self.queue.forget_one()
 
     def take(self) -> Callable[[], object] | None:
-        """Return the callback and deactivate the timer; None if the timer is not active."""
+        """Return the callback and deactivate the timer; None if it is not active."""
         callback, self._callback = self._callback, None
         return callback
 
@@ -105,7 +105,7 @@ class TimerQueue:
         return timer
 
     def next_deadline(self) -> int | None:
-        """Return the deadline of the earliest active timer, or None if there is none."""
+        """Return the deadline of the earliest active timer, or None."""
         heap = self._heap
         while heap:
             deadline_ns, _, timer = heap[0]
@@ -131,7 +131,7 @@ class TimerQueue:
         return expired
 
     def forget_one(self) -> None:
-        """Count a cancelled timer; remove the cancelled timers from the heap if they are more than half."""
+        """Count a cancelled timer; remove cancelled timers from the heap if they are more than half of it."""
         self._dead += 1
         if self._dead > _COMPACT_ABOVE and self._dead * 2 > len(self._heap):
             self._heap = [item for item in self._heap if item[2].active]
@@ -139,7 +139,7 @@ class TimerQueue:
             self._dead = 0
 
     def clear(self) -> None:
-        """Remove all timers; none of them is active afterwards."""
+        """Remove all timers, which are then inactive."""
         heap, self._heap, self._dead = self._heap, [], 0
         for _, _, timer in heap:
             timer.take()
@@ -154,7 +154,7 @@ class Rhythm:
         self.interval_ns = self._last_ns = self._step_ns = 0  # 0: single shot
 
     def continues(self, deadline_ns: int) -> bool:
-        """Return whether the next deadline (0 for none) continues the period of the kernel's timer.
+        """Return whether the next deadline (0: none) continues the period of the kernel's timer.
 
         If not, the timer must be set, with the period `interval_ns`.
         """
@@ -167,7 +167,7 @@ class Rhythm:
 
 
 def _fired_once(fd: int) -> bool:
-    """Read a periodic timer; False if it has not fired exactly once, so that the timer must be set again."""
+    """Read a periodic timer; False if it has not fired exactly once, so that it must be set again."""
     try:
         return os.read(fd, 8) == _ONCE
     except BlockingIOError:
@@ -243,7 +243,7 @@ class _CtypesAlarm:
 
 
 def open_alarm() -> Alarm | None:
-    """Return the kernel's timer, or None if it is missing, so that the selector's timeout is used."""
+    """Return the kernel's timer; None if it is missing, so that the selector's timeout is used."""
     if not sys.platform.startswith("linux"):
         return None
     try:

@@ -43,7 +43,7 @@ class ObjectAddress:
 
 
 def find_object(text: str, od: ObjectDictionary | None) -> ObjectAddress:
-    """Return the object that `text` addresses; raise ConfigError with a hint if there is no such object.
+    """Return the object addressed by `text`; raise ConfigError with a hint if it does not exist.
 
     `od` may be None; then only numbers are valid.
     """

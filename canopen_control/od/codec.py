@@ -56,7 +56,7 @@ def _required(entry: Entry) -> _Required | None:
 
 
 def forbidden_limit(entry: Entry) -> str:
-    """Return a message about a limit of a communication object that contradicts CiA 301, else ""."""
+    """Return a message about a limit of a communication object that contradicts CiA 301, or ""."""
     required = _required(entry)
     if required is None:
         return ""
@@ -118,7 +118,7 @@ def decode(data: bytes, data_type: DataType) -> Value:
 
 
 def fitted(data: bytes, data_type: DataType, *, length_known: bool = True) -> bytes | None:
-    """Return the data of an upload, cut to the length of the type; None if the data are invalid for the type.
+    """Return the data of an upload, cut to the length of the type; None if it is invalid for the type.
 
     Missing bytes are never added. Excess bytes are cut if they carry no information: zeros after a number (0xFF after a
     negative one), as from devices that always answer with four bytes, or any bytes if the server did not announce the

@@ -53,7 +53,7 @@ _REFUSES_DOWNLOAD = 1  # bit of ObjFlags (CiA 306-1)
 
 
 class ConciseEntry(NamedTuple):
-    """One download in a concise DCF: address and data."""
+    """Download in a concise DCF: address and data."""
 
     index: int  # type: ignore[assignment] # hides tuple.index, which addresses do not need
     subindex: int
@@ -71,7 +71,7 @@ def encode_concise(entries: Iterable[tuple[int, int, bytes]]) -> bytes:
 
 
 def decode_concise(data: bytes) -> list[ConciseEntry]:
-    """Return the downloads of a concise DCF; raise ValueError if the data are truncated or too long."""
+    """Return the downloads of a concise DCF; raise ValueError if it is truncated or too long."""
     if len(data) < _COUNT.size:
         raise ValueError(f"a concise DCF begins with a count of 4 bytes, but has only {len(data)} bytes")
     (count,) = _COUNT.unpack_from(data)
@@ -221,7 +221,7 @@ def _sections(od: ObjectDictionary, *, is_dcf: bool = False) -> Iterator[tuple[s
 
 
 def _respelled(lines: _Lines) -> _Lines:
-    """Return the lines with the keys spelled as in CiA 306-1, because some readers are case-sensitive."""
+    """Return the lines with the keys spelled as in CiA 306-1, since some readers are case-sensitive."""
     return {_SPELLING.get(key.lower(), key): value for key, value in lines.items()}
 
 
@@ -318,7 +318,7 @@ def _lists(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
 
 
 def object_sections(od: ObjectDictionary) -> Iterator[tuple[str, _Lines]]:
-    """Yield the section title and the lines of each object and subindex, in ascending order."""
+    """Yield section title and lines of each object and subindex, in ascending order."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for index, subindex in od.entries:
         subindices.setdefault(index, []).append(subindex)
@@ -354,7 +354,7 @@ def _object(info: ObjectInfo, count: int, is_compact: bool) -> _Lines:
 
 
 def _code_text(info: ObjectInfo) -> str:
-    """Return the ObjectType in the file, or the code of the object if the file has another valid code."""
+    """Return the ObjectType in the file, or the object's code if the file has another valid code."""
     text = _get(info.texts, "objecttype")
     try:
         number = parse_number(text)[0]

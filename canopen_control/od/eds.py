@@ -120,7 +120,7 @@ _STRUCTURE_SUB = 0xFF  # describes the type of the object and is not counted (Ci
 
 
 def check_dictionary(od: ObjectDictionary, report: Report) -> None:
-    """Add an issue to `report` for every inconsistency of a dictionary."""
+    """Add an issue to `report` for every inconsistency in a dictionary."""
     subindices: dict[int, list[int]] = {index: [] for index in od.objects}
     for entry in od:
         subindices.setdefault(entry.index, []).append(entry.subindex)
@@ -197,7 +197,7 @@ def _check_structure(od: ObjectDictionary, info: ObjectInfo, subindices: list[in
 
 
 def _check_code(od: ObjectDictionary, info: ObjectInfo, subindices: list[int], report: Report) -> None:
-    """Report an array that should be a record, or the reverse (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
+    """Report an array that should be a record, or vice versa (CiA 301, 7.4.3, 7.5.2; CiA 402-2)."""
     place = f"0x{info.index:04X} ({clip(info.name)})"
     types = {od[info.index, sub].data_type for sub in subindices if sub not in (0, _STRUCTURE_SUB)}
     base = info.index
@@ -354,7 +354,7 @@ _TPDO = _Direction("TPDO", 0x1800, 0x1A00, 0x180)
 
 
 def expand_compact_pdos(od: ObjectDictionary, report: Report) -> None:
-    """Add the PDO records that CompactPDO implies, unless the file has sections for these records."""
+    """Add the PDO records that CompactPDO implies, unless the file has sections for them."""
     mask = od.device.compact_pdo & 0x3F
     if not mask:
         return
@@ -409,7 +409,7 @@ def _add_sub0(od: ObjectDictionary, index: int, count: int, access: str) -> None
 SUFFIXES = (".eds", ".dcf", ".xdd", ".xdc")
 """Suffixes of the files that `read_eds` reads."""
 MAX_BYTES = 32_000_000
-"""Maximum length of a file in bytes: the largest in use have a few MB."""
+"""Maximum length of a file in bytes; the largest files in use have a few MB."""
 _OBJECT = re.compile(r"([0-9a-f]{4})(?: ?sub ?([0-9a-f]{1,2}))?")
 _RANGE_SUB = re.compile(r"([0-9a-f]{2,4}) ?sub ?0?1")
 _RANGES = range(0x40, 0x260)  # manufacturer-specific data types (CiA 301, 7.4.7)
@@ -424,7 +424,7 @@ _REGENERATED = frozenset(("mandatoryobjects", "optionalobjects", "manufacturerob
 
 @dataclass(frozen=True, slots=True)
 class EdsFile:
-    """Object dictionary read from a file, with the issues found in the file."""
+    """Object dictionary read from a file, with the issues found in it."""
 
     path: str
     od: ObjectDictionary
@@ -437,7 +437,7 @@ _cache: dict[str, tuple[_State, EdsFile]] | None = None
 
 
 def keep_files() -> None:
-    """Cache every parsed file until the file changes, in this process and in its forks."""
+    """Cache every parsed file until it changes, in this process and its forks."""
     global _cache
     _cache = {} if _cache is None else _cache
 
@@ -482,7 +482,7 @@ def _read_file(path: str | Path, node_id: int | None) -> EdsFile:
 
 
 def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -> EdsFile:
-    """Parse the content of a file; `name` is the file name for messages. EdsError as in `read_eds`."""
+    """Parse the content of a file; `name` is the file name for messages. EdsError as for `read_eds`."""
     report = Report(name)
     if _is_concise(data):
         text = "is a concise DCF (values to write), not an EDS; set it as configuration_file in bus.yml"
@@ -502,7 +502,7 @@ def parse_eds(data: bytes, node_id: int | None = None, *, name: str = "<eds>") -
 
 
 def _is_concise(data: bytes) -> bool:
-    """Whether the bytes are a concise DCF, recognized by consistent sizes."""
+    """Whether the bytes are a concise DCF, recognised by consistent sizes."""
     try:
         return bool(decode_concise(data))
     except ValueError:

@@ -64,19 +64,19 @@ class Section:
     lines: dict[str, int] | None = None  # line of each lower-case key
 
     def get(self, key: str) -> str:
-        """Return the text of a lower-case key, empty if the key is absent."""
+        """Return the text of a lower-case key; empty if absent."""
         return self.values.get(key, "")
 
     def pair(self, key: str) -> Pair | None:
-        """Return the pair of a lower-case key, or None if the key is absent."""
+        """Return the pair of a lower-case key, or None if absent."""
         return Pair(self.spelled(key), self.values[key], self.line_of(key)) if key in self.values else None
 
     def spelled(self, key: str) -> str:
-        """Return a lower-case key with the spelling in the file."""
+        """Return a lower-case key as spelled in the file."""
         return next(written for lower, written in zip(self.values, self.written, strict=True) if lower == key)
 
     def line_of(self, key: str) -> int:
-        """Return the line of a lower-case key, or the line of the section if the key is absent."""
+        """Return the line of a lower-case key, or of the section if the key is absent."""
         return self.line_numbers().get(key, self.line)
 
     def line_numbers(self) -> dict[str, int]:
@@ -86,11 +86,11 @@ class Section:
         return self.lines
 
     def texts(self) -> dict[str, str]:
-        """Return the texts by key, with the spelling of the keys in the file."""
+        """Return the texts by key, with keys as spelled in the file."""
         return self.written
 
     def numbered(self) -> Iterator[Pair]:
-        """Yield the pairs with a numeric key, as in the object lists."""
+        """Yield the pairs with a numeric key, as in object lists."""
         pairs = zip(self.values, self.written.items(), strict=True)
         return (
             Pair(written, value, self.line_of(key))
@@ -128,7 +128,7 @@ def decode_text(data: bytes) -> tuple[str, str]:
 
 
 def read_number(section: Section, key: str, default: int, report: Report) -> int:
-    """Return the number of a lower-case key, or `default` if the key is absent; report an invalid text."""
+    """Return the number of a lower-case key, or `default` if absent; report an invalid text."""
     if key not in section.values:
         return default
     number = _number(section, key, report, default)
@@ -157,12 +157,12 @@ def _number(section: Section, key: str, report: Report, default: int | None = No
 
 
 def clip(text: str) -> str:
-    """Shorten a text of the file to 60 characters for a message."""
+    """Shorten a text from the file to 60 characters for a message."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def split_sections(text: str, report: Report) -> Sections:
-    """Split the text of a file into sections; raise EdsError if there is no section."""
+    """Split the text of a file into sections; raise EdsError if it has none."""
     splitter = _Splitter(report)
     before, *sections = f"\n{_with_plain_ends(text)}".split("\n[")
     number = splitter.read_lines(None, before.split("\n"), 0)
@@ -214,7 +214,7 @@ class _Splitter:
         self._keys = _Keys()
 
     def read_section(self, text: str, number: int) -> int:
-        """Read a section whose header is in line `number`; return the number of the line after the section."""
+        """Read a section whose header is in line `number`; return the number of the line after it."""
         head, newline, body = text.partition("\n")
         section = self.open(f"[{head.rstrip()}", number)
         lines = body.split("\n") if newline else []
@@ -224,7 +224,7 @@ class _Splitter:
         return self.read_lines(section, lines, number + 1)
 
     def _read_plain(self, section: Section, lines: list[str]) -> bool:
-        """Read the lines of a section; return False, without any effect, if a line is not plain."""
+        """Read the lines of a section; return False, with no effect, if a line is not plain."""
         keys, values, written, count = self._keys, dict[str, str](), dict[str, str](), 0
         for line in lines:
             raw, equals, value = line.partition("=")
@@ -282,7 +282,7 @@ class _Splitter:
         return section
 
     def stray(self, line: str, number: int) -> None:
-        """Report a line outside of any section, or without a key."""
+        """Report a line outside all sections, or without a key."""
         text = f"line {clip(line)!r} is not key=value in a section; ignored"
         self.report.warning(number, "stray-line", text)
 
@@ -312,7 +312,7 @@ _VALUE_KEYS = ("defaultvalue", "parametervalue")
 
 
 class RangeType(NamedTuple):
-    """Manufacturer-specific data type, defined by a basic type and the limits of the values."""
+    """Manufacturer-specific data type: a basic type with limits of the values."""
 
     base: DataType
     low: int | None
@@ -346,7 +346,7 @@ _NO_VALUE = Parsed(None)
 
 @dataclass(frozen=True, slots=True)
 class EntryReader:
-    """Reader of the entries of a file; `node_id` replaces $NODEID, None if the node id is unknown.
+    """Reader of the entries of a file; `node_id` replaces $NODEID, None if unknown.
 
     A file with thousands of entries repeats few texts, so that results without an issue are cached. `ranges` contains
     the manufacturer-specific data types by index.

@@ -30,7 +30,7 @@ _RANGES = {t: (t.minimum, t.maximum, 1 << (t.bits or 0)) for t in DataType if t.
 
 
 class ValueIssue(NamedTuple):
-    """Unusual notation of a value that could nevertheless be parsed."""
+    """Unusual notation of a value that could still be parsed."""
 
     code: str
     severity: Severity
@@ -65,12 +65,12 @@ _TWOS = ValueIssue("number-sign", Severity.WARNING, "treated as two's complement
 
 
 def parse_number(text: str) -> Number:
-    """Parse an integer in EDS notation; raise ValueError if the text is not a number."""
+    """Parse an integer in EDS notation; raise ValueError if it is not a number."""
     return _parse(text)
 
 
 def parse_value(text: str, data_type: DataType, node_id: int | None = None) -> Parsed:
-    """Parse `text` as a value of `data_type`; raise ValueError with the reason if the text is invalid.
+    """Parse `text` as a value of `data_type`; raise ValueError with the reason if invalid.
 
     $NODEID counts as 0 if `node_id` is None.
     """
@@ -111,7 +111,7 @@ def real_bits(value: float, data_type: DataType) -> str:
 
 
 def _parse(text: str) -> Number:
-    """Parse an integer; results are cached, because most lines of most files repeat a few texts."""
+    """Parse an integer; results are cached, since most lines of most files repeat a few texts."""
     return _parse_short(text) if len(text) <= _MAX_DIGITS else _parse_any(text)
 
 

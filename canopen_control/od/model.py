@@ -65,7 +65,7 @@ class DataType(enum.IntEnum):
 
     @property
     def bits(self) -> int | None:
-        """Width in a PDO in bits, None for types of variable length."""
+        """Width in a PDO in bits, or None for types of variable length."""
         return _BITS.get(self)
 
     @property
@@ -151,7 +151,7 @@ class Entry:
 
     @property
     def value(self) -> Value | None:
-        """Value after configuration: the ParameterValue, else the DefaultValue, None without either."""
+        """Value after configuration: ParameterValue, else DefaultValue, else None."""
         return self.default if self.parameter_value is None else self.parameter_value
 
     @property
@@ -186,7 +186,7 @@ class ObjectInfo:
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """Content of the section [DeviceInfo]; the identity numbers are None if they are absent."""
+    """Content of the section [DeviceInfo]; missing identity numbers are None."""
 
     vendor_name: str = ""
     vendor_number: int | None = None
@@ -259,11 +259,11 @@ class ObjectDictionary:
             self.objects[entry.index] = ObjectInfo(entry.index, entry.name, code)
 
     def subindices(self, index: int) -> list[int]:
-        """Return the subindices of an object in ascending order, empty if the object does not exist."""
+        """Return the subindices of an object in ascending order; empty if it does not exist."""
         return sorted(sub for i, sub in self.entries if i == index)
 
     def find(self, name: str) -> Entry | None:
-        """Return the entry with this name; None if no entry or several entries have the name.
+        """Return the entry with this name; None if no or several entries have it.
 
         A sub-object may be named together with its object, ``Object.Sub``. Case is significant only if names differ in
         nothing else.
@@ -284,7 +284,7 @@ class ObjectDictionary:
         return entry.name, f"{info.name}.{entry.name}"
 
     def for_node(self, node_id: int) -> ObjectDictionary:
-        """Return a copy for `node_id`, which replaces $NODEID; a file is thus parsed once for many nodes."""
+        """Return a copy for `node_id`, which replaces $NODEID, so that a file is parsed once for many nodes."""
         shift = node_id - (self.node_id or 0)
         entries = self.entries.copy()
         for address, entry in self.entries.items() if shift else ():
@@ -340,7 +340,7 @@ _VARIABLES: Final = {
 
 
 def communication_type(index: int, subindex: int) -> DataType | None:
-    """Return the data type that CiA 301 specifies for an object of the communication area, or None if unspecified."""
+    """Return the data type that CiA 301 specifies for an object of the communication area, or None."""
     if subindex == 0 and index in _VARIABLES:
         return _VARIABLES[index]
     records = ((types, other) for indices, types, other in _RECORDS if index in indices)

@@ -26,7 +26,7 @@ _MULTIPLEXED = (254, 255)  # number of mapped objects of SAM- and DAM-MPDOs (CiA
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """Mapped object; `entry` is None if the dictionary lacks the object, `source` is the mapping entry."""
+    """Mapped object; `entry` is None if the dictionary lacks it, `source` is the mapping entry."""
 
     index: int
     subindex: int
@@ -36,7 +36,7 @@ class Mapped:
 
     @property
     def is_dummy(self) -> bool:
-        """Whether the object is a dummy, which is a data type that fills a gap in an RPDO."""
+        """Whether the object is a dummy: a data type that fills a gap in an RPDO."""
         return 1 <= self.index <= 7 and self.subindex == 0
 
 

@@ -113,7 +113,7 @@ class _Element:
     text: str = ""
 
     def descendants(self) -> Iterator[_Element]:
-        """Yield all elements below this element, in the order of the file."""
+        """Yield all elements below an element, in the order of the file."""
         for child in self.children:
             yield child
             yield from child.descendants()
@@ -123,7 +123,7 @@ class _Element:
         return next((descendant for descendant in self.descendants() if descendant.tag == tag), None)
 
     def value_of(self, tag: str) -> str | None:
-        """Return the attribute `value` of the first child with this tag, or None if absent."""
+        """Return the attribute `value` of the first child with this tag, or None."""
         return next((child.attributes.get("value") for child in self.children if child.tag == tag), None)
 
 
@@ -233,7 +233,7 @@ def _device_info(root: _Element) -> dict[str, str]:
 
 
 def _renamed(attributes: Mapping[str, str], keys: Mapping[str, str]) -> dict[str, str]:
-    """Return the attributes in `keys` with their EDS names, and flags as 0 and 1."""
+    """Return the attributes in `keys` with their EDS names; flags become 0 and 1."""
     flags = {"true": "1", "false": "0"}
     return {keys[name]: flags.get(value, value) for name, value in attributes.items() if name in keys}
 
@@ -255,7 +255,7 @@ def _object_sections(root: _Element, parameters: Mapping[str, _Element], report:
 
 
 def _number(element: _Element, attribute: str, highest: int, report: Report) -> int | None:
-    """Return a hexadecimal index or subindex; report an error and return None if invalid."""
+    """Return a hexadecimal index or subindex; if invalid, report an error and return None."""
     text = element.attributes.get(attribute, "")
     try:
         number = int(text, 16)
@@ -346,7 +346,7 @@ def xdd_text(od: ObjectDictionary, *, configured: bool = False) -> str:
 
 
 def _network_lines(od: ObjectDictionary, *, configured: bool) -> list[str]:
-    """Return the lines for the device features; with `configured` also for node id, bit rate and network."""
+    """Return the lines for the device features; with `configured`, also for node id, bit rate and network."""
     device, commissioning = od.device, od.commissioning
     features = {
         "granularity": device.granularity,

@@ -55,7 +55,7 @@ _TYRE: Final = " tyre"
 
 @dataclass(frozen=True)
 class JointPlace:
-    """Driven joint in a model: indices in qpos and qvel, index of the lock constraint, and the motor."""
+    """Driven joint in a model: indices in qpos and qvel, index of the lock constraint, and motor."""
 
     qpos: int
     dof: int
@@ -63,7 +63,7 @@ class JointPlace:
     motor: EstimatedMotor
 
     def hold(self, model: Any, data: Any, on: bool) -> None:  # noqa: ANN401 - MuJoCo has no types
-        """Lock the joint at its current position if `on`, else release the lock."""
+        """Lock the joint at its current position if `on`, otherwise release the lock."""
         if on:
             model.eq_data[self.lock, 0] = data.qpos[self.qpos] - model.qpos0[self.qpos]
         data.eq_active[self.lock] = on
@@ -117,7 +117,7 @@ class PreparedRobot:
 
 
 def read_spec(urdf: RepairedUrdf, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return the MuJoCo specification of a URDF; raise PhysicsError if MuJoCo refuses the URDF."""
+    """Return the MuJoCo specification of a URDF; raise PhysicsError if MuJoCo refuses it."""
     try:
         return mujoco.MjSpec.from_string(urdf.text, assets=urdf.meshes)
     except ValueError as error:
@@ -137,7 +137,7 @@ def compiled(spec: Any, path: str) -> Any:  # noqa: ANN401 - as above
 
 
 def alone(robot: PreparedRobot, world: WorldDescription, step: float, path: str) -> Body:
-    """Return a robot in a world of its own; under a fixed root the floor is at the robot's lowest point."""
+    """Return a robot in its own world; under a fixed root, the floor is at the robot's lowest point."""
     add_floor(robot.spec, step, 0.0 if robot.free else min(0.0, -robot.ground.lift))
     add_scenery(robot.spec, world, solref(step))
     return robot.body(compiled(robot.spec, path))
@@ -257,7 +257,7 @@ def solref(step: float) -> list[float]:
 
 
 def _add_rolling_part(geom: Any, step: float, friction: float) -> Any:  # noqa: ANN401 - as above
-    """Turn a wheel shape into a hub, and add a free-turning cylinder with half of the density around the axle."""
+    """Turn a wheel shape into a hub, and add a free-turning cylinder of half the density around the axle."""
     geom.contype = geom.conaffinity = 0
     geom.density = 0.5 * geom.density
     wheel = geom.parent.add_body(name=f"{geom.name} rolling", pos=geom.pos, quat=geom.quat)
@@ -281,7 +281,7 @@ def _on_floor(
     axes: Mapping[str, AxisSettings],
     prefix: str,
 ) -> tuple[tuple[int, ...], tuple[int, ...], tuple[RollerWheel, ...]]:
-    """Return the indices of the rolling and of the sliding shapes on the floor, and the mecanum wheels."""
+    """Return the indices of the rolling and sliding shapes on the floor, and the mecanum wheels."""
     places: dict[bool, list[int]] = {True: [], False: []}
     rollers = []
     for touch in ground.touches:
@@ -298,7 +298,7 @@ def _on_floor(
 
 
 def placed(model: Any, name: str, motor: EstimatedMotor, prefix: str = "") -> JointPlace:  # noqa: ANN401 - as above
-    """Return the indices of a driven joint and of its lock in a compiled model."""
+    """Return the indices of a driven joint and its lock in a compiled model."""
     joint, lock = model.joint(f"{prefix}{name}"), model.equality(f"{prefix}{_LOCK}{name}")
     return JointPlace(int(joint.qposadr[0]), int(joint.dofadr[0]), int(lock.id), motor)
 
@@ -421,7 +421,7 @@ _ALL: Final = 0x7FFFFFFF
 
 
 def joined(robots: Mapping[str, tuple[PreparedRobot, RobotStart]], world: WorldDescription, path: str) -> Any:  # noqa: ANN401 - MuJoCo has no types
-    """Return one model of several robots at their start poses; raise PhysicsError if a robot starts inside another.
+    """Return one model of several robots at their start poses; raise PhysicsError if one starts inside another.
 
     `path` is the file of the world. The specifications of the robots become parts of this model and must not be reused.
     """

@@ -89,7 +89,7 @@ class Disturbances:
             self._plan(at_ns, act, robot)
 
     def reset(self) -> None:
-        """Undo all disturbances after a reset of the state, and schedule the disturbances of the world file again."""
+        """Undo all disturbances after a reset of the state, and reschedule the disturbances of the world file."""
         for name, before in self._before.items():
             getattr(self._model, name)[:] = before
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
@@ -106,7 +106,7 @@ class Disturbances:
         return grip
 
     def next_ns(self) -> int | None:
-        """Return the time in ns of the next scheduled disturbance, or None if there is none."""
+        """Return the time in ns of the next scheduled disturbance, or None."""
         return self._pending[0][0] if self._pending else None
 
     def advance(self, now: int) -> bool:
@@ -147,7 +147,7 @@ class Disturbances:
                 raise ConfigError(f"{numbers}: these numbers must be finite")
 
     def _link(self, name: str, robot: str) -> int:
-        """Return the index of a robot's link, of its heaviest link if `name` is empty."""
+        """Return the index of a robot's link, or of its heaviest link if `name` is empty."""
         links = self._links[robot]
         if name and name not in links:
             raise ConfigError(f"the robot has no link {name!r}{nearest(name, links)}")

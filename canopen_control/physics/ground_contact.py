@@ -73,7 +73,7 @@ class MecanumContact:
         return axle / (float(np.linalg.norm(axle)) or 1.0)
 
     def add_force(self, friction: float) -> None:
-        """Add the roller's contact force, limited by the friction, to the joint forces of the next step."""
+        """Add the roller's contact force, limited by friction, to the joint forces of the next step."""
         centre = self._data.geom_xpos[self._wheel.geom]
         if float(centre[2]) > self._wheel.radius + _LIFTED_M:
             return
@@ -104,7 +104,7 @@ class ContactPart(enum.Enum):
 
 @dataclass(frozen=True)
 class Touch:
-    """Contact of a shape with the floor; for a wheel with the joint that turns the shape, and the radius in m."""
+    """Contact of a shape with the floor; for a wheel, with the joint that turns it, and the radius in m."""
 
     geom: str
     part: ContactPart
@@ -114,7 +114,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Ground:
-    """Contacts of a robot with the floor; `lift` in m is the height of the root with the lowest point on the floor."""
+    """Contacts of a robot with the floor; `lift` in m is the root's height with the lowest point on the floor."""
 
     touches: tuple[Touch, ...]
     lift: float
@@ -126,7 +126,7 @@ class Ground:
 
 
 def ground_at_rest(model: Any) -> Ground:  # noqa: ANN401 - a model of MuJoCo, which has no types
-    """Find the floor contacts of a compiled model with a fixed root, with all joints at 0."""
+    """Find the floor contacts of a compiled model with a fixed root and all joints at 0."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     lowest = {geom: _lowest(model, data, geom) for geom in range(model.ngeom)}

@@ -29,7 +29,7 @@ _FOLLOW_NS: Final = 10_000_000
 
 
 class ServoLoop:
-    """Position P loop with a velocity PI loop; `quantum` is one encoder count in rad.
+    """Position P loop around a velocity PI loop; `quantum` is one encoder count in rad.
 
     `period` is in s. The gains follow from the settings, unless the drive sets its own.
     """
@@ -55,7 +55,7 @@ class ServoLoop:
         self._velocity = self._integral = 0.0
 
     def tune(self, gains: ServoGains | None = None, counts: float = 1.0, per_mille: float = 1.0) -> None:
-        """Set the loop gains of the drive; None restores the gains that follow from the settings.
+        """Set the loop gains of the drive; None restores the gains derived from the settings.
 
         `counts` are counts of the drive per rad, `per_mille` is the torque of one per mille in N m. The state of the
         integrators is kept.
@@ -86,7 +86,7 @@ class ServoLoop:
         return self._velocity_loop(velocity - self._velocity, limit)
 
     def _measure(self, angle: float) -> float:
-        """Sample the encoder; return the measured position."""
+        """Sample the encoder and return the measured position."""
         place = round(angle / self.quantum) * self.quantum
         way = 0.0 if self._place is None else place - self._place
         self._place = place
@@ -120,7 +120,7 @@ class JointWorld(Protocol):
 
     @property
     def asleep(self) -> bool:
-        """Whether the simulation is suspended, because nothing moves and no drive requests motion."""
+        """Whether the simulation is suspended because nothing moves and no drive requests motion."""
 
     def reach(self, now: int, by: JointPlant) -> None:
         """Advance the simulation to `now`; `by` is the calling plant, which serves its own timers."""
@@ -185,19 +185,19 @@ class JointPlant:
         self._world.wake()
 
     def follow(self, demand: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # the owner's is read
-        """Advance the world to `end_ns`, while the servo loops follow the demand of the owner."""
+        """Advance the world to `end_ns` while the servo loops follow the demand of the owner."""
         self._world.reach(end_ns, self)
 
     def apply_torque(self, torque: DemandCurve, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Advance the world to `end_ns`, while the owner's torque drives the joint."""
+        """Advance the world to `end_ns` while the owner's torque drives the joint."""
         self._world.reach(end_ns, self)
 
     def release(self, start_ns: int, end_ns: int) -> None:  # noqa: ARG002 # as above
-        """Advance the world to `end_ns`, while the joint has no power."""
+        """Advance the world to `end_ns` while the joint has no power."""
         self._world.reach(end_ns, self)
 
     def feed_forward(self, velocity: float, torque: float) -> None:
-        """Ignore the feed-forward: the loops already use the velocity of the demand."""
+        """Ignore the feed-forward; the loops already use the velocity of the demand."""
 
     # -- external actions
 
@@ -224,7 +224,7 @@ class JointPlant:
 
     @property
     def stalled(self) -> bool:
-        """Whether an external block, and not the brake, holds the joint."""
+        """Whether an external block, not the brake, holds the joint."""
         return self._stalled
 
     @stalled.setter
@@ -242,7 +242,7 @@ class JointPlant:
         return owner.torque is not None or now < owner.demand.end_ns or owner.demand.final_velocity != 0.0
 
     def order(self) -> tuple[object, ...]:
-        """Return demand and settings of the drive, to detect changes."""
+        """Return demand and settings of the drive, for detecting changes."""
         owner = self.owner
         if owner is None:
             return ()

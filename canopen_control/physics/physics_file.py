@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 SensorKind = Literal["imu", "range", "force_torque", "pose", "magnetometer"]
-"""Kind of a sensor in a world, see `urdf_sensors`."""
+"""Kind of a sensor in a world; see `urdf_sensors`."""
 _AXES = 8  # per node
 AxisAddress = tuple[str, int, int]
 """Bus ("" for the main bus), node-ID, and axis of the node."""
@@ -100,7 +100,7 @@ class SensorSettings:
 
 @dataclass(frozen=True)
 class EncoderSettings:
-    """Encoder behind a `gear`: turns (or m) of the joint for one turn of the encoder."""
+    """Encoder behind a `gear`: turns (or m) of the joint per turn of the encoder."""
 
     joint: str
     gear: float = setting(1.0, low=1e-6)
@@ -147,7 +147,7 @@ def axis_address(name: str) -> AxisAddress:
 
 
 def read_physics_file(path: Path) -> PhysicsFile:
-    """Read a plant file; raise PhysicsError that lists all errors with their lines."""
+    """Read a plant file; PhysicsError lists all errors by line."""
     return load(path, PhysicsFile, error=PhysicsError, check=_check)
 
 

@@ -60,7 +60,7 @@ def patches_of(patches: Iterable[Patch]) -> tuple[WorldShape, ...]:
 
 
 def shapes_of(model: Any, data: Any, own: str = "") -> tuple[WorldShape, ...]:  # noqa: ANN401 - MuJoCo has no types
-    """Return the shapes of a world for display; shapes whose names begin with `own` are left out.
+    """Return the shapes of a world for display, except those whose names begin with `own`.
 
     Poses are those in `data`, in m and as quaternions w, x, y, z.
     """
@@ -124,7 +124,7 @@ _AT_REST: Final = 1e-3  # rad/s, m/s
 
 
 class PhysicsWorld:
-    """Simulation of all robots of a process, by name; for other modules the `World` of the first robot.
+    """Simulation of all robots of a process by name; for other modules, the `World` of the first robot.
 
     `notes` are sentences about assumptions made while the world was built.
     """
@@ -180,7 +180,7 @@ class PhysicsWorld:
 
     @property
     def asleep(self) -> bool:
-        """Whether the simulation is suspended, because nothing moves and no drive requests motion."""
+        """Whether the simulation is suspended because nothing moves and no drive requests motion."""
         return self._asleep
 
     def side(self, robot: str, bus: str = "") -> WorldSide:
@@ -224,7 +224,7 @@ class PhysicsWorld:
             by.busy = was
 
     def _serve_others(self, now: int) -> None:
-        """Run the due timers of all axes but the calling axis, in order of time, up to `now`."""
+        """Run the due timers of all other axes up to `now`, in order of time."""
         while (event := self._next(now)) is not None:
             event_ns, plant = event
             plant.busy = True
@@ -278,7 +278,7 @@ class PhysicsWorld:
         return last if event_ns is None else min(last, (self._began or 0) - (-event_ns // self.step_ns))
 
     def act(self, world_act: WorldAct, robot: str | None = None) -> None:
-        """Apply a disturbance to a robot (None: the first robot) at the present simulation time."""
+        """Apply a disturbance to a robot (None: the first robot) at the current simulation time."""
         self._disturbances.act(world_act, self._age_ns(), self._first if robot is None else robot)
         self.wake()
 
@@ -321,11 +321,11 @@ class PhysicsWorld:
 
     @property
     def shown_ns(self) -> int:
-        """Time in ns up to which the world was advanced, or 0 before the first call."""
+        """Time in ns up to which the world has been advanced, or 0 before the first call."""
         return max(0, self._shown)
 
     def shapes(self, robot: str | None = None) -> tuple[WorldShape, ...]:
-        """Return the shapes around a robot (None: the first robot), other robots included."""
+        """Return the shapes around a robot (None: the first robot), including other robots."""
         own = self._robots[self._first if robot is None else robot].body.prefix
         return (*patches_of(self._disturbances.patches), *shapes_of(self.model, self.data, own))
 
@@ -376,4 +376,4 @@ class WorldSide:
         pass  # no other process reads the encoders of this world
 
     def close(self) -> None:
-        """Keep the world open, because other robots still use the world."""
+        """Keep the world open, since other robots still use it."""

@@ -78,7 +78,7 @@ class LidarSettings:
 
 
 def tag_lidars(tag: Ros2ControlSystem, root: str, path: str) -> list[LidarSettings]:
-    """Return the lidars of a <ros2_control> tag; raise PhysicsError that lists all errors with file and line."""
+    """Return the lidars of a <ros2_control> tag; PhysicsError lists all errors by file and line."""
     lidars, problems = [], list[str]()
     for part in tag.sensors:
         if not any(key in part.parameters for key in _NEEDED):
@@ -259,7 +259,7 @@ def axes_of(tag: Ros2ControlSystem) -> dict[str, AxisSettings]:
 
 
 def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[WorldSensor]:
-    """Return the sensors of a tag that a world can simulate; raise PhysicsError if a sensor has errors."""
+    """Return the sensors of a tag that a world can simulate; raise PhysicsError if one has errors."""
     model = description.model
     sensors = urdf_sensors(tag.sensors, model.links, model.root, description.path)
     return [WorldSensor.of(name, sensor) for name, sensor in sensors.items()]
@@ -267,7 +267,7 @@ def sensors_of(description: UrdfDescription, tag: Ros2ControlSystem) -> list[Wor
 
 @dataclass(slots=True)
 class _Target:
-    """Target of a joint at the end of a cycle, and the target before."""
+    """Target of a joint at the end of a cycle, and the previous target."""
 
     interface: str = "velocity"
     before: float = 0.0
@@ -325,7 +325,7 @@ class JointMotor:
         self._robot.data.qvel[self._place.dof] = value
 
     def rest(self) -> None:
-        """Reset the control loops, with the current position as target."""
+        """Reset the control loops, with the current position as the target."""
         self._target, self._reference, self.effort = _Target(), self.position, 0.0
         self._target.before = self._target.value = self._reference
         self._loop.begin()
@@ -333,7 +333,7 @@ class JointMotor:
             loop.reset()
 
     def follow(self, interface: str, target: float, seconds: float) -> None:  # noqa: ARG002 # `step` has the duration
-        """Set the target of a command interface (position, velocity or effort) for the cycle of `seconds`."""
+        """Set the target of a command interface (position, velocity or effort) for a cycle of `seconds`."""
         old = self._target
         if interface != old.interface:  # the previous target of another interface is not a position to start from
             self._reference = self.position
@@ -360,7 +360,7 @@ class JointMotor:
         self._robot.data.qfrc_applied[place.dof] = self.effort
 
     def _effort(self, angle: float, place: float, speed: float, error: float) -> float:
-        """Return the limited effort of the interface's loop in `loops`, or of the servo if there is none."""
+        """Return the limited effort of the interface's loop in `loops`, or of the servo if it has none."""
         peak, loop = self._place.motor.peak_torque, self._loops.get(self._target.interface)
         if loop is None:
             return self._loop.torque(angle, place, speed, peak)
@@ -414,7 +414,7 @@ class DriverlessRobot:
         return self._motors.get(joint)
 
     def sensed(self, interface: str) -> Callable[[], float] | None:
-        """Return a reader of a sensor's state interface, such as "imu/orientation.x"; None if unknown."""
+        """Return a reader of a sensor's state interface, such as "imu/orientation.x", or None if unknown."""
         return (lambda: self._measured[interface]) if interface in self._measured else None
 
     def step(self, seconds: float) -> None:

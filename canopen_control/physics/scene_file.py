@@ -104,7 +104,7 @@ class Ramp:
 
 @dataclass(frozen=True)
 class Box:
-    """Box on the floor or `above` m over the floor; only a box with a mass can move."""
+    """Box on the floor, or `above` m above it; only a box with a mass can move."""
 
     at: tuple[float, float]
     size: tuple[float, float, float]
@@ -146,7 +146,7 @@ class WorldStep(WorldEvent):
 
 @dataclass(frozen=True)
 class WorldDescription:
-    """Contents of a world file; without `floor` the plant file defines the floor.
+    """Contents of a world file; without `floor`, the plant file defines the floor.
 
     `solids` are the shapes of the file named by `sdf`, or of an SDF file given directly; `notes` are the differences of
     these shapes from Gazebo.
@@ -170,7 +170,7 @@ class WorldDescription:
 
 
 def read_world_description(path: Path) -> WorldDescription:
-    """Read a world file, YAML or SDF by its suffix; raise PhysicsError that lists all errors with lines."""
+    """Read a world file, YAML or SDF by its suffix; PhysicsError lists all errors by line."""
     if path.suffix.lower() in SDF_SUFFIXES:
         return _with_solids(WorldDescription(), path)
     description = load(path, WorldDescription, error=PhysicsError, check=_check)

@@ -1,4 +1,4 @@
-"""Static shapes of an SDF world (`.sdf`, `.world`), at the same places as in Gazebo.
+"""Static shapes of an SDF world (`.sdf`, `.world`), in the same places as in Gazebo.
 
 The collisions of all links are read: box, sphere, cylinder, capsule, ellipsoid, plane and mesh, with the poses of SDF
 (including `relative_to` and `attached_to`), in models, nested models, and includes of local files. `model://` is
@@ -49,13 +49,13 @@ _MOST_FACES: Final = 200_000  # limit of MuJoCo
 
 @dataclass(frozen=True, eq=False)
 class MeshPart:
-    """Convex part of a mesh: vertices in m, as rows of x, y and z."""
+    """Convex part of a mesh: vertices in m as rows of x, y and z."""
 
     corners: Any
 
 
 def read_stl(file: Path) -> bytes:
-    """Return a mesh file as binary STL; raise ConfigError if the mesh cannot be simulated."""
+    """Return a mesh file as binary STL; raise ConfigError if it cannot be simulated."""
     mesh = read_mesh(file)
     if mesh.format != "stl":
         raise ConfigError(f"mesh {file}: {file.suffix} is only displayed; use STL, OBJ or DAE")
@@ -102,7 +102,7 @@ def _pieces(faces: Any, count: int) -> Iterator[list[int]]:  # noqa: ANN401 - nu
 
 
 def _solid(corners: Any) -> Any:  # noqa: ANN401 - as above
-    """Return the vertices of a part; a flat part gets a thickness."""
+    """Return the vertices of a part; a flat part is given a thickness."""
     middle = corners.mean(axis=0)
     axes = np.linalg.svd(corners - middle, full_matrices=True)[2]
     spread = np.ptp((corners - middle) @ axes.T, axis=0)
@@ -142,7 +142,7 @@ class SdfWorld:
 
 
 def read_sdf_world(path: Path) -> SdfWorld:
-    """Return the shapes of an SDF world; raise PhysicsError that lists all errors with file and line."""
+    """Return the shapes of an SDF world; PhysicsError lists all errors by file and line."""
     reader = _Reader()
     root = reader.root(path)
     if root is not None:
@@ -162,7 +162,7 @@ def read_sdf_world(path: Path) -> SdfWorld:
 
 @dataclass
 class _Scope:
-    """World, model or link that is being read, with its pose in the world and the frames of its named elements."""
+    """World, model or link being read, with its pose in the world and the frames of its named elements."""
 
     path: Path
     element: Element
@@ -235,7 +235,7 @@ class _Reader:
         return f"{scope.name}::{name}" if scope.name else name
 
     def _include(self, scope: _Scope, element: Element, depth: int) -> None:
-        """Read the model of an included file, with pose and name of the include."""
+        """Read the model of an included file, with the pose and name of the include."""
         uri = _text(element, "uri")
         if not uri:
             self.mistake(scope.path, element, "<include> has no <uri>; add the file of the model")
@@ -258,7 +258,7 @@ class _Reader:
         self._model(inner, depth, static=_flag(element, "static") or _flag(own, "static"))
 
     def _included(self, path: Path, element: Element, uri: str) -> Path | None:
-        """Find the file of an include; add an error and return None if the file is missing or not local."""
+        """Find the file of an include; if it is missing or not local, add an error and return None."""
         parts = urlsplit(uri)
         if parts.scheme not in ("", "file", "model", "package"):
             text = f"{uri} is not on this computer; download the model, and give its folder as <uri>"
@@ -406,7 +406,7 @@ def _round(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) 
 
 
 def _plane(reader: _Reader, path: Path, shape: Element, name: str, place: Pose) -> Solid | None:
-    """Return an infinite plane; None if the plane is the floor of the world."""
+    """Return an infinite plane, or None if it is the floor of the world."""
     words = _text(shape, "normal").split() or ["0", "0", "1"]
     numbers = [number for number in map(finite_number, words) if number is not None]
     if len(numbers) != 3 or len(words) != 3 or not any(numbers):
@@ -461,7 +461,7 @@ def _resources(path: Path) -> Iterator[Path]:
 
 
 def _model_file(folder: Path) -> Path:
-    """Return a model folder's SDF file: the last file listed in model.config, else model.sdf."""
+    """Return a model folder's SDF file: the last one listed in model.config, else model.sdf."""
     config = folder / "model.config"
     try:
         root = read_document(config.read_text(encoding="utf-8"), str(config)).root

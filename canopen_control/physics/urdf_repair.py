@@ -39,7 +39,7 @@ _ROUNDED: Final = 1.001  # smaller excesses over the sum are rounding errors
 
 @dataclass(frozen=True)
 class RepairedUrdf:
-    """URDF text for MuJoCo's reader, with the meshes by name, links with guessed masses, and notes on omissions.
+    """URDF text for MuJoCo's reader, with meshes by name, links with guessed masses, and notes on omissions.
 
     `meshes` are the contents of the mesh files by the names used in the text.
     """
@@ -51,7 +51,7 @@ class RepairedUrdf:
 
 
 def repaired(description: UrdfDescription) -> RepairedUrdf:
-    """Convert a description to a URDF that MuJoCo accepts; raise PhysicsError if that is impossible."""
+    """Convert a description to a URDF that MuJoCo accepts; raise PhysicsError if this is impossible."""
     root = ET.fromstring(description.urdf_xml)
     notes: list[str] = []
     meshes = _Meshes()
@@ -75,7 +75,7 @@ def repaired(description: UrdfDescription) -> RepairedUrdf:
 
 
 def guessed_masses(urdf: RepairedUrdf, density: float) -> tuple[str, ...]:
-    """Return a note that lists links with masses guessed from a density in kg/m3; empty if there are none."""
+    """Return a note that lists links with masses guessed from a density in kg/m3, or ""."""
     if not urdf.guessed:
         return ()
     return (f"masses are guessed from shapes at {density:g} kg/m3: {', '.join(urdf.guessed)}",)
@@ -86,7 +86,7 @@ def _is_guessed(link: ET.Element) -> bool:
 
 
 def _add_collisions(link: ET.Element, path: str, notes: list[str], meshes: _Meshes) -> None:
-    """Copy the visuals of a link without collisions as collisions; leave out unusable meshes."""
+    """Copy the visuals of a link without collisions as collisions; omit unusable meshes."""
     visuals = link.findall("visual")
     no_collisions = link.find("collision") is None
     for visual in visuals:
@@ -115,7 +115,7 @@ class _Meshes:
         self._names: dict[Path, str] = {}
 
     def add(self, file: Path) -> str:
-        """Convert a file, once, and return its name in the URDF; raise ConfigError if the file is unusable."""
+        """Convert a file, once, and return its name in the URDF; raise ConfigError if it is unusable."""
         if file not in self._names:
             stl = read_stl(file)
             try:
@@ -130,7 +130,7 @@ class _Meshes:
 
 
 def _check_dynamics(description: UrdfDescription, problems: list[str]) -> None:
-    """Report joints with negative friction or damping, which would accelerate the joint."""
+    """Report joints with negative friction or damping, which would accelerate them."""
     for joint in description.joints.values():
         for name, value in (("damping", joint.dynamics.damping), ("friction", joint.dynamics.friction)):
             if value is not None and value < 0.0:
@@ -190,7 +190,7 @@ def _mass_of(link: ET.Element) -> float:
 
 
 def _masses_missing(root: ET.Element, description: UrdfDescription) -> list[str]:
-    """Return errors, with lines, for moving links without a mass and without a shape."""
+    """Return errors, with lines, for moving links that have neither a mass nor a shape."""
     heavy = {link.get("name", "") for link in root.findall("link") if _has_mass(link)}
     return [
         f"{description.path}:{joint.place.line}:{joint.place.column}: joint {joint.name} moves link {joint.child}, "
@@ -207,7 +207,7 @@ def _has_mass(link: ET.Element) -> bool:
 
 
 def _fixed_links(description: UrdfDescription, link: str) -> Iterator[str]:
-    """Yield a link and all links that fixed joints attach below the link."""
+    """Yield a link and all links that fixed joints attach below it."""
     yield link
     for joint in description.joints.values():
         if joint.parent == link and joint.fixed:

@@ -60,7 +60,7 @@ _LARGEST_SEED: Final = 2**31 - 1
 def urdf_sensors(
     parts: Iterable[ControlJoint], links: Collection[str], root: str, path: str
 ) -> dict[str, SensorSettings]:
-    """Return the sensors of a <ros2_control> tag by name; raise PhysicsError that lists all errors with lines."""
+    """Return the sensors of a <ros2_control> tag by name; PhysicsError lists all errors by line."""
     sensors, problems = {}, list[str]()
     for part in parts:
         wrong = list[str]()
@@ -74,7 +74,7 @@ def urdf_sensors(
 
 
 def _kind(part: ControlJoint) -> SensorKind | None:
-    """Return the kind of a sensor tag, or None if a world cannot simulate the sensor."""
+    """Return the kind of a sensor tag, or None if a world cannot simulate it."""
     mujoco_type = part.parameters.get("mujoco_type")
     if mujoco_type is not None:
         return _TYPES.get(mujoco_type.strip())
@@ -83,7 +83,7 @@ def _kind(part: ControlJoint) -> SensorKind | None:
 
 
 def _sensor(part: ControlJoint, links: Collection[str], root: str, wrong: list[str]) -> SensorSettings | None:
-    """Return the settings of a sensor tag, or None if a world cannot simulate the sensor; append errors to `wrong`."""
+    """Return the settings of a sensor tag, or None if a world cannot simulate it; append errors to `wrong`."""
     params = part.parameters
     mujoco_type = params.get("mujoco_type", "").strip()
     if mujoco_type and mujoco_type not in (*_TYPES, *_OTHERS):

@@ -27,7 +27,7 @@ _BASE_DOFS: Final = 6  # degrees of freedom of a free root
 
 
 class WorldRobot:
-    """Robot in a world, with the name "" if there is only one robot; `encoders` are by bus and node-ID.
+    """Robot in a world, named "" if it is the only one; `encoders` are by bus and node-ID.
 
     `begin` sets the state of the world, `touch_down` is called when the robot stands on the floor.
     """

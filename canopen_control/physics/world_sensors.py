@@ -61,7 +61,7 @@ class WorldSensor:
 
     @classmethod
     def of(cls, name: str, settings: SensorSettings) -> WorldSensor:
-        """Create the sensor that the settings of a plant file or a tag describe."""
+        """Create the sensor described by the settings of a plant file or a tag."""
         return cls(name, settings.kind, settings.link, settings.noise, settings.reach, settings.seed, settings.scene)
 
     def own(self) -> tuple[str, ...]:
@@ -74,7 +74,7 @@ class WorldSensor:
 
 
 def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  # noqa: ANN401 - of MuJoCo
-    """Add sensors that the scene does not have to a specification; raise PhysicsError for a missing link."""
+    """Add sensors that the scene lacks to a specification; raise PhysicsError for a missing link."""
     existing = {sensor.name: sensor for sensor in spec.sensors if sensor.name}
     links = [body.name for body in spec.bodies if body.name != "world"]
     for placed in sensors:
@@ -94,7 +94,7 @@ def add_sensors(spec: Any, sensors: Iterable[WorldSensor], path: str) -> None:  
 
 
 def _is_present(sensor: WorldSensor, existing: Mapping[str, Any], path: str) -> bool:
-    """Whether the scene has the sensor already; raise PhysicsError if its type differs."""
+    """Whether the scene already has the sensor; raise PhysicsError if its type differs."""
     names = sensor.of_scene()
     if not names or not all(name in existing for name in names):
         return False

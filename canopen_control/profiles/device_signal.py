@@ -1,4 +1,4 @@
-"""Signal of a device, with its object or bit, the conversion of raw numbers to units, and invalid numbers.
+"""Signal of a device: its object or bit, the conversion of raw numbers to units, and invalid numbers.
 
 value = raw * factor * (scales read from the device) + offset, and the inverse for outputs; a bit is 0 or 1. The value
 of an invalid raw number is nan.
@@ -29,7 +29,7 @@ TYPES: Final = {
     "f32": DataType.REAL32,
     "f64": DataType.REAL64,
 }
-"""Names of the types with which the type of an object can be overridden."""
+"""Names of the types that can replace the type of an object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class Signal:
 
     @property
     def needs(self) -> tuple[Address, ...]:
-        """Addresses of the objects whose values are needed for the conversion."""
+        """Addresses of the objects whose values the conversion needs."""
         return (*(scale.address for scale in self.scales), *(() if self.unwrap is None else (self.unwrap,)))
 
     def gain(self, numbers: Mapping[Address, Value]) -> float:
@@ -94,7 +94,7 @@ class Signal:
         return gain
 
     def value(self, raw: float, gain: float) -> float:
-        """Return the value of a raw number; nan if the raw number is invalid."""
+        """Return the value of a raw number; nan if the number is invalid."""
         if raw in self.invalid:
             return math.nan
         if self.bit is not None:
@@ -146,7 +146,7 @@ _UNITS: Final = {
 
 
 def unit_of_code(code: int) -> str:
-    """Return the name of a coded unit, such as "degC" for 0x002D0000; "" if the unit is not in the table."""
+    """Return the name of a coded unit, such as "degC" for 0x002D0000, or "" if it is not in the table."""
     return _UNITS.get(code >> 16 & 0xFF, "")
 
 

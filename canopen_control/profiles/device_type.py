@@ -67,7 +67,7 @@ _SIGNATURES: Final = (
 
 
 def profile_of(od: ObjectDictionary) -> Profile:
-    """Return the profile of a device, NONE if neither 0x1000 nor the objects indicate a known profile."""
+    """Return the profile of a device; NONE if neither 0x1000 nor the objects indicate a known profile."""
     if any(
         (_CONTROLWORD + _AXIS_OFFSET * axis, 0) in od and (_STATUSWORD + _AXIS_OFFSET * axis, 0) in od
         for axis in range(_AXES)

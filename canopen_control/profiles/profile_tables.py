@@ -159,11 +159,11 @@ _CHARGER: Final[_Table] = (
     ("battery_voltage", 0x6060, 0, 1 / 1024, "V"),
     ("battery_percentage", 0x6081, 0, 1.0, "%"),
 )
-"""Objects of a charger: measured values, and values of the battery (CiA 418) that the charger receives."""
+"""Objects of a charger: measured values, and values of the battery (CiA 418) that it receives."""
 
 
 def charger_signals(od: ObjectDictionary) -> Iterator[Signal]:
-    """Yield the signals of a CiA 419 charger; values that the charger receives are outputs.
+    """Yield the signals of a CiA 419 charger; values that it receives are outputs.
 
     A requested charge current persists in the charger.
     """
@@ -255,7 +255,7 @@ class SafeOutput:
 
 
 def safe_outputs(signals: Iterable[Signal], od: ObjectDictionary) -> Iterator[SafeOutput]:
-    """Yield for each output object the error mode and error value that set the `safe` values of the signals."""
+    """Yield, for each output object, the error mode and error value that set the `safe` values of the signals."""
     by_object: dict[Address, list[Signal]] = {}
     for signal in signals:
         if signal.output and signal.index in ERROR_OBJECTS:
@@ -307,7 +307,7 @@ def profile_signals(od: ObjectDictionary, profile: Profile) -> dict[str, Signal]
 
 
 def object_signal(od: ObjectDictionary, name: str) -> Signal | None:
-    """Return a signal with the raw number of the object at an address; None if the object does not exist."""
+    """Return a signal with the raw number of the object at an address, or None if it does not exist."""
     place = object_of(name) if name[:2] in ("0x", "0X") else None
     entry = None if place is None else od.get(place[0], place[1])
     if place is None or entry is None or entry.data_type.bits is None:

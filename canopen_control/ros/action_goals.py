@@ -50,7 +50,7 @@ _ActionServer: Any = _rclpy.ActionServer
 _ACCEPTED: Final = 1  # action_msgs/msg/GoalStatus
 _ABORTED: Final = 6
 _MAX_RESULTS: Final = 64
-"""Number of refusals that are kept for clients that request the result."""
+"""Number of refusals kept for clients that request the result."""
 
 
 class GoalRequest(NamedTuple):
@@ -62,7 +62,7 @@ class GoalRequest(NamedTuple):
 
 
 class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without types
-    """Action server that answers goals asynchronously; callbacks are called in the executor's thread.
+    """Action server that answers goals asynchronously; callbacks run in the executor's thread.
 
     `on_goal(request)` is answered by `answer`, `on_cancel(uuid)` is followed by `finish`. `on_lost(uuid)` reports an
     accepted goal whose client disconnected before the answer.
@@ -97,7 +97,7 @@ class AsyncActionServer(_ActionServer):  # type: ignore[misc] # rclpy's, without
         )
 
     def handle_of(self, uuid: bytes) -> RosMessage | None:
-        """Return rclpy's handle of an accepted goal; None if rclpy has discarded the goal."""
+        """Return rclpy's handle of an accepted goal, or None if rclpy has discarded the goal."""
         return self._goal_handles.get(uuid)
 
     def answer(self, uuid: bytes, refusal: RosMessage | None) -> None:
@@ -174,14 +174,14 @@ def _set_executing(handle: RosMessage) -> None:
 
 
 HEARTBEAT_S: Final = 3.0
-"""Value of `heartbeat` in the goals from ROS, in s."""
+"""Value of `heartbeat` in goals from ROS, in s."""
 _BEAT_NS: Final = 500_000_000
 
 A = TypeVar("A")
 
 
 class TrajectorySender:
-    """Sender of trajectories on a separate connection to the robot, which `connect` opens on first use."""
+    """Sender of trajectories on a separate connection to the robot, opened by `connect` on first use."""
 
     def __init__(self, connect: Callable[[], ReactorClient]) -> None:
         self._connect = connect
@@ -208,7 +208,7 @@ class TrajectorySender:
             answer(None, str(error))
 
     def close(self) -> None:
-        """Close the connection, upon which the robot brakes; a second call does nothing."""
+        """Close the connection, whereupon the robot brakes; a second call does nothing."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -244,7 +244,7 @@ _CLIENT_GONE: Final = "the action client that sent the goal has left the ROS gra
 
 
 class GoalAnswer(Protocol):
-    """Answer of the robot to a goal, which is accepted or refused."""
+    """Reply of the robot to a goal: accepted or refused."""
 
     @property
     def accepted(self) -> bool: ...
@@ -266,7 +266,7 @@ class GoalAnswer(Protocol):
 
 
 class ActionResult(Protocol):
-    """Result from the robot for an ended goal."""
+    """Result of an ended goal, as reported by the robot."""
 
     @property
     def state(self) -> str:
@@ -280,7 +280,7 @@ S = TypeVar("S", GripperSample, TrajectorySample)
 
 
 class FollowedGoal(Generic[V]):
-    """ROS goal with the connection on which the robot executes the goal, and the robot's answer."""
+    """ROS goal with the connection on which the robot executes it, and the robot's reply."""
 
     def __init__(self, request: GoalRequest, sender: TrajectorySender, clients: ActionClients) -> None:
         self.uuid, self.client, self.sender = request.uuid, request.client, sender
@@ -301,7 +301,7 @@ class FollowedGoal(Generic[V]):
         return self._was_present and not is_present
 
     def feedback_due(self, time: float) -> bool:
-        """Whether feedback is due at `time` in s; if so, `time` starts the next interval."""
+        """Whether feedback is due at `time` in s; if so, the next interval begins."""
         rate = self.verdict.feedback_rate if self.verdict is not None else math.inf
         if self.last_feedback <= time < self.last_feedback + 1.0 / rate:
             return False
@@ -310,7 +310,7 @@ class FollowedGoal(Generic[V]):
 
 
 class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
-    """Action server of one controller; a subclass converts the goals, feedback and results of one action type.
+    """Action server of one controller; subclasses convert goals, feedback and results of one action type.
 
     `kind` is the class of the controller's samples from which feedback is made.
     """
@@ -341,15 +341,15 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
 
     @abstractmethod
     def refused(self, verdict: V | None, text: str) -> RosMessage:
-        """Return the result message of a refused goal; `verdict` is None if the robot has not answered."""
+        """Return the result message of a refused goal; `verdict` is None if the robot has not replied."""
 
     @abstractmethod
     def asks_for_end(self) -> Request[E]:
-        """Return the request whose answer arrives when the goal of this connection has ended."""
+        """Return the request whose reply arrives when the goal of this connection has ended."""
 
     @abstractmethod
     def cancels(self, why: str | None) -> Request[Done]:
-        """Return the request that cancels a connection's goal; `why` is None if the client cancels the goal."""
+        """Return the request that cancels a connection's goal; `why` is None if the client cancels it."""
 
     @abstractmethod
     def failed(self, text: str) -> E:
@@ -421,7 +421,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
             self._ros.warn(self._topic, f"{self._topic}: {error}")
 
     def close(self) -> None:
-        """Abort the active goals, whose clients get a result, and destroy the action server."""
+        """Abort the active goals, send their results to the clients, and destroy the action server."""
         for followed in list(self._goals.values()):
             self._end(followed, self.failed("the ROS bridge has ended, which aborts the goal"))
         self._ros.call(self._server.destroy)
@@ -429,7 +429,7 @@ class ActionGoals(Endpoint, ABC, Generic[V, E, S]):
     # ------------------------------------------------------------------------------------------ goals that are followed
 
     def on_state(self, state: StateSample) -> None:
-        """Send feedback for the newest goal; cancel goals whose clients have left the graph."""
+        """Send feedback for the latest goal; cancel goals whose clients have left the graph."""
         sample = self._samples.of(state).get(self._controller)
         followed = self._followed(state)
         if followed and sample is not None and sample.executing:

@@ -89,7 +89,7 @@ class TwistSubscription:
             self._ros.unsubscribe(self._subscription)
 
     def _change(self, name: str) -> None:
-        """Unsubscribe from the old type, and at the next check subscribe to the new one."""
+        """Unsubscribe from the old type; the next check subscribes to the new one."""
         if self._subscription is None:
             self._subscribe(name)
         else:
@@ -169,7 +169,7 @@ class OdometryReset(Endpoint):
 
 
 def send_twist(ros: NodeContext, controller: ControllerReading, message: Twist | TwistStamped) -> None:
-    """Send a finite twist to an active base controller; all other twists are dropped with a warning."""
+    """Send a finite twist to an active base controller; other twists are dropped with a warning."""
     twist, stamp = message, None
     if isinstance(message, TwistStamped):
         sent_at = message.header.stamp
@@ -234,7 +234,7 @@ class SharedTwist(Endpoint):
 
 
 class TfOdometry(Endpoint):
-    """Publisher of the odometry transform on `~/tf_odometry`, while the controller's `enable_odom_tf` is true."""
+    """Publisher of the odometry transform on `~/tf_odometry` while the controller's `enable_odom_tf` is true."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading) -> None:
         self._ros, self._name, self._samples = ros, controller.name, NewSamples(OdometrySample)

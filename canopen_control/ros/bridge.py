@@ -109,7 +109,7 @@ def _session_type() -> type[RosSession]:
 
 
 class Bridge:
-    """Bridge process with one ROS node of its own, and a session while the robot is running."""
+    """Bridge process with its own ROS node, and a session while the robot is running."""
 
     def __init__(self, arguments: argparse.Namespace, ros_arguments: list[str]) -> None:
         self._arguments = arguments
@@ -127,7 +127,7 @@ class Bridge:
             self._start_ros(arguments.namespace, ros_arguments)
 
     def _take_robot(self) -> None:
-        """Select and lock the robot; CanopenError if no such robot is running, or another bridge has the lock."""
+        """Select and lock the robot; CanopenError if it is not running or another bridge has the lock."""
         self._name = select_robot(self._arguments.name)
         self._claim = _claim(self._name, _ENDING_S if self._lifeline is not None else 0.0)
 
@@ -157,7 +157,7 @@ class Bridge:
         return self._code
 
     def _pass_gate(self) -> None:
-        """Start the session if the parent has written to the gate; stop if the parent has closed the gate."""
+        """Start the session once the parent has written to the gate; stop if the parent has closed it."""
         gate, self._gate = self._gate, None
         if gate is None:
             return
@@ -193,7 +193,7 @@ class Bridge:
         self._has_answered = True
 
     def _connect(self) -> None:
-        """Connect to the robot; on failure a bridge started manually tries again, and a child of `run` stops."""
+        """Connect to the robot; on failure, a bridge started manually retries, and a child of `run` stops."""
         client: RobotClient | None = None
         try:
             client = RobotClient.connect(self._name, _TIMEOUT_S)
@@ -222,7 +222,7 @@ class Bridge:
         self._reactor.call_later(_RETRY_NS, self._connect)
 
     def _end_session(self) -> bool:
-        """Close the session, if any; return False if a thread of rclpy does not return."""
+        """Close the session, if any; return False if an rclpy thread does not return."""
         session, self._session = self._session, None
         return session is None or session.close()
 

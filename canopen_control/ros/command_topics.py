@@ -113,7 +113,7 @@ class GpioCommands(Endpoint):
 
 
 def outputs_of(message: RosMessage, controller: ControllerReading) -> dict[str, float]:
-    """Return the values in a message by "gpio/interface"; ValueError with the reason if the message is invalid."""
+    """Return the values in a message by "gpio/interface"; ValueError with the reason if it is invalid."""
     if not controller.active:
         raise ValueError(f"{controller.name} is {controller.state}; activate it before commanding it")
     groups, inner = list(message.interface_groups), list(message.interface_values)
@@ -202,7 +202,7 @@ class PidReferences(Endpoint):
 
 
 class PidMeasuredStates(PidReferences):
-    """Subscription of `~/measured_state`, for a PID controller without state interfaces."""
+    """Subscription of `~/measured_state` of a PID controller without state interfaces."""
 
     topic = "measured_state"
 

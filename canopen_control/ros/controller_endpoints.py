@@ -120,7 +120,7 @@ class FollowJointTrajectory(ActionGoals[TrajectoryVerdict, TrajectoryResult, Tra
         )
 
     def refused(self, verdict: TrajectoryVerdict | None, text: str) -> RosMessage:
-        """Return the result of a refused goal; the code is INVALID_GOAL if the robot has not answered."""
+        """Return the result of a refused goal; the code is INVALID_GOAL if the robot has not replied."""
         code = _INVALID_GOAL if verdict is None else verdict.error_code
         return self._action.Result(error_code=code, error_string=text)
 
@@ -166,12 +166,12 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         self._joint = next(iter(controller.joints), "")
 
     def request(self, goal: RosMessage) -> SendGripper:
-        """Return the request for a goal; ValueError with the reason if the goal is invalid."""
+        """Return the request for a goal; ValueError with the reason if it is invalid."""
         command = goal.command
         return self._request_for(command.position, command.max_effort)
 
     def result(self, sample: GripperResult | GripperSample, into: RosMessage) -> RosMessage:
-        """Fill a result or feedback message with the gripper's state and return the message; unknown values are nan."""
+        """Fill a result or feedback message with the gripper's state and return it; unknown values are nan."""
         into.position, into.effort = unknown_as_nan(sample.position), unknown_as_nan(sample.effort)
         into.stalled, into.reached_goal = sample.stalled, sample.reached_goal
         return into
@@ -188,7 +188,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         sender.client.ask(self.request(goal), answer)
 
     def refused(self, verdict: GripperVerdict | None, text: str) -> RosMessage:
-        """Return a result of unknown values; the message has no field for the reason, which is logged instead."""
+        """Return a result of unknown values; it has no field for the reason, which is logged instead."""
         del verdict, text
         return self.result(self.failed(""), self._action.Result())
 
@@ -202,7 +202,7 @@ class GripperAction(ActionGoals[GripperVerdict, GripperResult, GripperSample]):
         return GripperResult(state="aborted", text=text)
 
     def client_result(self, result: GripperResult, *, by_others: bool) -> RosMessage:
-        """Return the result for the client; log the reason of a failure, for which the result has no field."""
+        """Return the result for the client; it has no field for the reason of a failure, which is logged."""
         del by_others
         if result.state != "succeeded":
             self._ros.warn(self._topic, f"{self._topic}: {result.text}")
@@ -292,7 +292,7 @@ def endpoints_for(ros: NodeContext, controller: ControllerReading) -> list[Endpo
 
 
 def _create(make: Factory, ros: NodeContext, controller: ControllerReading) -> Iterator[Endpoint]:
-    """Create and yield an endpoint; if this ROS installation lacks the interface, report this and yield nothing."""
+    """Create and yield an endpoint; if this ROS installation lacks the interface, report it and yield nothing."""
     try:
         yield make(ros, controller)
     except MissingInterface as error:

@@ -1,4 +1,4 @@
-"""ROS nodes of loaded controllers and of `/controller_manager`, with their parameters.
+"""ROS nodes of the loaded controllers and of `/controller_manager`, with their parameters.
 
 Rules (controller_manager, Jazzy): the node of a controller has the controller's name and the manager's namespace, and
 owns the controller's topics, services and actions. All nodes share the bridge's participant and callback thread.
@@ -43,7 +43,7 @@ _INTEGERS: Final = (-(1 << 63), (1 << 63) - 1)
 
 
 def value_of(reading: ParameterReading) -> RosMessage:
-    """Convert a parameter to rcl_interfaces/msg/ParameterValue, with type 0 if the parameter is not set."""
+    """Convert a parameter to rcl_interfaces/msg/ParameterValue; type 0 if the parameter is not set."""
     message = interface("rcl_interfaces/msg/ParameterValue")()
     value = reading.plain
     if value is not None and reading.kind != "not_set":
@@ -84,7 +84,7 @@ def descriptor_of(reading: ParameterReading) -> RosMessage:
 
 
 def requested_value(parameter: RosMessage) -> ParameterValue:
-    """Return the value in an rcl_interfaces/msg/Parameter; a type that the API lacks is treated as not set."""
+    """Return the value in an rcl_interfaces/msg/Parameter; a type unknown to the API is treated as not set."""
     kind = _KIND_OF.get(parameter.value.type, "not_set")
     value = None if kind == "not_set" else getattr(parameter.value, f"{kind}_value")
     plain = value if isinstance(value, bool | int | float | str | None) else list(value)
@@ -118,7 +118,7 @@ _OF_NAMES: Final = (
     ("get_parameter_types", "GetParameterTypes", "types", lambda reading: TYPES[reading.kind]),
     ("describe_parameters", "DescribeParameters", "descriptors", descriptor_of),
 )
-"""Services with parameter names as request: name, type, field of the response, and function that makes an element."""
+"""Services with parameter names as request: name, type, field of the response, and function for an element."""
 
 
 class ParameterServices(Endpoint):
@@ -168,7 +168,7 @@ class ParameterServices(Endpoint):
         return handler
 
     def _read(self, fill: Callable[[Readings], None], response: RosMessage, reply: Reply) -> None:
-        """Read all parameters of the controller; a refusal leaves the response empty, and is logged."""
+        """Read all parameters of the controller; a refusal leaves the response empty and is logged."""
 
         def answer(readings: Readings | None, error: str | None) -> None:
             if readings is not None:
@@ -216,7 +216,7 @@ class ParameterServices(Endpoint):
         self._ros.ask(SetParameters(controller=self._name, values=values), answer)
 
     def _of_caller(self, parameter: ParameterValue, reply: Reply) -> ParameterValue:
-        """Make paths in a `params_file` parameter absolute, if the file exists in the client's working directory."""
+        """Make paths in a `params_file` parameter absolute if the file exists in the client's working directory."""
         if not parameter.name.endswith(".params_file") or not isinstance(reply, Answer):
             return parameter
         folder, value = folder_of(self._ros.node, client_of(reply.request_id)), parameter.value
@@ -258,7 +258,7 @@ class ControllerNodes:
         return self._nodes[name][0]
 
     def forget(self, name: str) -> None:
-        """Destroy the node `name`, if any; the caller has closed the node's endpoints."""
+        """Destroy the node `name`, if any; its endpoints have been closed by the caller."""
         node = self._nodes.pop(name, None)
         if node is not None:
             ros, parameters = node

@@ -1,4 +1,4 @@
-"""Conversions from messages of the API to fields of ROS messages, without importing ROS.
+"""Conversions from API messages to fields of ROS messages, without importing ROS.
 
 Rules (REP 103, REP 107, ros2_control): both sides use SI units; unknown values of the API (None) become nan; all arrays
 of a joint state have the same length; a stamp is the time of the sample, not of its transmission.
@@ -36,7 +36,7 @@ def stamp_of(unix_s: float) -> tuple[int, int]:
 
 
 def joint_arrays(joints: Mapping[str, JointReading], names: Sequence[str] = ()) -> JointArrays:
-    """Return joint states in the order of `names`, or of all joints alphabetically; nan for unknown values."""
+    """Return joint states in the order of `names`, or of all joints alphabetically; nan if unknown."""
     values = {name: joint.values for name, joint in joints.items()}
     return arrays_of(values, [name for name in names if name in values] if names else sorted(values))
 
@@ -56,7 +56,7 @@ def positions_of(sample: JointStatesSample) -> dict[str, float]:
 
 
 def seconds_of(seconds: int, nanoseconds: int) -> float | None:
-    """Return a ROS time stamp in s; None if the stamp is zero."""
+    """Return a ROS time stamp in s, or None if it is zero."""
     return seconds + nanoseconds / 1e9 if seconds or nanoseconds else None
 
 
@@ -75,7 +75,7 @@ def odometry_pose(sample: OdometrySample) -> Transform:
 
 
 def transform_of(sample: Sample) -> Transform | None:
-    """Return the transform of an odometry or pose sample; None for other samples, a disabled one or an unknown pose."""
+    """Return the transform of an odometry or pose sample; None for others, a disabled one or an unknown pose."""
     if isinstance(sample, OdometrySample):
         return odometry_pose(sample) if sample.enable_odom_tf and math.isfinite(sample.x) else None
     if not isinstance(sample, PoseSample) or sample.child_frame_id is None:
@@ -88,13 +88,13 @@ def transform_of(sample: Sample) -> Transform | None:
 
 
 def located_frames(state: StateSample) -> frozenset[str]:
-    """Return the child frames of odometry and pose transforms, for which no joint transform may be published."""
+    """Return the child frames of odometry and pose transforms, which must not have a joint transform."""
     samples = (*state.samples_of(OdometrySample).values(), *state.samples_of(PoseSample).values())
     return frozenset(transform.child for transform in map(transform_of, samples) if transform is not None)
 
 
 def command_refusal(values: Sequence[float], controller: ControllerReading) -> str | None:
-    """Return the reason why the robot would refuse a command with these values; None if the command is valid."""
+    """Return why the robot would refuse a command with these values, or None if it is valid."""
     if not all(map(math.isfinite, values)):
         return f"{controller.name}: a value is not finite: {_shown(values)}; the command was dropped"
     if controller.width and len(values) != controller.width:
@@ -110,5 +110,5 @@ def _shown(values: Sequence[float], most: int = 8) -> str:
 
 
 def unknown_as_nan(value: float | None) -> float:
-    """Return nan for None, which stands for an unknown value, else the value."""
+    """Return the value, or nan for None (unknown)."""
     return math.nan if value is None else value

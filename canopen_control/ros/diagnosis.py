@@ -38,7 +38,7 @@ class Diagnosis(NamedTuple):
 def diagnose(
     robot: str, state: StateSample, controllers: Mapping[str, ControllerReading], missed_before: int = 0
 ) -> list[Diagnosis]:
-    """Return the diagnostic status of the nodes, the controllers, the diagnostics broadcasters, and the cycle.
+    """Return the diagnostic status of the nodes, the controllers, the diagnostics broadcasters and the cycle.
 
     `missed_before` is the number of missed cycles in the previous report.
     """

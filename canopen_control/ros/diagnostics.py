@@ -32,7 +32,7 @@ _LEVELS: Final = {"debug": 10, "info": 20, "warning": 30, "error": 40, "fatal": 
 
 
 class Diagnostics(Endpoint):
-    """Publisher of `/diagnostics`, once per second and after a change of a level."""
+    """Publisher of `/diagnostics`, once per second and when a level changes."""
 
     def __init__(self, ros: NodeContext) -> None:
         self._ros = ros
@@ -72,7 +72,7 @@ class Events(Endpoint):
 
 
 def log_message(log: Any, event: RobotEvent, robot: str) -> Any:  # noqa: ANN401 - a generated class
-    """Convert an event of the API to a message of the class `log`, which is rcl_interfaces/msg/Log."""
+    """Convert an API event to a message of the class `log`, which is rcl_interfaces/msg/Log."""
     message = log()
     message.stamp = time_message(event.time)
     message.level = _LEVELS.get(event.level, _LEVELS["info"])
@@ -147,5 +147,5 @@ class Rosout(Endpoint):
 
 
 def _logger(namespace: str, node: str) -> str:
-    """Return the name of a node's logger: the namespace and the node, separated by dots."""
+    """Return the name of a node's logger: namespace and node, separated by dots."""
     return ".".join([*namespace.strip("/").split("/"), node]).lstrip(".")

@@ -68,7 +68,7 @@ _RECENT_S: Final = 0.5  # a target older than this has reached the state stream
 
 
 class DriveTargets:
-    """Targets that the `target` services have received, and that the state stream may not contain yet."""
+    """Targets received by the `target` services, which the state stream may not contain yet."""
 
     def __init__(self) -> None:
         self._last_targets: dict[tuple[str, str], tuple[float, float]] = {}
@@ -76,7 +76,7 @@ class DriveTargets:
     def command(
         self, controller: ControllerReading, joint: str, target: float, joints: Mapping[str, JointReading]
     ) -> list[float]:
-        """Return a controller's command with a new target for `joint` and the present commands of all other joints."""
+        """Return a controller's command with a new target for `joint` and the current commands of the others."""
         now = time.monotonic()
         self._last_targets[controller.name, joint] = (now, target)
         return [self._value(controller, name, joints.get(name), now) for name in controller.joints]
@@ -162,7 +162,7 @@ class DriveServices(Endpoint):
         return node.axes[0].joint if node is not None and len(node.axes) == 1 else None
 
     def _controller(self, joint: str) -> ControllerReading | None:
-        """Return the active controller that takes one value per joint and commands `joint`; else None."""
+        """Return the active controller that takes one value per joint and commands `joint`, or None."""
         for controller in self._ros.controllers.values():
             if (
                 controller.active
@@ -187,7 +187,7 @@ class MasterServices(Endpoint):
 
 
 def _held(joint: JointReading | None, name: str | None) -> float:
-    """Return a joint's present command; without a command the position of a position interface, else 0."""
+    """Return a joint's current command; without one, the position for a position interface, else 0."""
     if joint is None:
         return 0.0
     command = joint.position if joint.command is None and name == "position" else joint.command

@@ -1,4 +1,4 @@
-"""Topics of each node, as in ros2_canopen's drivers, and in addition `emcy`.
+"""Topics of each node, as in ros2_canopen's drivers, plus `emcy`.
 
 `nmt_state` is the state reported by the node, in ros2_canopen's spelling, published on a change and transient local for
 later subscribers; `joint_states` has the stamp of its sample. `rpdo` has one message per object of the node's TPDOs
@@ -189,7 +189,7 @@ class ProxyNode(Endpoint):
             part.close()
 
     def own_joint(self) -> str | None:
-        """Return the joint to whose axis the services are restricted; None if the services affect all axes."""
+        """Return the joint to whose axis the services are restricted; None if they affect all axes."""
         return None
 
     def _ask(self) -> None:

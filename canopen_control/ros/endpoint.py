@@ -1,4 +1,4 @@
-"""Base class of the topics, services and actions of the bridge, and their access to ROS and to the robot.
+"""Base class of the bridge's topics, services and actions, and their access to ROS and to the robot.
 
 Messages are published on the bridge's own thread, when the robot has sent something; callbacks of ROS run on the
 spinner's thread, and only pass on what they receive.
@@ -31,7 +31,7 @@ COMMANDER: Final = "ros"  # sender of commands, in the robot's status
 
 
 def success_of(response: RosMessage, reply: Reply) -> Callable[[object, str | None], None]:
-    """Return a callback that sends a service's response, with the fields `success` and `message` set."""
+    """Return a callback that sends a service's response with the fields `success` and `message` set."""
 
     def answer(_done: object, error: str | None) -> None:
         response.success, response.message = error is None, error or ""
@@ -113,13 +113,13 @@ def serve(node: Node, kind: type, name: str, handler: Handler) -> RosMessage:
 
 
 class SessionPort(Protocol):
-    """Session of a robot, as the contexts of all ROS nodes and their endpoints use it."""
+    """Session of a robot as seen by the contexts of all ROS nodes and their endpoints."""
 
     robot: str
     controllers: dict[str, ControllerReading]
 
     def command(self, request: CommandController | TwistController) -> None:
-        """Send a command, which replaces a waiting command to the same controller; from any thread."""
+        """Send a command, replacing a waiting command to the same controller; from any thread."""
 
     def unix(self, stamp: float | None) -> float | None:
         """Convert a ROS time stamp to Unix time in s of the robot's clock; from any thread."""
@@ -131,7 +131,7 @@ class SessionPort(Protocol):
         """Report once that this ROS installation lacks an interface."""
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Log a warning as `node`, at most once per second for each key; from any thread."""
+        """Log a warning as `node`, at most once per second and key; from any thread."""
 
     def hand_over(self, function: Callable[[], object]) -> None:
         """Call a function on the reactor's thread; from any thread."""
@@ -168,7 +168,7 @@ class NodeContext:
         return self._session.controllers
 
     def warn(self, key: str, text: str) -> None:
-        """Log a warning of this node, at most once per second for each key; from any thread."""
+        """Log a warning of this node, at most once per second and key; from any thread."""
         self._session.warn_of(self.node, key, text)
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], object], qos: object) -> object:
@@ -188,7 +188,7 @@ class NodeContext:
         self.call(lambda: self.node.destroy_subscription(subscription))
 
     def serve(self, kind: str, name: str, handler: Handler) -> object:
-        """Create a service of the interface `kind`; if ROS lacks the interface, report this and return None.
+        """Create a service of the interface `kind`; if ROS lacks it, report this and return None.
 
         `handler(request, response, reply)` is called on the reactor's thread and must not block.
         """

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Frames(Endpoint):
-    """Publisher of the transforms of one robot; `urdf` is the URDF as text."""
+    """Publisher of the transforms of one robot; `urdf` is the URDF text."""
 
     def __init__(self, ros: NodeContext, urdf: str) -> None:
         self._ros = ros

@@ -1,4 +1,4 @@
-"""ROS node by which the command line accesses topics and services.
+"""ROS node through which the command line accesses topics and services.
 
 Every wait has a timeout, and ends at once when its thread is interrupted. A new node has not discovered the graph yet,
 so the first query waits a moment.
@@ -49,7 +49,7 @@ def full_name(text: str, kind: str) -> str:
 
 
 def fill(message: Any, data: object, class_of: ClassOf, place: str = "") -> Any:  # noqa: ANN401 - generated
-    """Set the fields of a message that `data` contains, and return the message; ConfigError for invalid data.
+    """Set the fields of a message that `data` contains, and return it; ConfigError for invalid data.
 
     `class_of` returns the class of a nested message.
     """
@@ -167,7 +167,7 @@ MOMENT_S: Final = 1.0
 
 @contextlib.contextmanager
 def open_graph() -> Iterator[Graph]:
-    """Open a node, which is closed on exit; ConfigError without ROS, CanopenError if ROS 2 cannot be started."""
+    """Open a node that is closed on exit; ConfigError without ROS, CanopenError if ROS 2 cannot be started."""
     require_ros()
     prepare(os.environ, wheels=from_wheels(), prefix=sys.prefix)
     try:
@@ -199,7 +199,7 @@ class Graph:
         self._context.try_shutdown()
 
     def spin(self, seconds: float, until: Callable[[], object] = lambda: False) -> bool:
-        """Execute callbacks until a condition is true; return False if the condition is not true after `seconds`."""
+        """Execute callbacks until a condition is true; return False if it is not true after `seconds`."""
         deadline = time.monotonic() + seconds
         while not until():
             remaining = deadline - time.monotonic()
@@ -220,7 +220,7 @@ class Graph:
         return sorted(service for service in self._node.get_service_names_and_types() if not service[0].startswith(own))
 
     def type_of(self, topic: str, seconds: float, chosen: str | None = None) -> str:
-        """Return the type of a topic, or the full name of the `chosen` type if the topic has several types.
+        """Return the type of a topic, or the full name of the `chosen` type if it has several.
 
         CanopenError if the topic does not appear within `seconds`, or has several types and none is chosen.
         """
@@ -236,14 +236,14 @@ class Graph:
         return types[0]
 
     def subscribe(self, topic: str, kind: str, callback: Callable[[Any], object]) -> None:
-        """Subscribe to a topic with a quality of service that matches its present publishers."""
+        """Subscribe to a topic with a quality of service that matches its current publishers."""
         from canopen_control.ros.qos import quality_of
 
         infos = self._node.get_publishers_info_by_topic(topic)
         self._node.create_subscription(class_of(kind), topic, callback, quality_of(infos))
 
     def publisher(self, topic: str, kind: str, data: object) -> Publication:
-        """Create a publisher of a message that is filled with `data`; ConfigError if the data is invalid."""
+        """Create a publisher of a message filled with `data`; ConfigError if the data is invalid."""
         message = _filled(class_of(kind)(), data)
         return Publication(self._node.create_publisher(type(message), topic, 10), message)
 
@@ -263,7 +263,7 @@ class Graph:
 
 
 class Publication:
-    """Message of a publisher that can be published repeatedly."""
+    """Message of a publisher, which can be published repeatedly."""
 
     def __init__(self, publisher: Any, message: Any) -> None:  # noqa: ANN401 - rclpy's, and a generated class
         self._publisher, self._message = publisher, message
@@ -285,7 +285,7 @@ class Publication:
 
 
 def class_of(name: str) -> type:
-    """Return the class of a ROS interface; ConfigError if this ROS installation does not have the interface."""
+    """Return the class of a ROS interface; ConfigError if this ROS installation lacks it."""
     try:
         interface_class: type = interface(name)
     except (ImportError, AttributeError, MissingInterface):

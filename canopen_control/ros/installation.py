@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 WHEEL_RMW: Final = "rmw_fastrtps_cpp"
-"""The only middleware that the wheels contain."""
+"""Only middleware that the wheels contain."""
 _INSTALL_ADVICE: Final = 'pip install "canopen-control[ros]" (Linux x86_64), or source a ROS 2 installation'
 _EXTENSION: Final = "_rclpy_pybind11"
 PROFILE: Final = Path(__file__).with_name("loopback.xml")
@@ -73,7 +73,7 @@ def _rclpy_folder() -> Path | None:
 
 
 def prepare(environment: MutableMapping[str, str], *, wheels: bool, prefix: str) -> None:
-    """Set the environment variables that ROS needs and the user has not set.
+    """Set the environment variables that ROS needs, unless the user has set them.
 
     `wheels` is True if rclpy was installed from wheels below `prefix`.
     """

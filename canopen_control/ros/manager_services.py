@@ -149,7 +149,7 @@ class ControllerManagerServices(Endpoint):
         self._ask(command, lambda _: _succeed(response), response, reply)
 
     def _reload(self, _request: RosMessage, response: RosMessage, reply: Reply) -> None:
-        """Refuse, because Python code is loaded once per process."""
+        """Refuse the request, since Python code is loaded once per process."""
         self._ros.warn("reload", "controllers are loaded once per process; restart the robot to load them again")
         reply(response)
 
@@ -239,7 +239,7 @@ def _succeed(response: RosMessage) -> None:
 
 
 def _without_owner(controller: ControllerReading, names: Iterable[str]) -> list[str]:
-    """Remove the controller's own name from the names of its interfaces, as ros2_control lists them."""
+    """Remove the controller's own name from its interface names, as ros2_control lists them."""
     return [name.removeprefix(f"{controller.name}/") for name in names]
 
 

@@ -1,4 +1,4 @@
-"""Nodes of a bus and their ROS names, made from messages of the API without importing ROS.
+"""Nodes of a bus and their ROS names, created from API messages without importing ROS.
 
 Rules (ros2_canopen): the services and topics of a node are `NAMESPACE/NODE/x`, where NODE is the key in bus.yml; the
 node's `namespace` replaces the bridge's namespace, and its `remappings` are applied. Every axis of a multi-axis node
@@ -32,7 +32,7 @@ _FORBIDDEN: Final = re.compile(r"[^A-Za-z0-9_]")
 
 
 class Channel(NamedTuple):
-    """Axis of a multi-axis node; `name` is the path below which the axis has its services."""
+    """Axis of a multi-axis node; the services of the axis are below the path `name`."""
 
     joint: str
     name: str
@@ -68,7 +68,7 @@ class RosNode(NamedTuple):
 def nodes_of(
     listing: NodeListing, namespace: str, layout: Layout | None = None, states: Mapping[str, NodeReading] | None = None
 ) -> list[RosNode]:
-    """Return the nodes in a listing of the API with their ROS names.
+    """Return the nodes in an API listing, with their ROS names.
 
     `namespace` is the bridge's namespace; `states` are the nodes in the robot's status, with their axes.
     """
@@ -88,7 +88,7 @@ def nodes_of(
 
 
 def ros_name(name: str) -> str:
-    """Replace the characters that ROS does not allow by underscores, and put an underscore before a leading digit."""
+    """Replace characters that ROS does not allow by underscores; an underscore precedes a leading digit."""
     allowed = _FORBIDDEN.sub("_", name)
     return allowed if allowed[:1].isalpha() or allowed[:1] == "_" else f"_{allowed}"
 
@@ -113,7 +113,7 @@ def _node(place: NodePlace, bridges: str) -> RosNode:
 
 
 def _mapped(layout: Layout) -> Iterator[tuple[str, dict[tuple[int, int], int]]]:
-    """Yield the name of each node, and the bits of each object that is mapped in an RPDO."""
+    """Yield the name of each node, and the bits of each object mapped in an RPDO."""
     for bus in layout.buses.values():
         for node in bus.nodes:
             objects = [entry for pdo in node.pdos if pdo.direction == "rpdo" for entry in pdo.objects]

@@ -1,4 +1,4 @@
-"""Identification of the ROS program that sent a request, by its DDS participant.
+"""Identification of the ROS program that sent a request by its DDS participant.
 
 Rules (DDS, Fast DDS): the first twelve bytes of a GUID identify the participant; usually a process has one. A
 participant that ends announces this; one that was killed is detected when its lease expires, after 20 s by default.
@@ -25,7 +25,7 @@ _PIDS: Final = 1 << 22  # the upper limit of process ids in Linux
 
 
 def client_of(header: RosMessage) -> bytes | None:
-    """Return the DDS participant that sent a request; None if unknown.
+    """Return the DDS participant that sent a request, or None if unknown.
 
     The header is an rmw_request_id_t of C: a GUID of 16 bytes and the sequence number of the request. rclpy exposes
     only the number; pybind11 stores the structure's address after the head of the Python object. The number confirms
@@ -40,7 +40,7 @@ def client_of(header: RosMessage) -> bytes | None:
 
 
 class ActionClients:
-    """DDS participants with a client of one action; `action` is the action's full name."""
+    """DDS participants that have a client of one action; `action` is its full name."""
 
     def __init__(self, node: Node, action: str) -> None:
         self._node, self._action = node, action
@@ -58,7 +58,7 @@ class ActionClients:
         return host is not None and participant[:4] == _VENDOR + host and runs(_process(participant))
 
     def _host(self) -> bytes | None:
-        """Return the two bytes that identify this host in a participant; None if unknown."""
+        """Return the two bytes that identify this host in a participant, or None if unknown."""
         own = self._node.get_publishers_info_by_topic(f"rt{self._action}/_action/status", no_mangle=True)
         for participant in map(_participant, own):
             if participant[:2] == _VENDOR and _process(participant) == os.getpid() % 65536:

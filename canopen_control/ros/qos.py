@@ -1,4 +1,4 @@
-"""Quality of service profiles as in ros2_control and robot_state_publisher.
+"""Quality of service profiles, as in ros2_control and robot_state_publisher.
 
 Measured with Fast DDS: with the system default, a publisher is reliable and transient local, and a subscription is best
 effort and volatile. So such a publisher matches every subscription, and such a subscription matches every publisher.
@@ -41,7 +41,7 @@ ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lif
 
 
 def quality_of(publishers: Sequence[Any]) -> Any:  # noqa: ANN401 - rclpy's, without types
-    """Return a subscription profile that matches all these publishers, transient local if all of them are."""
+    """Return a subscription profile that matches all these publishers; transient local if all of them are."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
     is_latched = bool(profiles) and all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)

@@ -1,4 +1,4 @@
-"""Parts of rclpy that the bridge uses, without types.
+"""Parts of rclpy used by the bridge, without types.
 
 rclpy is partly typed, differently in each release, and may be missing where types are checked; so the names that are
 imported from here have the type Any.
@@ -79,7 +79,7 @@ def ros_seconds(node: Node) -> float | None:
 
 
 def make_executor(context: Context) -> Any:  # noqa: ANN401 - see above
-    """Return an EventsExecutor if this rclpy has this class, else a single-threaded executor."""
+    """Return an EventsExecutor if this rclpy has it, else a single-threaded executor."""
     try:
         events = importlib.import_module("rclpy.experimental.events_executor")
     except ImportError:

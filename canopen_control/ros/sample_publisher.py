@@ -1,4 +1,4 @@
-"""Publisher of a controller's samples, with one message for each publication of the controller.
+"""Publisher of a controller's samples, with one message for each publication by the controller.
 
 Rules (ros2_controllers, Jazzy): names, types and quality of service of the topics are the same as upstream. One message
 object is reused for all messages of a topic; a topic that is not `latched` is filled only if it has a subscriber.
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def time_message(unix_s: float) -> Time:
-    """Convert a Unix time in s to builtin_interfaces/msg/Time."""
+    """Convert Unix time in s to builtin_interfaces/msg/Time."""
     seconds, nanoseconds = stamp_of(unix_s)
     return Time(sec=seconds, nanosec=nanoseconds)
 
@@ -48,7 +48,7 @@ class RosMessages:
 
 
 class SamplePublisher(Endpoint):
-    """Publisher of one `row` of `SAMPLE_TOPICS`; a topic that is optional is created with its first message."""
+    """Publisher of one `row` of `SAMPLE_TOPICS`; an optional topic is created with its first message."""
 
     def __init__(self, ros: NodeContext, controller: ControllerReading, row: SampleTopic) -> None:
         self._ros, self._row, self._controller, self._samples = ros, row, controller, NewSamples(row.kind)

@@ -44,14 +44,14 @@ class Messages(Protocol):
         """Return a message of type `package/msg/Name` with zeros and empty lists."""
 
     def floats(self, values: Iterable[float]) -> object:
-        """Return an array of numbers of the type that the messages need."""
+        """Return an array of numbers of the type that the messages require."""
 
     def frame(self, name: str) -> str:
         """Return a frame's name with the robot's prefix, if any."""
 
 
 class SampleTopic(NamedTuple):
-    """Topic for samples of one `kind`; `fields` maps fields of the message to sources in the sample.
+    """Topic for samples of one `kind`; `fields` maps message fields to sources in the sample.
 
     `frame` is the field of the sample with the header's frame; a sample without this field has the controller's frame.
     No message is sent for a sample whose field `optional` is None. `latched` topics are published even without a
@@ -70,7 +70,7 @@ class SampleTopic(NamedTuple):
     bag: bool = True
 
     def name(self, controller: ControllerReading) -> str:
-        """Return the name of a controller's topic, relative to the robot's namespace; "" if not published."""
+        """Return the name of a controller's topic, relative to the robot's namespace, or "" if not published."""
         if self.kind is JointStatesSample:
             return controller.published(self.topic) or ""
         topic = controller.odometry_topic if self.topic == "odom" else self.topic
@@ -257,11 +257,11 @@ ELEMENTS: Final = {
     "interface_values": "control_msgs/msg/InterfaceValue",
     "battery_states": "sensor_msgs/msg/BatteryState",
 }
-"""Message types of the elements of list fields, by the name of the field."""
+"""Message types of the elements of list fields, by field name."""
 
 
 def fill(messages: Messages, message: Any, row: SampleTopic, sample: Sample, frame: str = "") -> None:  # noqa: ANN401
-    """Fill a message from a sample; `frame` is the controller's frame, for samples that have no frame."""
+    """Fill a message from a sample; `frame` is the controller's frame, for samples without one."""
     if hasattr(message, "header"):
         _head(message, sample.time, messages.frame(getattr(sample, row.frame, frame)))
     for place, source in row.fields.items():
@@ -286,7 +286,7 @@ def _value(sample: Sample, source: str) -> Any:  # noqa: ANN401 - of any type
 
 
 def _put(messages: Messages, part: Any, field: str, value: Any, time: float) -> None:  # noqa: ANN401 - as above
-    """Set a field of a message, unless the message lacks the field; unknown numbers become nan.
+    """Set a field of a message, unless the message lacks it; unknown numbers become nan.
 
     Structures are filled by field names, vectors by axes.
     """

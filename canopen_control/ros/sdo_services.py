@@ -44,7 +44,7 @@ _ADDRESS: Final = re.compile(r"(?:0x)?([0-9A-Fa-f]{4})(?::([0-9A-Fa-f]{1,2}))?(?
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Address of an object with a data type; the type "" stands for an unsigned integer of the object's length."""
+    """Address of an object with a data type; the type "" means an unsigned integer of the object's length."""
 
     index: int
     subindex: int
@@ -130,7 +130,7 @@ _LARGEST: Final = (1 << 63) - 1
 
 
 class NodeSdo:
-    """SDO services of one node; `name` is the name of the node in the API."""
+    """SDO services of one node; `name` is the node's name in the API."""
 
     def __init__(self, ros: NodeContext, name: str) -> None:
         self._ros, self._name = ros, name
@@ -211,7 +211,7 @@ def master_handlers(ros: NodeContext) -> list[tuple[str, str, Handler]]:
 
 
 def read_uint32(ros: NodeContext, node: str, address: Address, response: RosMessage, reply: Reply) -> None:
-    """Read an object, set `success` and `data` of the response, and send the response; errors are logged."""
+    """Read an object, set `success` and `data` of the response, and send it; errors are logged."""
 
     def answer(result: SdoData | None, error: str | None) -> None:
         try:
@@ -298,7 +298,7 @@ def _responder(ros: NodeContext, node: str, response: RosMessage, reply: Reply) 
 def _one_by_one(
     items: list[Any], call_one: Callable[[int, Any, Callable[[], None]], None], done: Callable[[], object]
 ) -> None:
-    """Run the requests one after the other, because a node processes one SDO transfer at a time."""
+    """Run the requests one after the other, since a node processes one SDO transfer at a time."""
 
     def call_from(number: int) -> None:
         if number == len(items):

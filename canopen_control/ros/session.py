@@ -1,4 +1,4 @@
-"""Session of one running robot in ROS.
+"""Session of a running robot in ROS.
 
 There are two threads. The reactor's thread owns the connection to the robot and publishes the messages that it
 receives; the spinner's thread receives messages from ROS and passes them on through the mailbox. An error of a message,
@@ -93,7 +93,7 @@ class Activity(Endpoint):
         self._next = self._time = 0.0
 
     def on_event(self, event: RobotEvent) -> None:
-        """Request the hardware states again with the next sample, because an event may change them."""
+        """Request the hardware states again with the next sample, since an event may change them."""
         del event
         self._changed = True
 
@@ -156,7 +156,7 @@ class Mailbox(Generic[T]):
         self._woken = False
 
     def put(self, name: str, value: T) -> bool:
-        """Store a value in place of a waiting value of that name; return True if the reading thread must be woken."""
+        """Store a value, replacing a waiting value of that name; return True if the reading thread must be woken."""
         with self._lock:
             self._waiting[name] = value
             wake, self._woken = not self._woken, True
@@ -236,7 +236,7 @@ class RosTime:
         self._reached = 0.0  # simulated time in s
 
     def state(self, message: StateSample) -> StateSample:
-        """Return a state sample in which all stamps are converted to ROS time."""
+        """Return a state sample with all stamps converted to ROS time."""
         self._simulated = message.sim_time is not None
         self._epoch, self._reached = self._epoch_of(message), message.sim_time or 0.0
         if (epoch := self._epoch) is not None:
@@ -252,7 +252,7 @@ class RosTime:
         return stamped(message, now, samples=samples)
 
     def event(self, message: RobotEvent) -> RobotEvent:
-        """Return an event with the present ROS time as its stamp."""
+        """Return an event with the current ROS time as its stamp."""
         now = self._now() if self._epoch is None else self._reached
         return message if now is None else stamped(message, now)
 
@@ -437,7 +437,7 @@ class RosSession:
         return name if has_it or not name else prefix + name
 
     def leave_out(self, interface: str) -> None:
-        """Report once that ROS lacks an interface; interfaces of the same second share one message."""
+        """Report once that ROS lacks an interface; interfaces reported within a second share one message."""
         if all(self._lacking.values()):
             self._reactor.call_later(_LACKING_NS, self._report_lacking)
         self._lacking.setdefault(interface, False)
@@ -451,7 +451,7 @@ class RosSession:
             )
 
     def warn_of(self, node: Node, key: str, text: str) -> None:
-        """Log a warning as `node`, at most once per second for each key; from any thread.
+        """Log a warning as `node`, at most once per second and key; from any thread.
 
         The warning is also an event of the robot, for its terminal and status, because the user may not read /rosout.
         """
@@ -473,7 +473,7 @@ class RosSession:
         self._reactor.call_threadsafe(function)
 
     def watch_process_data(self, watcher: object, on: bool) -> None:
-        """Add or remove a watcher of TPDO contents; the robot sends TPDO contents only while there are watchers.
+        """Add or remove a watcher of TPDO contents; the robot sends TPDO contents only while a watcher is registered.
 
         Call on the reactor's thread. A new watcher causes one publication of all values, which the other watchers get
         again.
@@ -603,5 +603,5 @@ class RosSession:
 
 
 def _topics(controller: ControllerReading) -> tuple[object, ...]:
-    """Return the values that decide which endpoints a controller has."""
+    """Return the values that determine which endpoints a controller has."""
     return controller.type, controller.topic, controller.publishes

@@ -22,7 +22,7 @@ _WAIT_S: Final = 1.0
 
 
 class Spinner:
-    """Thread that runs the callbacks of `node` and of added nodes; `on_error` gets their exceptions on this thread."""
+    """Thread that runs the callbacks of `node` and of added nodes; `on_error` receives their exceptions there."""
 
     def __init__(self, node: Node, context: Context, on_error: Callable[[Exception], object]) -> None:
         self._executor = make_executor(context)
@@ -36,7 +36,7 @@ class Spinner:
         self._thread.start()
 
     def stop(self, timeout: float) -> bool:
-        """Stop the thread and remove all nodes; return False if a callback blocks the thread for `timeout` s."""
+        """Stop the thread and remove all nodes; return False if a callback blocks it for `timeout` s."""
         self._ending.set()
         self._end.set_result(None)
         self._executor.wake()

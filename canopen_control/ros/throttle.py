@@ -12,12 +12,12 @@ _NUMBERS: Final = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+]?[0-9]+)?")
 
 
 def without_numbers(text: str) -> str:
-    """Replace the numbers in a message by "#", to get a key for messages of the same kind."""
+    """Replace the numbers in a message by "#", which gives a key for messages of the same kind."""
     return _NUMBERS.sub("#", text)
 
 
 class Throttle:
-    """Rate limit of log messages, one per `interval_ns` for each key."""
+    """Rate limit of log messages: one per `interval_ns` for each key."""
 
     def __init__(self, interval_ns: int = 1_000_000_000) -> None:
         self.interval_ns = interval_ns
@@ -33,7 +33,7 @@ class Throttle:
 
 
 class Refusals:
-    """Refused commands of each controller, of which only the first and finally the number are reported.
+    """Refused commands of each controller; only the first one, and finally their number, is reported.
 
     The commands of a publisher that continues while the drives are off are refused fifty times a second for the same
     reason. A new reason is reported again; a message in which only the numbers differ is not a new reason.
@@ -44,7 +44,7 @@ class Refusals:
         self._counts: dict[str, int] = {}
 
     def answered(self, controller: str, error: str | None) -> str | None:
-        """Record the answer to a command (None: accepted); return the message to log, if any."""
+        """Record the reply to a command (None: accepted); return the message to log, if any."""
         if error is None:
             count = self._counts.pop(controller, 0)
             self._reasons.pop(controller, None)

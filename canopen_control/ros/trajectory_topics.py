@@ -60,7 +60,7 @@ def seconds(duration: RosMessage) -> float:
 
 
 def stamp_of(trajectory: RosMessage) -> float | None:
-    """Return the start time of a JointTrajectory in s; None if the trajectory starts at once."""
+    """Return the start time of a JointTrajectory in s, or None if it starts at once."""
     return seconds_of(trajectory.header.stamp.sec, trajectory.header.stamp.nanosec)
 
 
@@ -76,7 +76,7 @@ def point_of(point: RosMessage) -> TrajectoryPoint:
 
 
 def tolerances_of(messages: Sequence[RosMessage]) -> tuple[TrajectoryTolerance, ...]:
-    """Convert JointTolerance messages; values that are not finite become 0, the controller's tolerance."""
+    """Convert JointTolerance messages; values that are not finite become 0 (the controller's tolerance)."""
     return tuple(
         TrajectoryTolerance(
             joint=message.name,
@@ -131,7 +131,7 @@ def _demand_numbers(point: TrajectoryPoint, at: int, joints: Sequence[str]) -> N
 
 
 def goal_refusal(goal: RosMessage) -> str | None:
-    """Return the reason why a FollowJointTrajectory goal is not supported, else None."""
+    """Return why a FollowJointTrajectory goal is not supported, or None."""
     lengths = {
         "multi_dof_trajectory": len(goal.multi_dof_trajectory.points),
         "component_path_tolerance": len(goal.component_path_tolerance),
@@ -156,7 +156,7 @@ class TrajectoryTopic(Endpoint):
         )
 
     def close(self) -> None:
-        """Destroy the subscription and end the trajectory that was received on the topic."""
+        """Destroy the subscription and end the trajectory received on the topic."""
         self._ros.unsubscribe(self._subscription)
         self._waiting = None
         self._followed.close()

@@ -47,7 +47,7 @@ _INTERFACES: Final = ("position", "velocity", "effort")
 
 
 class TopicHardware(Endpoint):
-    """Topics for joint_state_topic_hardware_interface, with commands for and states of the robot's joints."""
+    """Topics for joint_state_topic_hardware_interface, with commands for the robot's joints and their states."""
 
     def __init__(self, ros: NodeContext, commands: str, states: str) -> None:
         self._ros, self._topic = ros, commands
@@ -211,7 +211,7 @@ _SERVICES: Final[dict[str, tuple[str, Callable[[RosMessage], Request[Simulation]
     "step_simulation": ("StepSimulation", lambda request: StepSimulation(steps=request.steps)),
     "reset_world": ("ResetWorld", lambda request: ResetSimulation(keyframe=request.keyframe)),
 }
-"""Service -> its type, and the function that makes the request to the robot."""
+"""Type of each service, and the function that makes its request to the robot."""
 
 
 class SimulationServices(Endpoint):

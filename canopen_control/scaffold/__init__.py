@@ -1,1 +1,1 @@
-"""Generator of a new robot's folder from EDS files: bus.yml, description, controllers."""
+"""Generator of a new robot's folder from EDS files: bus.yml, description and controllers."""

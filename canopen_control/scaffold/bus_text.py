@@ -124,7 +124,7 @@ def _node_keys(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _device_pdos(node: NewNode, product: str) -> Iterator[str]:
-    """Yield the PDO keys of a device other than a drive, with comments; no keys for default PDOs."""
+    """Yield the PDO keys of a device other than a drive, with comments; nothing for default PDOs."""
     if node.left_out:
         first, *_, last = (f"0x{index:04X}:{subindex:02X}" for index, subindex in (*node.left_out, node.left_out[-1]))
         yield f"# No RPDO can carry the outputs {first}{f' to {last}' if last != first else ''}: write them by SDO."
@@ -167,7 +167,7 @@ def _named_writes(robot: NewRobot, node: NewNode) -> list[str]:
 
 
 def _watched(node: NewNode) -> list[str]:
-    """Return the keys that limit the rate of an encoder's position, to report jumps."""
+    """Return the keys that limit the rate of an encoder's position, so that jumps are reported."""
     if not node.measured:
         return []
     limit = remark(
@@ -177,7 +177,7 @@ def _watched(node: NewNode) -> list[str]:
 
 
 def _safe_outputs(robot: NewRobot, node: NewNode) -> list[str]:
-    """Return the keys with `safe: keep` for outputs that the device cannot switch off by itself."""
+    """Return the keys with `safe: keep` for outputs that the device itself cannot switch off."""
     outputs = [output.name for output in node.outputs if not has_error_mode(node.device.od, output)]
     if not outputs or not robot.allow_unsupervised:
         return []

@@ -1,4 +1,4 @@
-"""Choice of interfaces, modes, PDOs, units and supervision for a new robot's drive, by the EDS of the drive.
+"""Choice of interfaces, modes, PDOs, units and supervision for a new robot's drive, by its EDS.
 
 The objects of each further axis of a device are 0x800 higher. All axes are moved and share the device's PDOs; axes with
 the same command interface have the same mode, since bus.yml has one mode per interface and node. Velocity is preferred
@@ -29,7 +29,7 @@ EFFORT: Final = "effort"
 POSITION: Final = "position"
 VELOCITY: Final = "velocity"
 GUESSED_COUNTS: Final = 4096.0
-"""Position counts of one motor turn if the EDS does not contain them."""
+"""Position counts of one motor turn if the EDS does not define them."""
 
 _CANDIDATES: Final = {
     VELOCITY: (OperationMode.PV, OperationMode.CSV, OperationMode.VL),
@@ -77,7 +77,7 @@ class AxisChoice:
     rpm: float
 
     def index(self, index: int) -> int:
-        """Return the index of a profile object for this axis, given the index for the first axis."""
+        """Return the index of a profile object for this axis, given its index for the first axis."""
         return objects.axis_index(index, self.number)
 
 
@@ -181,7 +181,7 @@ def _named(addresses: Sequence[Address]) -> str:
 
 
 def supervision_of(od: ObjectDictionary) -> Supervision:
-    """Return the supervision that the EDS allows: heartbeat (0x1016, 0x1017), else guarding."""
+    """Return the supervision that the EDS permits: heartbeat (0x1016, 0x1017), else guarding."""
 
     def writable(index: int, subindex: int = 0) -> bool:
         entry = od.get(index, subindex)
@@ -244,7 +244,7 @@ def _rpdos(
 
 
 def _counts(od: ObjectDictionary, axis: int) -> float | None:
-    """Return position counts per shaft revolution by the EDS defaults, or None if the EDS has none."""
+    """Return position counts per shaft revolution by the EDS defaults, or None."""
 
     def pair(index: int) -> tuple[int, int] | None:
         first, second = (_number(od, objects.axis_index(index, axis), subindex) for subindex in (1, 2))

@@ -43,9 +43,9 @@ _KINDS: Final = {
     Profile.CHARGER: "charger",
     Profile.ENERGY: "energy",
 }
-"""Beginning of the name of a node that is not a drive; the node id follows."""
+"""Beginning of the name of a node that is not a drive, followed by the node id."""
 FASTEST_MEASURED: Final = 30.0
-"""Highest speed in rad/s of a joint that an encoder measures; a guess that is written into the files."""
+"""Maximum speed in rad/s of a joint that an encoder measures; a guess that is written to the files."""
 _MASTERS: Final = (1, *range(127, 1, -1))
 
 
@@ -76,7 +76,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True)
 class NewJoint:
-    """Joint that axis `axis` of `node` moves; `mirrored` is True for a motor that is mounted mirrored."""
+    """Joint moved by axis `axis` of `node`; `mirrored` is True for a motor that is mounted mirrored."""
 
     name: str
     node: str
@@ -105,13 +105,13 @@ class NewNode:
 
     @property
     def measured(self) -> str:
-        """Name of the joint that an encoder measures, "" for other devices."""
+        """Name of the joint measured by an encoder, or "" for other devices."""
         turns = any(signal.name == POSITION and signal.unit == "rad" for signal in self.signals)
         return f"{self.name}_joint" if self.profile is Profile.ENCODER and turns else ""
 
     @property
     def known(self) -> Personality | None:
-        """Personality of the drive, named by the user or derived from the manufacturer; None if unknown."""
+        """Personality of the drive, named by the user or derived from the manufacturer, or None."""
         if self.device.like is not None:
             return self.device.like
         od, device = self.device.od, self.device.od.device
@@ -239,7 +239,7 @@ def _device_node(device: Device) -> NewNode:
 def _drive_node(
     device: Device, names: Sequence[str], interfaces: Sequence[Sequence[str]], mirrored: Sequence[bool]
 ) -> NewNode:
-    """Return the new node of a drive with a joint for each axis, without joints if the drive cannot be moved."""
+    """Return the new node of a drive with a joint for each axis, or without joints if the drive cannot be moved."""
     name = f"{names[0].removesuffix('_joint')}_drive" if len(names) == 1 else f"drive_{device.node_id}"
     try:
         drive = choose_drive(device.od, interfaces)
@@ -305,7 +305,7 @@ def _wrong_base(name: str, axes: int) -> list[str]:
 
 
 def _baudrate(devices: Sequence[Device]) -> int:
-    """Return the highest bit rate in kbit/s that all EDS files list, 1000 without a common bit rate."""
+    """Return the highest bit rate in kbit/s that all EDS files list; 1000 without a common bit rate."""
     bit_rates = [device.od.device.bit_rates for device in devices if device.od.device.bit_rates]
     common = frozenset.intersection(*bit_rates) if bit_rates else frozenset[int]()
     return max(common) // 1000 if common else 1000

@@ -64,7 +64,7 @@ def choose_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[tuple[P
 
 
 def complete_pdos(od: ObjectDictionary, required: PdoRequirement) -> tuple[PdoUse, ...]:
-    """Return PDOs that contain the required objects; () if no PDO must, or can, be added to the default PDOs.
+    """Return PDOs that contain the required objects; () if none needs to, or can, be added to the default PDOs.
 
     PDOs that are enabled by default stay unchanged. Disabled PDOs that have the objects in the default mapping are
     enabled, as CiA 401 requires for PDOs 2 to 4; objects that are still missing are mapped into unused PDOs.
@@ -105,7 +105,7 @@ def _choose(
     required: PdoRequirement,
     requirements: tuple[list[Address], list[Address]],
 ) -> list[_Use]:
-    """Fill writable PDOs and use fixed PDOs for remaining objects; prefer sufficient fixed mappings."""
+    """Fill writable PDOs and use fixed PDOs for the remaining objects; prefer sufficient fixed mappings."""
     needed, useful = requirements
     uses = _covering(fixed, needed, useful, doubling=not required.is_rpdo)
     if not od.device.granularity and not _missing(uses, needed):
@@ -204,7 +204,7 @@ def _usable(od: ObjectDictionary, pdo: Pdo, required: PdoRequirement) -> bool:
 
 
 def _slots(od: ObjectDictionary, pdo: Pdo) -> int:
-    """Return the number of objects that can be mapped by SDO, or 0 for a fixed mapping."""
+    """Return the number of objects that can be mapped by SDO; 0 for a fixed mapping."""
     count = od.get(pdo.mapping, 0)
     if count is None or not count.writable or not od[pdo.communication, 1].writable:
         return 0

@@ -1,4 +1,4 @@
-"""Generator of a robot's folder: files are written to a temporary folder, checked as by `check`, and copied.
+"""Generator of a robot's folder: files are written to a temporary folder, checked like `check`, and copied.
 
 An existing folder is changed only on request, and then only the generated files are replaced. Errors that the check
 finds, and reasons why a drive cannot be moved, are reported and written into bus.yml as comments.
@@ -133,7 +133,7 @@ def _place(robot: NewRobot, number: int) -> tuple[float, float, float]:
 
 
 def _measured(node: NewNode) -> list[str]:
-    """Return the URDF lines of the joint that an encoder measures, without a command interface."""
+    """Return the URDF lines of a joint measured by an encoder, without a command interface."""
     return [
         f'    <joint name="{node.measured}">',
         f'      <param name="device_name">{node.name}</param>  <!-- encoder in bus.yml -->',
@@ -351,11 +351,11 @@ _PARAMETERS: Final[dict[str, Callable[[NewRobot], list[str]]]] = {
     "tricycle": _tricycle,
     "mecanum": _mecanum,
 }
-"""Functions that return the controller parameters of a base, by the name of the base."""
+"""Functions that return the controller parameters of a base, by base name."""
 
 
 _PERIODS_US: Final = (20_000, 50_000, 100_000, 200_000)
-"""SYNC periods in us, of which the shortest that the bus load allows is used."""
+"""SYNC periods in us; the shortest one that the bus load permits is used."""
 _FASTEST_US: Final = 5_000  # shortest accepted period in a DCF
 _LARGEST_POWER: Final = 10
 
@@ -372,7 +372,7 @@ class Written:
 
 
 def write_robot(robot: NewRobot, parent: Path, *, force: bool = False) -> Written:
-    """Write the folder of a robot into `parent`; RobotConfigError for an existing or unwritable folder."""
+    """Write the folder of a robot into `parent`; RobotConfigError if it exists or is not writable."""
     folder = parent / robot.name
     refuse_existing(folder, force=force)
     robot = _with_distinct_files(robot)
@@ -398,7 +398,7 @@ def refuse_existing(folder: Path, *, force: bool) -> None:
 
 
 def _with_distinct_files(robot: NewRobot) -> NewRobot:
-    """Return the robot with distinct names for the EDS copies, which are all in one folder."""
+    """Return the robot with distinct names for its EDS copies, which are all in one folder."""
     names: dict[Path, str] = {}
     for node in robot.nodes:
         path, name = node.device.eds, node.device.eds.name
@@ -410,7 +410,7 @@ def _with_distinct_files(robot: NewRobot) -> NewRobot:
 
 
 def _make_checked(robot: NewRobot, folder: Path) -> tuple[NewRobot, tuple[str, ...]]:
-    """Create the files with the shortest SYNC period that the bus load allows; return robot and warnings."""
+    """Create the files with the shortest SYNC period that the bus load permits; return robot and warnings."""
     errors, warnings, robot = list[str](), tuple[str, ...](), replace(robot, problems=())
     for period in dict.fromkeys([*_dcf_periods(robot), *_PERIODS_US]):
         robot = replace(robot, sync_us=period)

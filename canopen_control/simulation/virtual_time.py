@@ -66,7 +66,7 @@ class VirtualTime:
         return self._heap[0][0] if self._heap else None
 
     def jump(self, when_ns: int) -> bool:
-        """Advance to `when_ns` within a callback; False without effect if an earlier event or the limit prevents."""
+        """Advance to `when_ns` within a callback; False, without effect, if an earlier event or the limit forbids."""
         heap = self._heap
         if when_ns > self._limit_ns or (heap and heap[0][0] <= when_ns):
             return False

@@ -1,1 +1,1 @@
-"""Pytest plug-in with robots in virtual time, fault injection in drives and buses, and access to motor shafts."""
+"""Pytest plug-in: robots in virtual time, fault injection in drives and buses, and access to motor shafts."""

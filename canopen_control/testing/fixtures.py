@@ -39,7 +39,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @functools.cache
 def _setup(config: str, controllers: tuple[str, ...]) -> RobotSetup:
-    """Return the setup of a robot, whose files are read once for all tests."""
+    """Return the setup of a robot; its files are read once for all tests."""
     from canopen_control.runtime.robot_files import find_robot  # tests without a robot need not wait for its imports
     from canopen_control.runtime.setup import read_robot
 

@@ -119,7 +119,7 @@ class TestedRobot:
         return passed
 
     def stopped_within(self, seconds: float) -> bool:
-        """Advance the time until all shafts have stopped, by at most `seconds`; return whether all have stopped."""
+        """Advance the time until all shafts have stopped, by at most `seconds`; return whether they have."""
         remaining = round(seconds / _STEP_S)
         while self.moving and remaining > 0:
             self.run(_STEP_S)
@@ -206,11 +206,11 @@ class TestedRobot:
         self.do("release")
 
     def stall(self, seconds: float) -> None:
-        """Block the process of the robot for `seconds`."""
+        """Block the robot's process for `seconds`."""
         self.do("stall", "master", seconds=seconds)
 
     def kill(self, seconds: float | None = None) -> None:
-        """Kill the process of the robot, and start a new process after `seconds` (None: never)."""
+        """Kill the robot's process, and start a new one after `seconds` (None: never)."""
         self.do("kill", seconds=seconds)
 
     def do(
@@ -222,7 +222,7 @@ class TestedRobot:
         values: tuple[float, ...] = (),
         seconds: float | None = None,
     ) -> None:
-        """Play an event of a scenario now; `kind` and the other arguments are those of a scenario step."""
+        """Play a scenario event now; `kind` and the other arguments are those of a scenario step."""
         for_ns = None if seconds is None else round(seconds * _S)
         self.player.play(ScenarioEvent(0, kind, target, name, tuple(map(float, values)), for_ns))
 
@@ -238,7 +238,7 @@ class TestedRobot:
             raise UnknownName(f"no controller {name!r}{nearest(name, controllers)}")
 
     def close(self) -> None:
-        """Release the resources of the robot."""
+        """Release the robot's resources."""
         if self._served is not None:
             self._served.close()
         self.simulated.close()
@@ -300,7 +300,7 @@ class SimulatedTransfers(Transfers):
         self._robot.run_for(round(seconds * 1e9))
 
     def close(self) -> None:
-        """Do nothing, because the node belongs to the robot."""
+        """Do nothing, since the node belongs to the robot."""
 
 
 class TestedDrive:
@@ -377,7 +377,7 @@ class TestedDrives:
         return self._drives[self.place(node)[1]]
 
     def place(self, node: int | str) -> tuple[str, int]:
-        """Return name and node-ID of a drive; UnknownName for an unknown drive."""
+        """Return name and node-ID of a drive; UnknownName if it does not exist."""
         for name, number in self._ids.items():
             if node in (name, number) and number in self._drives:
                 return name, number
@@ -406,15 +406,15 @@ class TestedBus:
         self.frames += [(self._robot.clock.at(now), label, frame) for frame in frames_of(record)]
 
     def lose(self, every: int = 1, seconds: float | None = None) -> None:
-        """Lose every n-th frame (`every` is n) for `seconds` (None: permanently)."""
+        """Lose one of every `every` frames for `seconds` (None: permanently)."""
         self._tamper("lose", every, seconds)
 
     def double(self, every: int = 1, seconds: float | None = None) -> None:
-        """Send every n-th frame twice (`every` is n) for `seconds` (None: permanently)."""
+        """Send one of every `every` frames twice for `seconds` (None: permanently)."""
         self._tamper("double", every, seconds)
 
     def disturb(self, every: int = 1, seconds: float | None = None) -> None:
-        """Disturb and repeat every n-th frame (`every` is n) for `seconds` (None: permanently)."""
+        """Disturb and repeat one of every `every` frames for `seconds` (None: permanently)."""
         self._tamper("disturb", every, seconds)
 
     def send(self, can_id: int, data: bytes = b"") -> None:

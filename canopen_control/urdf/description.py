@@ -60,7 +60,7 @@ class XacroLimits:
 
 
 class XacroRun:
-    """Xacro process for the file `path`, which is started at once and ended by `close`.
+    """Xacro process for the file `path`, started at once and ended by `close`.
 
     `mappings` are the xacro arguments. An argument that the file does not use is refused, unless its name ends in `?`.
     """
@@ -120,14 +120,14 @@ class XacroRun:
         raise RobotConfigError(f"{self._path}: xacro: {reason}" if reason else self._ended(self._process.wait() or 0))
 
     def _read(self) -> bytes:
-        """Return what the process writes before it ends; the kernel ends it at its limits."""
+        """Return the output of the process, which the kernel ends at its limits."""
         answer = bytearray()
         while part := os.read(self._answer, 1 << 20):
             answer += part
         return bytes(answer)
 
     def _ended(self, code: int) -> str:
-        """Return an error text for a process that ended without an answer."""
+        """Return an error text for a process that ended without a result."""
         if code in (-signal.SIGXCPU, -signal.SIGKILL):  # the kernel sends the second if both limits are equal
             return f"{self._path}: xacro took more than {self._limits.processor_s} s of processor time; {_HINT}"
         if code == -signal.SIGALRM:
@@ -174,7 +174,7 @@ class UrdfDescription:
 
 
 def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str] | None = None) -> UrdfDescription:
-    """Read a .urdf or .xacro file; raise RobotConfigError with all errors in it.
+    """Read a .urdf or .xacro file; RobotConfigError lists all errors in it.
 
     `mappings` are the xacro arguments; the file need not use an argument whose name ends in `?`.
     """
@@ -183,7 +183,7 @@ def read_description(path: str | os.PathLike[str], *, mappings: Mapping[str, str
 
 
 class DescriptionReader:
-    """Reader of a .urdf or .xacro file, which starts xacro in a separate process on creation.
+    """Reader of a .urdf or .xacro file, which starts xacro in a separate process when created.
 
     The end of the `with` block ends the process. Creation and `result` raise RobotConfigError.
     """
@@ -209,14 +209,14 @@ class DescriptionReader:
             self._xacro.close()
 
     def result(self) -> UrdfDescription:
-        """Return the description; raise RobotConfigError with all errors in it."""
+        """Return the description; RobotConfigError lists all errors in it."""
         if self._xacro is None:
             return parse_description(self._source, self._path)
         return parse_description(self._xacro.result(), self._path, source=self._source)
 
 
 def parse_description(urdf: str, path: str = "<urdf>", *, source: str | None = None) -> UrdfDescription:
-    """Parse a URDF text to a description; raise RobotConfigError with all errors in it.
+    """Parse a URDF text to a description; RobotConfigError lists all errors in it.
 
     `source` is the xacro text from which the URDF was generated, for line numbers.
     """

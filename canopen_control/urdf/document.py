@@ -31,7 +31,7 @@ NOWHERE = ElementPlace(0, 0)
 
 
 class Placed(Protocol):
-    """Object with a position in the file: an element, or an object created from an element."""
+    """Object with a position in the file: an element, or an object created from one."""
 
     @property
     def place(self) -> ElementPlace:
@@ -39,7 +39,7 @@ class Placed(Protocol):
 
 
 class Element:
-    """XML element with its position; `text` is the text directly inside the element, without surrounding blanks."""
+    """XML element with its position; `text` is the text directly inside the element, stripped."""
 
     __slots__ = ("attributes", "children", "place", "tag", "text")
 
@@ -69,7 +69,7 @@ class UrdfDocument:
         self._problems[element.place, message] = None
 
     def raise_if_any(self) -> None:
-        """Raise RobotConfigError with all recorded errors, if there are any."""
+        """Raise RobotConfigError with all recorded errors, if any."""
         if self._problems:
             problems = sorted(self._problems)
             raise RobotConfigError("\n".join(f"{self._path}:{p.line}:{p.column}: {message}" for p, message in problems))
@@ -137,7 +137,7 @@ def finite_number(text: str) -> float | None:
 
 
 class _Builder:
-    """Builder of an element tree with positions, from the callbacks of the expat parser."""
+    """Builder of an element tree with positions from the callbacks of the expat parser."""
 
     def __init__(self, source: _XacroLines | None) -> None:
         self._parser = xml.parsers.expat.ParserCreate()
@@ -189,7 +189,7 @@ class _XacroLines:
             self._places.append((match[1], match[2], place))
 
     def place(self, tag: str, name: str) -> ElementPlace:
-        """Return the position of the next element with this tag and name, or the start of the file without a match."""
+        """Return the position of the next element with this tag and name, else of the start of the file."""
         count = self._lines.get((tag, name), 0)
         self._lines[tag, name] = count + 1
         places = [place for its_tag, its_name, place in self._places if its_tag == tag and its_name == name]

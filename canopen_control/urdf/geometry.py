@@ -57,7 +57,7 @@ def multiply(first: Quaternion, second: Quaternion) -> Quaternion:
 
 
 def rotate(rotation: Quaternion, vector: Vector) -> Vector:
-    """Return `vector`, rotated by a quaternion."""
+    """Return `vector` rotated by a quaternion."""
     w, x, y, z = rotation
     _, rx, ry, rz = multiply(multiply(rotation, (0.0, *vector)), (w, -x, -y, -z))
     return rx, ry, rz

@@ -84,7 +84,7 @@ class UrdfLimits:
 
     @property
     def speed(self) -> float:
-        """Maximum velocity; infinite if the velocity is 0, which exporters write for an unknown limit."""
+        """Maximum velocity; infinite if it is 0, which exporters write for an unknown limit."""
         return abs(self.velocity) or math.inf
 
 
@@ -129,7 +129,7 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class Mimic:
-    """Tag <mimic> of a joint, whose position is `multiplier` times the position of `joint`, plus `offset`."""
+    """Tag <mimic> of a joint, whose position is `multiplier` times that of `joint`, plus `offset`."""
 
     joint: str
     multiplier: float = 1.0
@@ -183,7 +183,7 @@ class Joint:
         return position if self.mimic is None else self.mimic.multiplier * position + self.mimic.offset
 
     def pose(self, position: float) -> Pose:
-        """Return the pose of the child link in the parent frame at `position`, which is in rad or m."""
+        """Return the pose of the child link in the parent frame at `position`, in rad or m."""
         if self.type in _TURNING:
             return self.origin.then(Pose(rotation=about(self.axis, position)))
         if self.type == "prismatic":

@@ -74,7 +74,7 @@ def _link(document: UrdfDocument, element: Element, materials: Mapping[str, _Rgb
 
 
 def _radius(elements: Sequence[Element]) -> float | None:
-    """Return the radius of the cylinder or sphere in <collision> or <visual> tags; None if there is not exactly one."""
+    """Return the radius of the cylinder or sphere in <collision> or <visual> tags; None unless there is exactly one."""
     geometries = [geometry.children for element in elements if (geometry := element.child("geometry")) is not None]
     round_ones = [child for children in geometries for child in children if child.tag in _ROUND]
     size = _lengths(round_ones[0], "radius") if len(round_ones) == 1 else None
@@ -134,7 +134,7 @@ def _lengths(element: Element, *keys: str) -> tuple[float, ...] | None:
 
 
 def _numbers(element: Element | None, key: str) -> list[float] | None:
-    """Return the numbers in an attribute; None if the attribute is missing or any number is invalid."""
+    """Return the numbers in an attribute, or None if it is missing or a number is invalid."""
     try:
         values = [float(word) for word in element.attributes[key].split()] if element is not None else None
     except (KeyError, ValueError):

@@ -209,7 +209,7 @@ def _read_glb(content: bytes) -> Mesh:
 
 
 def _as_stl(triangles: Sequence[Triangle]) -> Mesh:
-    """Convert triangles to binary STL, with computed normals; raise ValueError if there are no triangles."""
+    """Convert triangles to binary STL with computed normals; raise ValueError if there are none."""
     if not triangles:
         raise ValueError("the file has no faces")
     rows = bytearray(80) + len(triangles).to_bytes(4, "little")

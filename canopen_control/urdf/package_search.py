@@ -25,7 +25,7 @@ _MOST = 5_000  # maximum number of folders searched below a path of ROS_PACKAGE_
 
 
 def find_package(package: str, beside: str, environment: Mapping[str, str] | None = None) -> str:
-    """Return the folder of a package that is mentioned in the file `beside`; raise LookupError without a match."""
+    """Return the folder of a package mentioned in the file `beside`; raise LookupError without a match."""
     for folder in package_folders(package, Path(beside), environment):
         return str(folder)
     raise LookupError(
@@ -60,7 +60,7 @@ def installed_packages(package: str, environment: Mapping[str, str] | None = Non
 
 
 def installed_file(package: Path, name: Path) -> Path:
-    """Return the source path of an installed file, because CMake's install(DIRECTORY ...) may rename folders.
+    """Return the source path of an installed file, since CMake's install(DIRECTORY ...) may rename folders.
 
     `name` is the path relative to the package. This path is returned if it exists, or if no rule installs it.
     """
@@ -131,7 +131,7 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _names(folder: Path, package: str) -> bool:
-    """Return whether the package.xml in a folder has the name of the package."""
+    """Whether the package.xml in a folder has the name of the package."""
     try:
         return f"<name>{package}</name>" in (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
     except OSError:

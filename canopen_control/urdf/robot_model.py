@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 
 class WheelGeometry:
-    """Wheel dimensions that follow from the joints and links of a description, in m."""
+    """Wheel dimensions in m, derived from the joints and links of a description."""
 
     def __init__(self, model: RobotModel) -> None:
         self._joints, self._links = model.joints, model.links
         self._above = {joint.child: joint for joint in model.joints.values()}
 
     def separation(self, left: Sequence[str], right: Sequence[str]) -> float | None:
-        """Return the distance in m between the left and the right wheels; None if it is unknown.
+        """Return the distance in m between the left and right wheels, or None if unknown.
 
         The distance is that of the mean positions of the wheel joints of both sides, in the xy plane.
         """
@@ -49,7 +49,7 @@ class WheelGeometry:
         return math.dist(means[0], means[1])
 
     def radius(self, wheels: Sequence[str]) -> float | None:
-        """Return the common radius of the wheels, named by their joints; None if it is unknown or differs."""
+        """Return the common radius of the wheels, named by their joints, or None if unknown or not equal."""
         radii = {self._radius(name) for name in wheels}
         return radii.pop() if len(radii) == 1 else None
 
@@ -59,7 +59,7 @@ class WheelGeometry:
         return None if link is None else link.radius
 
     def place(self, joint: str) -> tuple[str, Vector] | None:
-        """Return the topmost link that is rigidly connected to a joint's parent, and the joint's position in it."""
+        """Return the topmost link rigidly connected to a joint's parent, and the joint's position in it."""
         element = self._joints.get(joint)
         if element is None:
             return None
@@ -71,7 +71,7 @@ class WheelGeometry:
         return link, point
 
     def axis(self, joint: str) -> Vector | None:
-        """Return the axis of a joint in the frame of its parent link; None for an unknown joint."""
+        """Return the axis of a joint in the frame of its parent link, or None for an unknown joint."""
         element = self._joints.get(joint)
         return None if element is None else rotate(element.origin.rotation, element.axis)
 
@@ -94,12 +94,12 @@ class RobotModel:
 
     @cached_property
     def from_root(self) -> tuple[Joint, ...]:
-        """Joints that are connected to the root, each after the joint of its parent link."""
+        """Joints connected to the root, each after the joint of its parent link."""
         return tuple(_parents_first(self.root, list(self.joints.values())))
 
 
 def read_model(urdf: str, path: str = "<urdf>") -> RobotModel:
-    """Return the links and joints of a URDF text; raise RobotConfigError with all errors in it."""
+    """Return the links and joints of a URDF text; RobotConfigError lists all errors in it."""
     document = read_document(urdf, path)
     model = model_of(document)
     document.raise_if_any()

@@ -235,7 +235,7 @@ ROS1_HARDWARE: Final = "canopen_control/CanopenSystem"
 
 
 def system_of_ros1(name: str, transmissions: tuple[Transmission, ...], *, simulated: bool) -> Ros2ControlSystem:
-    """Return the <ros2_control> system that is equivalent to ROS 1 transmissions."""
+    """Return the <ros2_control> system equivalent to ROS 1 transmissions."""
     parts = tuple(
         ControlJoint(
             transmission.joint,

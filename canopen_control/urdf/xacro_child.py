@@ -1,4 +1,4 @@
-"""Program of the xacro process, which writes the URDF of a xacro file, or an error, to standard output.
+"""Program of the xacro process: writes the URDF of a xacro file, or an error, to standard output.
 
 Xacro evaluates expressions of the file, which may need unlimited time or memory. Therefore limits are set first, and
 enforced by the kernel. The first byte of the answer is its kind: `URDF`, or `REFUSED` with a reason in UTF-8. `$(find
@@ -31,7 +31,7 @@ LARGEST = 64 << 20  # maximum size of a URDF in bytes; a robot with five hundred
 
 
 def main(arguments: list[str]) -> int:
-    """Run xacro within limits, and write the answer to standard output; the exit code is 0.
+    """Run xacro within limits and write the result to standard output; the exit code is 0.
 
     `arguments` are the descriptor of a pipe that the parent process holds open, the folders to import from (one per
     line), the file, processor time in s, elapsed time in s, memory in bytes, and KEY:=VALUE for each xacro argument;
@@ -51,7 +51,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _end_with_parent(lifeline: int) -> None:
-    """Let the kernel end this process when the pipe `lifeline` is closed, which happens when the parent ends."""
+    """Let the kernel end this process when the pipe `lifeline` is closed, as by the end of the parent."""
     with contextlib.suppress(AttributeError, OSError):  # systems without it use the time limit
         signal.signal(signal.SIGIO, signal.SIG_DFL)
         fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
@@ -61,7 +61,7 @@ def _end_with_parent(lifeline: int) -> None:
 
 
 def _limit(processor_s: int, wall_s: int, memory: int) -> None:
-    """Set kernel limits of time and memory, which hold even after the end of the parent process."""
+    """Set kernel limits of time and memory, which apply even after the end of the parent process."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(wall_s)
     limits = {resource.RLIMIT_CPU: processor_s, resource.RLIMIT_AS: memory, resource.RLIMIT_CORE: 0}
@@ -87,7 +87,7 @@ class _Arguments(dict[str, str]):
         return super().__getitem__(name)
 
     def unknown(self) -> str:
-        """Return an error text for required arguments that the file does not use, which xacro ignores, else ""."""
+        """Return an error text for required arguments that the file does not use and xacro ignores, else ""."""
         unused = [name for name in self._required if name not in self.declared]
         return "; ".join(f"no argument {name!r}{_hint(name, self.declared)}" for name in unused)
 

@@ -42,7 +42,7 @@ _KINDS: Final[dict[Any, str]] = {
 
 
 class _Invalid(enum.Enum):
-    """Result of a failed conversion whose error was reported; a structure that contains it is invalid too."""
+    """Result of a failed conversion whose error was reported; a structure containing it is invalid too."""
 
     INVALID = 0
 
@@ -63,7 +63,7 @@ def setting(
     hint: str = "",
     help: str = "",  # noqa: A002 - the word of argparse and click
 ) -> Any:
-    """Return a dataclass field; `key` is the key in YAML, `low` and `high` are bounds of the numbers.
+    """Return a dataclass field; `key` is the key in YAML, `low` and `high` are bounds of numbers.
 
     `choices` lists the valid values. Bounds and choices apply to the elements of a list, tuple or dict; with `nan`, the
     value nan is within any bounds. A list default is given as `factory=list`. A `section` contains the parameters whose
@@ -96,12 +96,12 @@ def part() -> Any:
 
 
 def derived(default: Any) -> Any:
-    """Return a field that is not read from the file, but set by the code that reads the file."""
+    """Return a field that is not read from the file, but set by the code that reads it."""
     return dataclasses.field(default=default, metadata={"derived": True})
 
 
 def convert(node: Node, target: Any, default: Any = INVALID, *, ignored: Collection[str] = ()) -> Any:
-    """Return the node's value as the requested type; on failure report an error and return `default`.
+    """Convert the node's value to the requested type; on failure, report an error and return `default`.
 
     `ignored` contains keys without a field that are not reported as unknown.
     """
@@ -126,7 +126,7 @@ def key_of(entry: dataclasses.Field[Any]) -> str:
 
 
 def help_of(cls: type[Any], entry: dataclasses.Field[Any]) -> str:
-    """Return the help text of a field, which may be inherited from a base class; "" if there is none."""
+    """Return the help text of a field, which may be inherited from a base class, or ""."""
     fields = (base.__dict__.get("__dataclass_fields__", {}).get(entry.name) for base in cls.__mro__)
     return next((text for field in fields if field and (text := field.metadata.get("help"))), "")
 
@@ -143,7 +143,7 @@ def keys_of(cls: type[Any]) -> list[str]:
 
 
 def _converted(node: Node, target: Any, meta: Mapping[str, Any]) -> Any:
-    """Return the node's value as the requested type, or INVALID; `meta` is the metadata of the field."""
+    """Convert the node's value to the requested type, or return INVALID; `meta` is the metadata of the field."""
     origin = typing.get_origin(target)
     if target in (Any, object, Node):
         return node if target is Node else node.value

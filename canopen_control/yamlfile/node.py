@@ -26,19 +26,19 @@ class Node:
 
     @classmethod
     def scalar(cls, place: Node, text: str, value: object, *, quoted: bool) -> Node:
-        """Make the node `place` a scalar, and return it."""
+        """Make the node `place` a scalar and return it."""
         place.text, place._scalar, place.quoted = text, value, quoted
         return place
 
     @classmethod
     def mapping(cls, place: Node, pairs: dict[str, tuple[Node, Node]]) -> Node:
-        """Make the node `place` a mapping of (key node, value node) pairs by key, and return it."""
+        """Make the node `place` a mapping of (key node, value node) pairs by key and return it."""
         place._pairs = pairs
         return place
 
     @classmethod
     def sequence(cls, place: Node, elements: list[Node]) -> Node:
-        """Make the node `place` a sequence, and return it."""
+        """Make the node `place` a sequence and return it."""
         place._elements = elements
         return place
 
@@ -74,7 +74,7 @@ class Node:
         return {key: node for key, (node, _) in self._pairs.items()}
 
     def get(self, key: str) -> Node | None:
-        """Return the value node of a key, or None if the key is absent."""
+        """Return the value node of a key, or None."""
         pair = self._pairs.get(key)
         return pair[1] if pair else None
 

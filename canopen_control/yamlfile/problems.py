@@ -90,11 +90,11 @@ class Problems:
         (self.error if self.strict else self.warning)(place, message)
 
     def forget(self, where: str) -> None:
-        """Remove the errors below a dotted path, because they follow from another error."""
+        """Remove the errors below a dotted path, since they result from another error."""
         self._errors = {error: None for error in self._errors if not error.where.startswith(f"{where}.")}
 
     def file_error(self, line: int, column: int, message: str) -> None:
-        """Add an error at a position for which there is no node."""
+        """Add an error at a position without a node."""
         self._errors[self.at(line, column, "", message)] = None
 
     @contextlib.contextmanager
@@ -108,7 +108,7 @@ class Problems:
             self._errors = before
 
     def raise_if_any(self, error: type[ConfigError] = BusConfigError) -> None:
-        """Raise `error` with the texts of all errors, if there are any."""
+        """Raise `error` with the texts of all errors, if any."""
         errors = self.errors
         if not errors:
             return

@@ -35,7 +35,7 @@ MAX_NODES: Final = 100_000
 """Maximum number of nodes when aliases are followed, so that a file that multiplies itself does not fill the memory."""
 MAX_DEPTH: Final = 64
 MAX_BYTES: Final = 8_000_000
-"""Maximum length of a file in bytes: a hundred times the largest file in use, and read in seconds."""
+"""Maximum length of a file in bytes: a hundred times the largest file in use, read in seconds."""
 
 _FAST_LOADER: Final = getattr(yaml, "CSafeLoader", None)  # PyYAML may be built without libyaml
 #: Texts that libyaml accepts and PyYAML's own parser does not, or for which it reports other places: control characters
@@ -112,7 +112,7 @@ class _Walk:
         self.endless = False
 
     def measure(self, node: yaml.Node, place: str = "") -> tuple[int, int]:
-        """Return the number and depth of the nodes in a tree, with aliases followed; report invalid keys and loops."""
+        """Return number and depth of the nodes in a tree, with aliases followed; report invalid keys and loops."""
         if id(node) in self._open:
             _place(node, place, self._problems).error("an alias refers to its own anchor")
             self.endless = True
@@ -195,7 +195,7 @@ def _compose(problems: Problems, text: str) -> yaml.Node | None:
 
 
 def _checked(problems: Problems, root: yaml.Node) -> yaml.Node | None:
-    """Return the root, or report an error and return None if the number of nodes or the depth is too large."""
+    """Return the root; if its number of nodes or its depth is too large, report an error and return None."""
     walk = _Walk(problems)
     size, depth = walk.measure(root)
     if size > MAX_NODES:
@@ -239,7 +239,7 @@ def load(
     warnings: list[Problem] | None = None,
     strict: bool = True,
 ) -> T:
-    """Read and parse a file as `cls`, as `parse` does; an unreadable file raises `error` too."""
+    """Read and parse a file as `cls`, like `parse`; an unreadable file raises `error` too."""
     text = read_text(path, error)
     return parse(text, cls, str(path), error=error, check=check, warnings=warnings, strict=strict)
 
@@ -253,7 +253,7 @@ def tree(path: str | os.PathLike[str], *, error: type[ConfigError] = BusConfigEr
 
 
 def read(text: str, path: str = "<text>", *, error: type[ConfigError] = BusConfigError, strict: bool = True) -> Node:
-    """Return the root node of a text, as `tree` does for a file; an empty text is an empty mapping."""
+    """Return the root node of a text, like `tree` for a file; an empty text is an empty mapping."""
     text = text.removeprefix("\ufeff")
     problems = Problems(path, text, strict=strict)
     node = _compose(problems, text)

@@ -1,4 +1,4 @@
-"""Interfaces that the installed ROS lacks (tf2_msgs, controller_manager_msgs ...), created at run time.
+"""Interfaces that the installed ROS lacks (tf2_msgs, controller_manager_msgs, ...), created at run time.
 
 An installed package is used and never replaced. The created types have upstream's type hashes, so that they are
 compatible with upstream's own types; before first use, a message that ROS has also as compiled code is serialised by
@@ -38,7 +38,7 @@ _PROBED: Final = "std_msgs/msg/Header"
 
 
 def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
-    """Create the missing interface packages for import by any program with rclpy; return the names of these packages.
+    """Create the missing interface packages for import by any program with rclpy; return their names.
 
     Call this function before the packages are imported. CanopenError, before anything is created, if a package is
     neither installed nor in `PACKAGES`, or if the self-test fails with this ROS.
@@ -57,7 +57,7 @@ def provide(packages: Iterable[str] = PACKAGES) -> list[str]:
 
 
 class MissingInterface(CanopenError):
-    """Interface `name` is missing in this ROS installation: its package is absent or another version."""
+    """Interface `name` is missing in this ROS installation: its package is missing or of another version."""
 
     def __init__(self, name: str) -> None:
         super().__init__(f"this ROS installation lacks {name}")
@@ -79,13 +79,13 @@ def interface(name: str) -> Any:  # noqa: ANN401 - a generated class, or one of 
 
 
 def new_message(kind: Any, **values: object) -> Any:  # noqa: ANN401 - as above
-    """Create a message, with the values for which the installed version of the message has a field."""
+    """Create a message with those values for which the installed version of the message has a field."""
     field_types = kind.get_fields_and_field_types()
     return kind(**{name: value for name, value in values.items() if name in field_types})
 
 
 class _Factory:
-    """Factory of classes from definitions; one per process, because C code keeps pointers to their type supports."""
+    """Factory of classes from definitions; one per process, since C code keeps pointers to their type supports."""
 
     def __init__(self) -> None:
         self.registry = Registry(_shares())
@@ -113,7 +113,7 @@ class _Factory:
         return interface_class
 
     def service_of(self, name: str) -> type:
-        """Return the class of a service, created on first use; also for the two services of an action."""
+        """Return the class of a service, created on first use, including the two services of an action."""
         if name not in self._classes:
             parts = {part: self.class_of(f"{name}_{part}") for part in ("Request", "Response", "Event")}
             self._classes[name] = service_class(name, parts, self.supports)

@@ -46,7 +46,7 @@ def keep(value: T) -> T:
 
 
 def address(value: Any) -> int:  # noqa: ANN401 - any ctypes object
-    """Return the address of a ctypes object, and keep a reference to the object."""
+    """Return the address of a ctypes object, and keep a reference to it."""
     return ctypes.addressof(keep(value))
 
 

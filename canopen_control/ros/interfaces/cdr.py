@@ -1,4 +1,4 @@
-"""CDR serialisation of messages: the body in little endian, without the header of four bytes.
+"""CDR serialisation of messages: the body in little endian, without the four-byte header.
 
 Rules (OMG CDR, XCDR version 1, as written by Fast CDR): a number is aligned to its own size, at most eight, counted
 from the beginning of the body; a string is its length including the final zero byte, the text and the zero byte; a

@@ -41,7 +41,7 @@ _EMPTY: Final[dict[int, object]] = {10: 0.0, 11: 0.0, 15: False, 16: b"\0", 17: 
 
 
 class _SlotTypes:
-    """Descriptor of `SLOT_TYPES`, which creates the value on first use, because this needs rosidl_parser."""
+    """Descriptor of `SLOT_TYPES`, which creates the value on first use because this needs rosidl_parser."""
 
     def __get__(self, _message: object, owner: type[MadeMessage]) -> tuple[object, ...]:
         types = tuple(_rosidl_type(kind) for kind in owner.__field_types__)
@@ -50,7 +50,7 @@ class _SlotTypes:
 
 
 class MadeMessage:
-    """Base class of all message classes that are created at run time."""
+    """Base class of all message classes created at run time."""
 
     __slots__ = ()
     __defaults__: ClassVar[dict[str, Callable[[], object]]] = {}

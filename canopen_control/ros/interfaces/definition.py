@@ -21,7 +21,7 @@ DEFINITIONS: Final[dict[str, list[str]]] = json.loads(
 )
 """Lines of the definitions of all interfaces that can be created, by full name."""
 DUMMY: Final = "structure_needs_at_least_one_member"
-"""Field of an empty structure: one byte in CDR, not an attribute in Python."""
+"""Field of an empty structure: one byte in CDR, no attribute in Python."""
 NESTED: Final = 1
 STRING: Final = 17
 BOUNDED_STRING: Final = 21
@@ -71,7 +71,7 @@ class FieldType:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Field of a structure; a `default` of None stands for zero, an empty value or false."""
+    """Field of a structure; a `default` of None means zero, an empty value or false."""
 
     name: str
     type: FieldType
@@ -94,13 +94,13 @@ def parts_of(name: str) -> tuple[str, str, str]:
 
 
 def owner_of(name: str) -> str:
-    """Return the interface to which a structure belongs: the full name up to the first "_" of its last part."""
+    """Return the interface that a structure belongs to: the full name up to the first "_" of its last part."""
     package, kind, short = parts_of(name)
     return f"{package}/{kind}/{short.partition('_')[0]}"
 
 
 def parse(name: str, lines: list[str]) -> list[Structure]:
-    """Return the structures of an interface, which are one for a message, four for a service, thirteen for an action.
+    """Return the structures of an interface: one for a message, four for a service, thirteen for an action.
 
     ValueError names an invalid line.
     """

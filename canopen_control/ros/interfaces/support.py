@@ -101,7 +101,7 @@ class Libraries:
 
 
 class Callbacks:
-    """Functions of the compiled `callbacks.c`; OSError if there is no library for this processor."""
+    """Functions of the compiled `callbacks.c`; OSError if no library exists for this processor."""
 
     def __init__(self, put: int, position: int, assign: int, end_offset: int) -> None:
         path = Path(__file__).with_name(f"callbacks_{platform.machine()}.so")
@@ -132,7 +132,7 @@ class Callbacks:
         return int(self._slot(slot))
 
     def newly_dropped(self) -> list[str]:
-        """Return the message types of which messages were dropped since the last call, for a wrong layout."""
+        """Return the message types of which messages were dropped for a wrong layout since the last call."""
         if self._dropped_in_all.value == self._reported_in_all:
             return []
         self._reported_in_all = self._dropped_in_all.value
@@ -217,14 +217,14 @@ class Registry:
         self._texts: dict[str, list[str]] = {}
 
     def add(self, definitions: Mapping[str, list[str]]) -> None:
-        """Add interfaces as {"package/msg/Name": lines of the definition}, which are parsed on first use."""
+        """Add interfaces as {"package/msg/Name": lines of the definition}, parsed on first use."""
         for name, lines in definitions.items():
             self._texts[name] = lines
             for structure_name in [structure for structure in self._structures if owner_of(structure) == name]:
                 del self._structures[structure_name]
 
     def get(self, name: str) -> Structure:
-        """Return a structure by full name; LookupError if neither a definition nor an installed package contains it.
+        """Return a structure by full name; LookupError if neither a definition nor an installed package has it.
 
         ValueError names an invalid line of a definition.
         """
@@ -247,7 +247,7 @@ class Registry:
         return [self.get(dependency) for dependency in sorted(names)]
 
     def describe(self, name: str) -> TypeDescription:
-        """Return the type description of a structure and of all nested structures."""
+        """Return the type description of a structure and all nested structures."""
         return {
             "type_description": _describe(self.get(name)),
             "referenced_type_descriptions": [_describe(structure) for structure in self.referenced(name)],
@@ -341,7 +341,7 @@ class Supports:
         self._layouts: dict[str, int] = {}
 
     def message(self, name: str) -> Capsules:
-        """Return the capsules of a message; the type supports are created once per name."""
+        """Return the capsules of a message; its type supports are created only once."""
         support = self._message(name)
         libraries, codecs = self._libraries, self._codecs
 
@@ -454,7 +454,7 @@ class Supports:
         )
 
     def _layout(self, name: str) -> int:
-        """Return the address of the layout of a structure, by which `callbacks.c` checks received messages."""
+        """Return the address of the layout of a structure, with which `callbacks.c` checks received messages."""
         if name not in self._layouts:
             fields = [self._layout_field(field.type) for field in self._registry.get(name).fields]
             array = (abi.LayoutField * max(1, len(fields)))(*fields)
