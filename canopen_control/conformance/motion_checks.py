@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from canopen_control.conformance.checked_node import CheckedNode
-    from canopen_control.conformance.motion_steps import DriveSample, MotionBounds
+    from canopen_control.conformance.motion_steps import CheckMotion, DriveSample
 
 
 MOTION_CHECKS = CheckList("402")
@@ -80,7 +80,7 @@ def _seconds(samples: list[DriveSample]) -> float:
     return samples[-1].seconds - samples[0].seconds
 
 
-def _furthest(motion: MotionBounds, samples: list[DriveSample]) -> int:
+def _furthest(motion: CheckMotion, samples: list[DriveSample]) -> int:
     return max(abs(one.position - motion.start) for one in samples)
 
 
@@ -167,7 +167,7 @@ def _deceleration(node: CheckedNode) -> None:
         _expect_duration(_seconds(stop), 0.9 * RAMP_S / 0.4)
 
 
-def _same_sense(node: CheckedNode, motion: MotionBounds, velocity: int) -> None:
+def _same_sense(node: CheckedNode, motion: CheckMotion, velocity: int) -> None:
     turn(node, motion, velocity)
     first, *_, last = watch(node, motion, 0.05)
     expect(last.velocity * velocity > 0, f"0x606C = {last.velocity}", f"the sign of 0x60FF = {velocity}")
@@ -298,7 +298,7 @@ def _not_resumed(node: CheckedNode) -> None:
             expect(decode_statusword(one.word) is not OE, OE.name, "QUICK_STOP_ACTIVE until standstill")
 
 
-def _stops(node: CheckedNode, motion: MotionBounds, why: str) -> None:
+def _stops(node: CheckedNode, motion: CheckMotion, why: str) -> None:
     until(node, motion, lambda one: still(one, motion.speed), 2.0, f"standstill: {why}")
     state = decode_statusword(statusword(node))
     expect(state is not OE, OE.name, f"no power: {why}")
@@ -346,12 +346,12 @@ def _one_move(node: CheckedNode) -> None:
         expect(bool(last.word & TARGET_REACHED), f"statusword 0x{last.word:04X}", "bit 10 = 1")
 
 
-def _time(motion: MotionBounds, distances: int = 1) -> float:
+def _time(motion: CheckMotion, distances: int = 1) -> float:
     """Return the time in s for observing a PP motion: its expected duration, up to a limit."""
     return min(distances * abs(motion.distance) / motion.speed + 2 * RAMP_S, distances * _TIME_S) + 0.1
 
 
-def _arrives(node: CheckedNode, motion: MotionBounds, target: int, distances: int = 1) -> list[DriveSample]:
+def _arrives(node: CheckedNode, motion: CheckMotion, target: int, distances: int = 1) -> list[DriveSample]:
     near = 4 * window(node, motion)
 
     def is_there(one: DriveSample) -> bool:
@@ -412,7 +412,7 @@ def _halted_move(node: CheckedNode) -> None:
 
 
 @contextmanager
-def _limited(node: CheckedNode) -> Iterator[MotionBounds]:
+def _limited(node: CheckedNode) -> Iterator[CheckMotion]:
     """Context for PP in which the limits of 0x607D permit only half the distance of the motion."""
     is_drive(node)
     limit = o.SOFTWARE_POSITION_LIMIT
@@ -447,7 +447,7 @@ def _limit_shown(node: CheckedNode) -> None:
 
 
 @contextmanager
-def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[MotionBounds]:
+def _homing(node: CheckedNode, method: int, state: object = OE) -> Iterator[CheckMotion]:
     """Context with the drive in homing mode with `method`, and with the current position as the home offset."""
     is_drive(node)
     with node.kept(o.HOMING_METHOD), ExitStack() as stack:
@@ -514,7 +514,7 @@ _SEARCH = 17  # method: homing to the negative limit switch, which is interrupte
 
 
 @contextmanager
-def _searching(node: CheckedNode) -> Iterator[MotionBounds]:
+def _searching(node: CheckedNode) -> Iterator[CheckMotion]:
     """Context in which the drive searches for a limit switch at half the speed; bit 4 = 0 ends the search."""
     with ExitStack() as stack:
         motion = stack.enter_context(_homing(node, _SEARCH))

@@ -36,8 +36,8 @@ NEW_SET_POINT, IMMEDIATELY, RELATIVE = 0x10, 0x20, 0x40  # bits of the controlwo
 ENABLE = 0x0F
 
 
-class MotionBounds(NamedTuple):
-    """Bounds of the motions of one check, in user units; `distance` is negative if only that direction is free."""
+class CheckMotion(NamedTuple):
+    """Motion of one check, in user units; `distance` is negative if only that direction is free."""
 
     start: int
     distance: int
@@ -66,7 +66,7 @@ def _half_turn(node: CheckedNode) -> int:
     return feed // turns // 2
 
 
-def motion_of(node: CheckedNode) -> MotionBounds:
+def motion_of(node: CheckedNode) -> CheckMotion:
     """Return the bounds of motions; raise NotApplicable if neither options nor objects define them."""
     most = _present(node, o.MAX_PROFILE_VELOCITY)
     speed = node.bounds.speed or most // _SHARE
@@ -83,13 +83,13 @@ def motion_of(node: CheckedNode) -> MotionBounds:
         if start - 2 * distance < low:
             raise NotApplicable("0x607D leaves no room; give a smaller --distance")
         distance = -distance
-    return MotionBounds(start, distance, speed, max(round(speed / RAMP_S), 1))
+    return CheckMotion(start, distance, speed, max(round(speed / RAMP_S), 1))
 
 
 @contextmanager
 def moving(
     node: CheckedNode, mode: int, state: State = OE, *, deceleration_share: float = 1.0
-) -> Iterator[MotionBounds]:
+) -> Iterator[CheckMotion]:
     """Context with the drive in `mode` and ramps of `RAMP_S`; on exit the drive returns to its start position.
 
     `deceleration_share` is the ratio of 0x6084 to 0x6083.
@@ -117,7 +117,7 @@ def moving(
                     _return(node, motion)
 
 
-def _return(node: CheckedNode, motion: MotionBounds) -> None:
+def _return(node: CheckedNode, motion: CheckMotion) -> None:
     """Stop the shaft, and return to the start position if the drive supports PP."""
     if node.has(o.TARGET_VELOCITY):
         node.put(o.TARGET_VELOCITY, 0, 0, 4)
@@ -149,7 +149,7 @@ class DriveSample(NamedTuple):
     word: int
 
 
-def sample(node: CheckedNode, motion: MotionBounds) -> DriveSample:
+def sample(node: CheckedNode, motion: CheckMotion) -> DriveSample:
     """Read the state of the drive; raise CheckFailed if the shaft has moved too far."""
     seconds = node.reactor.now() / 1e9
     position = signed(node, o.POSITION_ACTUAL)
@@ -160,7 +160,7 @@ def sample(node: CheckedNode, motion: MotionBounds) -> DriveSample:
 
 
 def until(
-    node: CheckedNode, motion: MotionBounds, holds: Callable[[DriveSample], bool], seconds: float, expected: str
+    node: CheckedNode, motion: CheckMotion, holds: Callable[[DriveSample], bool], seconds: float, expected: str
 ) -> list[DriveSample]:
     """Return the samples up to the first one that fulfils `holds`; raise CheckFailed after the timeout."""
     samples = [sample(node, motion)]
@@ -174,7 +174,7 @@ def until(
     return samples
 
 
-def watch(node: CheckedNode, motion: MotionBounds, seconds: float) -> list[DriveSample]:
+def watch(node: CheckedNode, motion: CheckMotion, seconds: float) -> list[DriveSample]:
     """Return the samples of the next `seconds`."""
     samples = [sample(node, motion)]
     while samples[-1].seconds - samples[0].seconds < seconds:
@@ -183,7 +183,7 @@ def watch(node: CheckedNode, motion: MotionBounds, seconds: float) -> list[Drive
     return samples
 
 
-def window(node: CheckedNode, motion: MotionBounds) -> int:
+def window(node: CheckedNode, motion: CheckMotion) -> int:
     """Return the position window 0x6067, but at least a hundredth of the motion's distance."""
     value = _present(node, o.POSITION_WINDOW)
     return max(0 if value == 0xFFFFFFFF else value, abs(motion.distance) // 100, 2)
@@ -192,7 +192,7 @@ def window(node: CheckedNode, motion: MotionBounds) -> int:
 # -- modes
 
 
-def turn(node: CheckedNode, motion: MotionBounds, velocity: int) -> list[DriveSample]:
+def turn(node: CheckedNode, motion: CheckMotion, velocity: int) -> list[DriveSample]:
     """Command a velocity in PV and return the samples until the shaft has reached it."""
     node.put(o.TARGET_VELOCITY, 0, velocity & 0xFFFFFFFF, 4)
     return until(node, motion, lambda one: fast(one, velocity), 5 * RAMP_S, f"velocity {velocity}")
@@ -267,7 +267,7 @@ class Stream:
 
 
 @contextmanager
-def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[MotionBounds, Stream]]:
+def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[CheckMotion, Stream]]:
     """Context with the drive enabled in a cyclic mode; `Stream` sends set-points of an object by RPDO and SYNC."""
     is_drive(node)
     records = (
@@ -293,6 +293,6 @@ def streaming(node: CheckedNode, mode: int, index: int) -> Iterator[tuple[Motion
         yield motion, stream
 
 
-def step_of(motion: MotionBounds) -> int:
+def step_of(motion: CheckMotion) -> int:
     """Return the distance per cycle at a velocity of half the motion's distance per second."""
     return int(motion.distance * PERIOD_MS / 2000) or 1

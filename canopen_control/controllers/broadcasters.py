@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from canopen_control.controllers.params import Params
     from canopen_control.hardware.interfaces import CommandInterface, StateInterface
-    from canopen_control.rpc.messages.health import Diagnosis
+    from canopen_control.rpc.messages.health import HealthStatus
     from canopen_control.rpc.messages.samples import Sample, Values
 
 
@@ -678,7 +678,7 @@ class DiagnosticsBroadcaster(_StateBroadcaster):
         ]
         return DiagnosticsSample(time=self.published(wall_offset_ns), joints=judged)
 
-    def _diagnose(self, values: Values) -> Diagnosis:
+    def _diagnose(self, values: Values) -> HealthStatus:
         age, code, nmt, word = (values.get(key) for key in ("age", "error_code", "nmt_state", "statusword"))
         has_values = any(value is not None for value in values.values())
         if (diagnosis := stale(age, self.params.stale_after, is_known=has_values)) is not None:

@@ -70,50 +70,50 @@ class Health(enum.IntEnum):
     STALE = 3
 
 
-class Diagnosis(NamedTuple):
+class HealthStatus(NamedTuple):
     """Health level of a drive, with a short reason."""
 
     level: Health
     message: str
 
 
-def stale(age: float | None, after: float, *, is_known: bool) -> Diagnosis | None:
+def stale(age: float | None, after: float, *, is_known: bool) -> HealthStatus | None:
     """Return STALE if no message was received or the data is older than `after` s, else None.
 
     `age` is the age of the newest data in s; `is_known` is True if any message was received.
     """
     if not is_known:
-        return Diagnosis(Health.STALE, "no message was received from it")
+        return HealthStatus(Health.STALE, "no message was received from it")
     if age is not None and age > after:
-        return Diagnosis(Health.STALE, f"no news for {age:.2f} s")
+        return HealthStatus(Health.STALE, f"no news for {age:.2f} s")
     return None
 
 
-def diagnose(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> Diagnosis:
+def diagnose(states: Sequence[str | None], *, ready: bool, nmt: str | None, error: str | None) -> HealthStatus:
     """Return the health of a drive from axis states, boot, NMT state and error text."""
     if any(state in _FAULTS for state in states):
-        return Diagnosis(Health.ERROR, error or "the drive is in fault")
+        return HealthStatus(Health.ERROR, error or "the drive is in fault")
     if not ready:
         level = Health.WARN if nmt and not error else Health.ERROR
-        return Diagnosis(level, error or f"not ready, NMT state {state_name(nmt or 'unknown').lower()}")
+        return HealthStatus(level, error or f"not ready, NMT state {state_name(nmt or 'unknown').lower()}")
     waiting = [state for state in states if state != State.OPERATION_ENABLED.name]
     if error:
-        return Diagnosis(Health.ERROR if waiting else Health.WARN, error)
+        return HealthStatus(Health.ERROR if waiting else Health.WARN, error)
     if waiting:
-        return Diagnosis(
+        return HealthStatus(
             Health.WARN, f"not enabled: {', '.join(state_name(state or 'no statusword').lower() for state in waiting)}"
         )
-    return Diagnosis(Health.OK, "operational")
+    return HealthStatus(Health.OK, "operational")
 
 
-def diagnose_node(node: NodeReading) -> Diagnosis:
+def diagnose_node(node: NodeReading) -> HealthStatus:
     """Return the health of a node with all its axes."""
     states = [axis.state for axis in node.axes]
     error = node.error or next((axis.error for axis in node.axes if axis.error), None)
     return diagnose(states, ready=node.ready, nmt=_nmt_of(node), error=error)
 
 
-def diagnose_axis(node: NodeReading, axis: AxisReading | None) -> Diagnosis:
+def diagnose_axis(node: NodeReading, axis: AxisReading | None) -> HealthStatus:
     """Return the health of one axis of a node, or of a node without axes."""
     states = [] if axis is None else [axis.state]
     error = (axis.error if axis is not None else None) or node.error
