@@ -30,7 +30,7 @@ from canopen_control.commissioning.identity import (
 )
 from canopen_control.data_files import data_names
 from canopen_control.errors import CanopenError, ConfigError, RemoteError, RobotConfigError, SdoTimeout
-from canopen_control.frame import MAX_NODE_ID
+from canopen_control.frame import MAX_NODE_ID, Service, service_of
 from canopen_control.master.direct import PARALLEL, DirectBus
 from canopen_control.master.known_drives import known_drive
 from canopen_control.od.eds import SUFFIXES
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from canopen_control.commissioning.node_session import NodeSession
+    from canopen_control.frame import CanFrame
     from canopen_control.personality import Personality
 
 
@@ -50,6 +51,7 @@ EXAMPLE = """canopen-control scan --can can0 --config robby
          canopen-control scan"""
 
 _DRIVE = 402  # device profile number, the low 16 bits of 0x1000 (CiA 301 7.5.2.1)
+_PATIENCE_S = 1.0  # timeout of a node that has answered: on a busy computer a virtual drive may be late
 _OBJECTS = [*(address for address, _ in FIELDS.values()), NAME]
 _HEADINGS = ("node", "device type", "vendor", "product", "revision", "serial", "device name", "NMT", "EDS", "bus.yml")
 
@@ -183,16 +185,39 @@ def _survey_bus(channel: str, timeout: float) -> ScanResult:
         return ScanResult(channel, _read_identities(bus, range(1, MAX_NODE_ID + 1)))
 
 
+class _Servers:
+    """Listener that collects the node ids of the SDO answers on the bus, however late they are."""
+
+    def __init__(self) -> None:
+        self.node_ids: set[int] = set()
+
+    def receive(self, frame: CanFrame, now: int) -> None:
+        del now
+        service, node_id = service_of(frame.can_id) or (None, 0)
+        if service is Service.SDO_SERVER:
+            self.node_ids.add(node_id)
+
+
 def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, FoundNode]:
-    """Read 0x1000 of all node ids, then further objects of the nodes that respond; return the nodes found."""
+    """Read 0x1000 of all node ids, then further objects of the nodes that respond; return the nodes found.
+
+    A node whose answer comes too late is present: it is read again, with a longer timeout.
+    """
+    servers = _Servers()
+    bus.listeners.append(servers)
     requests = [(node_id, *_OBJECTS[0]) for node_id in node_ids]
     device_types: dict[tuple[int, int, int], bytes | CanopenError] = {}
     with Progress(f"reading on {bus.port.channel}", "node ids") as progress:
         for start in range(0, len(requests), PARALLEL):
             progress.at(start, len(requests))
             device_types |= bus.read_many(requests[start : start + PARALLEL])
+    late = [address for address, answer in device_types.items() if _is_silent(answer) and address[0] in servers.node_ids]
+    device_types |= bus.read_many(late, timeout_s=_PATIENCE_S)
+    bus.listeners.remove(servers)
     answering = [node_id for (node_id, _, _), answer in device_types.items() if not _is_silent(answer)]
-    further = bus.read_many((node_id, *address) for node_id in answering for address in _OBJECTS[1:])
+    further = bus.read_many(
+        ((node_id, *address) for node_id in answering for address in _OBJECTS[1:]), timeout_s=_PATIENCE_S
+    )
     answers = {**device_types, **further}
     nodes = {}
     for node_id in answering:

@@ -117,8 +117,14 @@ class DirectBus:
         client = self.client(node_id)
         self._transfer(client, client.write(index, subindex, data, block=block, now=time.monotonic_ns()))
 
-    def read_many(self, addresses: Iterable[tuple[int, int, int]]) -> dict[tuple[int, int, int], bytes | CanopenError]:
-        """Upload objects (node_id, index, subindex) from many nodes in parallel; return data or errors by address."""
+    def read_many(
+        self, addresses: Iterable[tuple[int, int, int]], *, timeout_s: float | None = None
+    ) -> dict[tuple[int, int, int], bytes | CanopenError]:
+        """Upload objects (node_id, index, subindex) from many nodes in parallel; return data or errors by address.
+
+        `timeout_s` is the timeout of each answer, None for that of the bus.
+        """
+        timeout = None if timeout_s is None else round(timeout_s * 1e9)
         by_node: dict[int, list[tuple[int, int]]] = {}
         for node_id, index, subindex in addresses:
             by_node.setdefault(node_id, []).append((index, subindex))
@@ -127,7 +133,9 @@ class DirectBus:
         for start in range(0, len(nodes), PARALLEL):
             batch = nodes[start : start + PARALLEL]
             requests = [
-                (node_id, self.client(node_id).read(*address)) for node_id in batch for address in by_node[node_id]
+                (node_id, self.client(node_id).read(*address, timeout_ns=timeout))
+                for node_id in batch
+                for address in by_node[node_id]
             ]
             self.serve([self.client(node_id) for node_id in batch], partial(_all_done, requests))
             for node_id, request in requests:

@@ -8,6 +8,7 @@ from support.liverobot import STRANGER, live_robot
 from support.onbus import GENERIC, TMCM, OnBus
 
 from canopen_control.bus.channel import ChannelKind
+from canopen_control.bus.memory import MemoryBus
 from canopen_control.cli import scan as verb
 from canopen_control.cli.main import main
 from canopen_control.data_files import data_path
@@ -131,6 +132,55 @@ def test_another_revision_is_remarked(bus, monkeypatch, tmp_path, capsys):
     assert capsys.readouterr().out.splitlines()[1].endswith("mine.eds (for revision 0x0003001A)")
 
 
+def test_a_node_whose_first_answer_comes_with_the_next_requests_is_read_again(private_folders, capsys):
+    wire = MemoryBus.get("scan")
+    with OnBus("memory:scan", {2: TMCM}, cores=(Releasing(wire, at=0x600 + 127),)):
+        wire.hold(Once(0x582, index=0x1000))
+        assert scan() == 0
+    assert capsys.readouterr().out.splitlines()[1].split()[:6] == ["2", *TMCM_ROW.split(), "0x00000002"]
+
+
+def test_a_node_that_has_answered_may_take_longer_than_the_timeout(bus, capsys):
+    wire = MemoryBus.get("scan")
+    later = Once(0x583, index=0x1018, then=lambda: bus.reactor.call_threadsafe(release_later))
+
+    def release_later():
+        bus.reactor.call_later(150_000_000, wire.release)  # three times the timeout
+
+    wire.hold(later)
+    assert scan() == 0
+    assert later.frame is not None
+    assert capsys.readouterr().out.splitlines()[2].split()[2:4] == ["0x00000000", "0x00000402"]
+
+
+class Once:
+    """Selects the first SDO frame with this COB-ID and index, and then calls `then`."""
+
+    def __init__(self, can_id, index, then=lambda: None):
+        self.can_id, self.index, self.then, self.frame = can_id, index.to_bytes(2, "little"), then, None
+
+    def __call__(self, label, frame):
+        if self.frame is not None or frame.can_id != self.can_id or frame.data[1:3] != self.index:
+            return False
+        self.frame = frame
+        self.then()
+        return True
+
+
+class Releasing:
+    """Releases what the wire holds when it hears a COB-ID."""
+
+    def __init__(self, wire, at):
+        self.wire, self.at = wire, at
+
+    def receive(self, frame, now):
+        if frame.can_id == self.at:
+            self.wire.release()
+
+    def frames(self):
+        return []
+
+
 @pytest.mark.rest
 def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(private_folders, capsys):
     with live_robot("scanrobot") as drives:
@@ -150,15 +200,11 @@ def test_the_bus_of_a_running_robot_its_own_nodes_through_it_and_a_stranger(priv
         said = capsys.readouterr()
         assert len(said.out.splitlines()) == 4
         assert "memory:scanrobot can be opened only once" in said.err
-        history = [(label, frame) for label, frame in drives_history() if frame.can_id in (0x602, 0x603)]
+        history = [
+            (label, frame) for label, frame in MemoryBus.get("scanrobot").history if frame.can_id in (0x602, 0x603)
+        ]
         assert {label for label, _ in history} == {"master"}  # one client for each server
         assert drives.errors == []
-
-
-def drives_history():
-    from canopen_control.bus.memory import MemoryBus
-
-    return MemoryBus.get("scanrobot").history
 
 
 def test_a_robot_on_mock_hardware_has_no_bus(mock_robot, capsys):

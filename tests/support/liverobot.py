@@ -25,7 +25,7 @@ def live_robot(name: str, *, real_time: bool = False) -> Iterator[OnBus]:
     channel = f"memory:{name}"
     with (
         contextlib.nullcontext() if real_time else lockstep(),
-        OnBus(channel, {3: TMCM, 2: TMCM, STRANGER: GENERIC}) as drives,
+        OnBus(channel, {3: TMCM, 2: TMCM, STRANGER: GENERIC}, real_time=real_time) as drives,
         Robot.from_config("robby", name=name, can=channel, drives=False),
     ):
         yield drives

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from typing import TYPE_CHECKING
+
+from support.lockstep import lockstep
 
 from canopen_control.bus.channel import open_port
 from canopen_control.data_files import data_path
@@ -23,13 +26,23 @@ class OnBus:
     """`devices` (EDS names by node id) and `cores` (sans-IO) on `channel`, as long as the `with` block lasts.
 
     `plant` makes the plant of an axis. `seen` holds every frame that reached the cores. The constructor has opened the
-    port: whoever joins afterwards is heard. `nodes` are the virtual devices by node id.
+    port: whoever joins afterwards is heard. `nodes` are the virtual devices by node id. The memory bus is in
+    virtual time, with all that the test itself waits for, unless `real_time` is set.
     """
 
     def __init__(
-        self, channel: str, devices: Mapping[int, str] | None = None, cores: tuple[Any, ...] = (), plant: Any = None
+        self,
+        channel: str,
+        devices: Mapping[int, str] | None = None,
+        cores: tuple[Any, ...] = (),
+        plant: Any = None,
+        *,
+        real_time: bool = False,
     ) -> None:
         self.channel = channel
+        self._time = contextlib.ExitStack()
+        if channel.startswith("memory:") and not real_time:
+            self._time.enter_context(lockstep())
         self.reactor = Reactor()
         self.errors: list[BaseException] = []
         self.reactor.on_error = self.errors.append
@@ -59,6 +72,7 @@ class OnBus:
         for port in self._ports:
             port.close()
         self.reactor.close()
+        self._time.close()
         assert self.errors == []
 
     def call(self, work: Any) -> Any:
