@@ -130,7 +130,8 @@ class Part:
     """One command of a run.
 
     `second_look` is the command that runs the failed tests of this part once more, None where a failure is final.
-    `needs` names an earlier part of the run: where that one has failed, this part fails without being run.
+    `needs` names a part of an earlier step, of another lane, or before it in its lane: this part waits for the end of
+    that one, and where that one has failed, this part fails without being run.
     """
 
     name: str
@@ -207,7 +208,7 @@ def checks() -> list[Part]:
 
 DEALT: Final = ("-n", "2", "--dist", "worksteal")  # tests that start nothing: no processor idles while a long file ends
 SHARED: Final = ("-n", "2", "--dist", "loadfile")  # the tests of a file share its fixtures: robots that run, browsers
-MANY: Final = ("-n", "4", "--dist", "load")  # tests that wait for answers most of their time
+APART: Final = ("-n", "8", "--dist", "loadgroup")  # few tests that wait for answers most of their time: all at once
 
 
 def default_lanes(*, again: bool = False) -> list[list[Part]]:
@@ -269,13 +270,12 @@ def rest_steps() -> list[list[list[Part]]]:
     loops = [ROS_LOOPS] if os.environ.get("CANOPEN_CONTROL_LOOP_S") else []
     timed = pytest("timed tests", "timed and not alone", *SHARED,
                    *(path for path in files_with("timed") if path not in loops), again=True)  # fmt: skip
-    long_loops = pytest("loops of ROS programs", "timed", *MANY, *loops, again=True)
+    long_loops = pytest("loops of ROS programs", "timed", *APART, *loops, again=True)
     alone = pytest("tests that measure", "alone", *files_with("alone"), again=True)
     computing = [Part(_COMPILE, ("tools/compile",)), compiled_modules, long_fast]
     return [
-        [[replace(part, nice=_LEAVING_ALL) for part in computing], [long, timed]],
+        [[replace(part, nice=_LEAVING_ALL) for part in computing], [long, compiled_robots, timed]],
         guests(),  # a guest's time goes slower than ours: nothing runs beside them
-        [[compiled_robots]],
         *([[[long_loops]]] if loops else []),
         [[alone]],
     ]
@@ -336,12 +336,14 @@ class Run:
         self.interrupted = False
         self._begin = time.monotonic()
         self._running: dict[int, tuple[str, float]] = {}  # process id: part's name, when it began
+        self._named: set[str] = set()  # all parts of the lanes that have begun
         self._starting = 0  # parts whose process may exist already and is not in _running yet
         self._lock = threading.Lock()
         ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
     def lanes(self, lanes: Sequence[Sequence[Part]]) -> None:
         """Run all lanes at the same time and return when the last one has ended."""
+        self._named |= {part.name for lane in lanes for part in lane}
         threads = [threading.Thread(target=self._lane, args=(lane,)) for lane in lanes if lane]
         for thread in threads:
             thread.start()
@@ -404,12 +406,18 @@ class Run:
 
     def _lane(self, parts: Sequence[Part]) -> None:
         for part in parts:
+            while part.needs in self._named and not self._has_ended(part.needs) and not self.interrupted:
+                time.sleep(_TURN_S)
             if self.interrupted:
                 return
             if any(result.part.name == part.needs and result.code != GOOD for result in self.results):
                 self._report(Result(part, _NOT_RUN, 0.0, 0.0), f"not run: {part.needs!r} has failed")
             else:
                 self._run(part)
+
+    def _has_ended(self, name: str) -> bool:
+        with self._lock:
+            return any(result.part.name == name for result in self.results)
 
     def _run(self, part: Part) -> Result:
         begin = time.monotonic()

@@ -145,7 +145,9 @@ def test_one_that_is_stopped_by_a_signal_loses_its_trajectory_and_the_joints_bra
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as player:
         try:
             assert eventually(lambda: abs(positions(arm)[0]) > 0.01)
-            time.sleep(2.3)  # longer than the promise: it is at work
+            before = arm.status().cycle.count
+            # 2.4 s, longer than the promise: it is at work
+            assert eventually(lambda: arm.status().cycle.count >= before + 120)
             assert not any(each.kind == "commander_gone" for each in arm.status().events)
             os.kill(player.pid, signal.SIGSTOP)
             assert eventually(lambda: any(each.kind == "commander_gone" for each in arm.status().events))

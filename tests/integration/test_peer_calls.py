@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 from support import ros
 from support.peerfiles import write_peer_files
-from support.processes import Stage
 
 # a drive that hears nothing of its master for too long, which a busy machine held up, stops as it should
 pytestmark = [pytest.mark.ros, pytest.mark.timed]
@@ -22,17 +21,13 @@ UNSIGNED32 = 7
 @contextlib.contextmanager
 def running(folder, name):
     """Run a configuration on virtual devices, with its bridge and another ROS program."""
-    folder.chmod(0o700)
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
-        robot = stage.start("run", write_peer_files(folder, name), "--ros", "--can", f"local:{name}", **environment)
+    with ros.stage(folder) as stage:
+        robot = stage.start(
+            "run", write_peer_files(folder, name), "--ros", "--can", f"local:{name}", **stage.environment
+        )
         robot.until(f"{name} runs")
-        with ros.Peer(number, "--interfaces") as peer:
+        with ros.Peer(stage.domain, "--interfaces") as peer:
             yield SimpleNamespace(peer=peer, call=peer.call, robot=robot)
-        stage.end()
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +64,7 @@ def test_its_lifecycle_follows_the_numbers_of_transitions_from_the_states_that_i
         assert proxies.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)["success"]
 
 
-def changed(scene, *labels):
+def expect_changed(scene, *labels):
     for label in labels:
         change = {"transition": {"id": 0, "label": label}}
         assert scene.call("/lifecycle_manager/change_state", "lifecycle_msgs/srv/ChangeState", **change)["success"], (
@@ -78,23 +73,23 @@ def changed(scene, *labels):
 
 
 def test_it_is_configured_and_cleaned_up_without_being_activated(proxies):
-    changed(proxies, "configure", "cleanup")
+    expect_changed(proxies, "configure", "cleanup")
 
 
 def test_what_is_written_while_it_is_active_is_there_when_it_is_active_again(proxies):
     devices = ("proxy_device_1", "proxy_device_2")
-    changed(proxies, "configure", "activate")
+    expect_changed(proxies, "configure", "activate")
     for node in devices:
         assert proxies.call(f"/{node}/sdo_write", WRITE, index=0x4000, data=100) == {"success": True}
         assert proxies.call(f"/{node}/sdo_read", READ, index=0x4000) == {"success": True, "data": 100}
-    changed(proxies, "deactivate", "cleanup", "configure", "activate")
+    expect_changed(proxies, "deactivate", "cleanup", "configure", "activate")
     for node in devices:
         assert proxies.call(f"/{node}/sdo_read", READ, index=0x4000) == {"success": True, "data": 100}
-    changed(proxies, "deactivate", "cleanup")
+    expect_changed(proxies, "deactivate", "cleanup")
 
 
 def test_process_data_goes_out_in_a_cycle_of_the_lifecycle(proxies):
-    changed(proxies, "configure", "activate")
+    expect_changed(proxies, "configure", "activate")
     topic = "/proxy_device_1/tpdo"
     for value in (200, 0):
         proxies.peer.order("publish", topic=topic, of=DATA, data={"index": 0x4000, "data": value}, rate=20)
@@ -102,7 +97,7 @@ def test_process_data_goes_out_in_a_cycle_of_the_lifecycle(proxies):
             lambda wanted=value: proxies.call("/proxy_device_1/sdo_read", READ, index=0x4000)["data"] == wanted
         )
         proxies.peer.order("silence", topic=topic)
-    changed(proxies, "deactivate", "cleanup")
+    expect_changed(proxies, "deactivate", "cleanup")
 
 
 @pytest.mark.parametrize("node", ["proxy_device_1", "proxy_device_2"])

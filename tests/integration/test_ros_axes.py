@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from support import ros
 from support.generic import write_two_axes
-from support.processes import DriveProbe, Stage
+from support.processes import DriveProbe
 from support.robots import PATIENT
 
 from canopen_control.client import RobotClient
@@ -23,29 +23,32 @@ OUTPUTS = 0x60FE
 def scene(tmp_path_factory):
     """The robot with its bridge, its drive, its API, and another ROS program."""
     folder = tmp_path_factory.mktemp("axes")
-    folder.chmod(0o700)
     config = write_two_axes(folder)
     bus = (config / "bus.yml").read_text().replace("sync_period: 10000", "sync_period: 20000")
     for before, after in PATIENT.items():
         bus = bus.replace(before, after)
     node = "{node_id: 2, channel_names: [shoulder], missed_syncs: 500}"
     (config / "bus.yml").write_text(bus.replace("{node_id: 2}", node))
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    with ros.stage(folder) as stage:
         robot = stage.start(
-            "run", config, "--as", "axes", "--can", "local:axes", "--controller", "velocity", "--ros", **environment
+            "run",
+            config,
+            "--as",
+            "axes",
+            "--can",
+            "local:axes",
+            "--controller",
+            "velocity",
+            "--ros",
+            **stage.environment,
         )
         robot.until("axes runs")
         drive = DriveProbe("axes", 2)
         try:
-            with RobotClient.connect("axes") as client, ros.Peer(number, "--interfaces") as peer:
+            with RobotClient.connect("axes") as client, ros.Peer(stage.domain, "--interfaces") as peer:
                 yield SimpleNamespace(peer=peer, drive=drive, client=client)
         finally:
             drive.close()
-            stage.end()
 
 
 @pytest.fixture

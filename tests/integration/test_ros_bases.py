@@ -9,7 +9,6 @@ import pytest
 import yaml
 from support import ros
 from support.bases import ACKERMANN, MECANUM, OMNI, PARAMS, TRICYCLE
-from support.processes import Stage
 
 pytestmark = pytest.mark.ros
 TWIST, ODOMETRY, TF = "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
@@ -103,16 +102,11 @@ def write_robot(folder):
 def scene(tmp_path_factory):
     """All controllers active, and another ROS program."""
     folder = tmp_path_factory.mktemp("bases")
-    folder.chmod(0o700)
     config = write_robot(folder / "all")
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
-        robot = stage.start("run", config, "--mock", "--ros", **environment)
+    with ros.stage(folder) as stage:
+        robot = stage.start("run", config, "--mock", "--ros", **stage.environment)
         robot.until("all runs")
-        with ros.Peer(number, "--interfaces") as peer:
+        with ros.Peer(stage.domain, "--interfaces") as peer:
             service = "/controller_manager/{}"
             for name in NAMES.values():
                 if peer.call(
@@ -128,7 +122,6 @@ def scene(tmp_path_factory):
                 service.format("switch_controller"), "controller_manager_msgs/srv/SwitchController", **swap
             )["ok"]
             yield SimpleNamespace(peer=peer, robot=robot)
-        stage.end()
 
 
 @pytest.mark.parametrize("kind", NAMES)

@@ -7,6 +7,7 @@ is set, they run with the types of ROS's own generators too.
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import signal
@@ -19,7 +20,6 @@ import pytest
 from support import ros
 from support.compiled_interfaces import missing
 from support.host import eventually
-from support.processes import Stage
 from support.robots import PATIENT_ROBBY, copy_robby
 
 from canopen_control.ros.interfaces.definition import DEFINITIONS
@@ -110,15 +110,24 @@ print(count)
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """The packages as ROS's own generators compile them: the variables by which a program finds them."""
-    folder = tmp_path_factory.mktemp("compiled")
-    for package, (names, dependencies) in PACKAGES.items():
-        definitions = {name: DEFINITIONS[f"{package}/{name}"] for name in names}
-        subprocess.run(
-            [sys.executable, str(BUILDER), str(folder), package, *dependencies],
-            input=json.dumps(definitions), text=True, check=True, stdout=subprocess.DEVNULL,
-            env={**os.environ, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"},
-        )  # fmt: skip
+    """The packages as ROS's own generators compile them: the variables by which a program finds them.
+
+    The first worker that needs them compiles them, and the others wait for it.
+    """
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "compiled_packages"
+    folder.mkdir(exist_ok=True)
+    with open(folder / "lock", "a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "made").exists():
+            for package, (names, dependencies) in PACKAGES.items():
+                definitions = {name: DEFINITIONS[f"{package}/{name}"] for name in names}
+                subprocess.run(
+                    [sys.executable, str(BUILDER), str(folder), package, *dependencies],
+                    input=json.dumps(definitions), text=True, check=True, stdout=subprocess.DEVNULL,
+                    env={**os.environ, "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"},
+                )  # fmt: skip
+            (folder / "made").touch()
     return {"PYTHONPATH": f"{folder}:{ros.ROOT}", "LD_LIBRARY_PATH": str(folder)}
 
 
@@ -149,19 +158,12 @@ if "canopen_control.ros.bridge" in sys.orig_argv:
 def robby(tmp_path_factory):
     """Robby on virtual drives with its bridge, in which a deadlock can be planted."""
     folder = tmp_path_factory.mktemp("freezes")
-    folder.chmod(0o700)
     (folder / "sitecustomize.py").write_text(PLANTED)
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        found = f"{folder}:{ros.ROOT}"
-        environment = ros.ros_environment(number, PYTHONPATH=found, _ROS_WHEELS_BOOTSTRAP_COMPLETE="1")
+    with ros.stage(folder, PYTHONPATH=f"{folder}:{ros.ROOT}") as stage:
         config = copy_robby(folder, bus=PATIENT_ROBBY)
-        robot = stage.start("run", config, "--ros", "--can", "local:freezes", **environment)
+        robot = stage.start("run", config, "--ros", "--can", "local:freezes", **stage.environment)
         robot.until("robby runs")
-        yield SimpleNamespace(domain=number, robot=robot, stage=stage)
-        stage.end()
+        yield SimpleNamespace(domain=stage.domain, robot=robot, stage=stage)
 
 
 @pytest.mark.parametrize("kind", KINDS)

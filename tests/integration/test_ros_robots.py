@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from support import ros
-from support.processes import DriveProbe, Stage
+from support.processes import DriveProbe
 from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = [pytest.mark.ros, pytest.mark.timed]
@@ -28,33 +28,27 @@ PARAMETERS = "/**:\n  ros__parameters: {cmd_vel_topic: drive, cmd_vel_type: Twis
 def scene(tmp_path_factory):
     """Robots `one` and `two` on virtual drives with their bridges, and another ROS program."""
     folder = tmp_path_factory.mktemp("two")
-    folder.chmod(0o700)
     (folder / "bridge.yaml").write_text(PARAMETERS)
     first = copy_robby(folder, bus=PATIENT_ROBBY)
     (folder / "second").mkdir()
     second = copy_robby(folder / "second", bus=BUS)
     theirs = ["-p", "rate:=20.0", "-r", "joint_states:=wheels", "--params-file", folder / "bridge.yaml"]
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    with ros.stage(folder) as stage:
         common = ["--ros", "--namespace"]
-        one = stage.start("run", first, "--as", "one", "--can", "local:one", *common, "one", **environment)
+        one = stage.start("run", first, "--as", "one", "--can", "local:one", *common, "one", **stage.environment)
         two = stage.start(
             "run", second, "--as", "two", "--can", "local:two", "--controller", "robby_base_controller",
-            *common, "/two", "--ros-args", *theirs, **environment,
+            *common, "/two", "--ros-args", *theirs, **stage.environment,
         )  # fmt: skip
         for robot, name in ((one, "one"), (two, "two")):
             robot.until(f"{name} runs")
         drives = {name: DriveProbe(name, 3) for name in ("one", "two")}
         try:
-            with ros.Peer(number, "--interfaces") as peer:
-                yield SimpleNamespace(peer=peer, one=one, two=two, drives=drives, domain=number)
+            with ros.Peer(stage.domain, "--interfaces") as peer:
+                yield SimpleNamespace(peer=peer, one=one, two=two, drives=drives, domain=stage.domain)
         finally:
             for drive in drives.values():
                 drive.close()
-            stage.end()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 from support import ros
-from support.processes import DriveProbe, Stage
+from support.processes import DriveProbe
 from support.robots import PATIENT_ROBBY, copy_robby
 
 pytestmark = pytest.mark.ros
@@ -18,20 +18,14 @@ DONE = {"success": True, "message": ""}
 def scene(tmp_path_factory):
     """Robby on virtual drives with its bridge, and another ROS program; for all tests of this module."""
     folder = tmp_path_factory.mktemp("ros")
-    folder.chmod(0o700)
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    with ros.stage(folder) as stage:
         config = copy_robby(folder, bus=PATIENT_ROBBY)
-        robot = stage.start("run", config, "--ros", "--can", "local:services", **environment)
+        robot = stage.start("run", config, "--ros", "--can", "local:services", **stage.environment)
         robot.until("robby runs")
         drive = DriveProbe("services", 3)
-        with ros.Peer(number, "--interfaces") as peer:
-            yield SimpleNamespace(peer=peer, drive=drive, robot=robot, domain=number)
+        with ros.Peer(stage.domain, "--interfaces") as peer:
+            yield SimpleNamespace(peer=peer, drive=drive, robot=robot, domain=stage.domain)
         drive.close()
-        stage.end()
 
 
 @pytest.fixture

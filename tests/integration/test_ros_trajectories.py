@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from types import SimpleNamespace
 
 import pytest
 from support import ros
-from support.arm6 import ENDS, JOINTS, copy_arm, planned
+from support.arm6 import ENDS, JOINTS, copy_patient_arm, planned
 from support.host import eventually
-from support.processes import Stage
+from support.processes import cycles_pass
 
 from canopen_control.client import RobotClient
 from canopen_control.rpc.messages.robot import GetStatus
@@ -26,18 +25,12 @@ LONG_S = 20.0  # of a goal that is cut off: on a busy computer seconds pass befo
 def arm(tmp_path_factory):
     """The arm with its bridge, and a client of the action; for all tests of this module."""
     folder = tmp_path_factory.mktemp("arm")
-    folder.chmod(0o700)
-    with pytest.MonkeyPatch.context() as patch, ros.domain() as number:
-        patch.setenv("XDG_RUNTIME_DIR", str(folder))
-        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
-        stage = Stage(folder, folder)
-        environment = {**ros.ros_environment(number), "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
-        config = copy_arm(folder)
-        robot = stage.start("run", config, "--ros", "--as", "rosarm", "--can", "local:rosarm", **environment)
+    with ros.stage(folder) as stage:
+        config = copy_patient_arm(folder)
+        robot = stage.start("run", config, "--ros", "--as", "rosarm", "--can", "local:rosarm", **stage.environment)
         robot.until("rosarm runs")
-        with ros.Peer(number, "--interfaces") as peer, RobotClient.connect("rosarm") as client:
-            yield SimpleNamespace(peer=peer, robot=robot, client=client, stage=stage, domain=number)
-        stage.end()
+        with ros.Peer(stage.domain, "--interfaces") as peer, RobotClient.connect("rosarm") as client:
+            yield SimpleNamespace(peer=peer, robot=robot, client=client, stage=stage, domain=stage.domain)
 
 
 def joints(arm):
@@ -174,7 +167,7 @@ def test_a_bridge_that_is_stopped_for_long_loses_its_goal_and_the_next_one_takes
     end, bridge = near(4), arm.stage.pid_of("canopen_control.ros.bridge")
     assert send(arm, "hung", goal_to(arm, end, LONG_S))
     moving(arm, "hung")
-    time.sleep(3.2)  # longer than it may be silent: its heartbeats come
+    cycles_pass(arm.client, 170)  # 3.4 s, longer than it may be silent: its heartbeats come
     assert not any("has sent no heartbeat" in each for each in events(arm))
     os.kill(bridge, signal.SIGSTOP)
     # Its connection is silent for 3 s, or what watches it has ended it by then: the goal ends either way.

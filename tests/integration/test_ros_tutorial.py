@@ -49,7 +49,10 @@ def test_control_simulation_drives_by_the_keys_of_teleop_on_cmd_vel(launch):
         teleop.order("publish", topic="/cmd_vel", of=TWIST, data=keys(0.0, 1.0), rate=10)
         rviz.message("/robby_base_controller/odom", lambda message: message["pose"]["pose"]["orientation"]["z"] > 0.1)
         teleop.kill()  # the timeout of the controller stops it
-        rviz.message("/robby_base_controller/odom", lambda message: message["twist"]["twist"]["angular"]["z"] == 0.0)
+        last = rviz.message(
+            "/robby_base_controller/odom", lambda message: message["twist"]["twist"]["angular"]["z"] == 0.0
+        )
+        assert last["pose"]["pose"]["position"]["x"] > 0.1
 
 
 def test_forward_controller_turns_the_wheels_of_virtual_drives(launch, probe):

@@ -39,17 +39,13 @@ assert errors == [], errors
 """
 
 
-@pytest.fixture
-def run():
-    def run(code):
-        with domain() as number:
-            return run_ros(SCENE + code + END, number)
-
-    return run
+def expect_passes(code):
+    with domain() as number:
+        run_ros(SCENE + code + END, number)
 
 
-def test_goals_are_judged_later_and_ended_from_elsewhere_while_nobody_spins_for_them(run):
-    run("""
+def test_goals_are_judged_later_and_ended_from_elsewhere_while_nobody_spins_for_them():
+    expect_passes("""
 future = send()
 until(lambda: requests)
 begin, used = time.monotonic(), time.process_time()
@@ -79,8 +75,8 @@ assert len(requests) == 1
 """)
 
 
-def test_a_refusal_has_a_result_for_who_asks_and_what_nobody_cancelled_is_aborted(run):
-    run("""
+def test_a_refusal_has_a_result_for_who_asks_and_what_nobody_cancelled_is_aborted():
+    expect_passes("""
 from canopen_control.ros import action_goals
 action_goals._MAX_RESULTS = 2
 handles = []

@@ -47,26 +47,22 @@ def test_without_a_robot_it_says_so(number):
     assert (process.returncode, output) == (1, "canopen-control: no robot 'fake' is running\n")
 
 
-def test_started_by_a_parent_it_ends_with_its_lifeline(number, private_folders):
+@pytest.mark.parametrize(
+    ("end", "words"),
+    [
+        (lambda child, robot: child.cut_lifeline(), ""),
+        (lambda child, robot: robot.leave(), "has closed the connection"),
+    ],
+    ids=["its lifeline is cut", "the robot closes its API"],
+)
+def test_started_by_a_parent_it_ends_when(number, end, words):
     with ros.FakeRobot() as robot:
         child = start_as_run_does(number)
         try:
             assert ros.eventually(lambda: robot.told)
-            child.cut_lifeline()
+            end(child, robot)
             assert child.wait(2.0) == 0
-        finally:
-            child.kill()
-            child.wait()
-
-
-def test_started_by_a_parent_it_ends_when_the_robot_closes_its_api(number):
-    with ros.FakeRobot() as robot:
-        child = start_as_run_does(number)
-        try:
-            assert ros.eventually(lambda: robot.told)
-            robot.leave()
-            assert child.wait(2.0) == 0
-            assert "has closed the connection" in "".join(child.last_lines())
+            assert words in "".join(child.last_lines())
         finally:
             child.kill()
             child.wait()
@@ -130,6 +126,7 @@ def test_started_by_hand_it_waits_for_the_robot_to_come_back(number):
         with ros.FakeRobot() as robot:
             robot.time = 1_800_000_000.0
             peer.message("/joint_states", lambda message: message["header"]["stamp"]["sec"] == 1_800_000_000)
+            assert process.poll() is None
         process.__exit__(None, None, None)
 
 

@@ -263,8 +263,8 @@ def test_a_controller_whose_name_ros_refuses_has_no_topics_and_the_next_one_has(
 def knows_that_base_is_inactive(robot):
     """Wait until the bridge has asked for the controllers, and for nothing of them since."""
     assert eventually(lambda: robot.listed.get("base") == "inactive")
-    samples = robot._published
-    assert eventually(lambda: robot._published > samples + 10)
+    samples = robot.pushed
+    assert eventually(lambda: robot.pushed > samples + 10)
 
 
 @pytest.mark.ros

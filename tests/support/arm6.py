@@ -1,8 +1,9 @@
 """arm6 with a joint trajectory controller, also above loops of velocity or effort; its files are those of the bench."""
 
 from canopen_control_bench.arm import ENDS, JOINTS, copy_arm, planned
+from support.robots import PATIENT
 
-__all__ = ["CYCLIC", "ENDS", "JOINTS", "LOOPS", "copy_arm", "copy_looped_arm", "planned"]
+__all__ = ["CYCLIC", "ENDS", "JOINTS", "LOOPS", "copy_arm", "copy_looped_arm", "copy_patient_arm", "planned"]
 
 LOOPS = """
     loops:
@@ -18,6 +19,18 @@ loops:
 """
 CYCLIC = {"velocity": ("0x60FF", 9), "effort": ("0x6071", 10)}
 """Target object and mode of operation of what is commanded."""
+
+
+def copy_patient_arm(folder):
+    """Copy the arm with drives that bear a busy machine: without `missed_syncs`, 60 ms without feedback lose them."""
+    target = copy_arm(folder)
+    bus = target / "bus.yml"
+    text = bus.read_text()
+    for old, new in {**PATIENT, "position_mode: 8 ": "missed_syncs: 500\n  position_mode: 8 "}.items():
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    bus.write_text(text)
+    return target
 
 
 def copy_looped_arm(folder, kind, **gains):

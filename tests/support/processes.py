@@ -22,9 +22,12 @@ from support.localbus import end_hubs
 
 from canopen_control.client.drive_client import DriveClient
 from canopen_control.rpc.messages.drive import DriveState, GetDriveState, SwitchFault
+from canopen_control.rpc.messages.robot import GetStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from canopen_control.client import RobotClient
 
 TIMEOUT_S = 20.0
 _COVERAGE = "COVERAGE_PROCESS_CONFIG"  # measured processes begin with an interpreter
@@ -194,6 +197,12 @@ def processes_of(folder: Path) -> dict[int, str]:
             if mark in (entry / "environ").read_bytes().split(b"\0"):
                 found[int(entry.name)] = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode()
     return found
+
+
+def cycles_pass(robot: RobotClient, count: int) -> None:
+    """Wait until a robot has had so many cycles more."""
+    before = robot.ask(GetStatus()).cycle.count
+    assert eventually(lambda: robot.ask(GetStatus()).cycle.count >= before + count, TIMEOUT_S)
 
 
 class DriveProbe:

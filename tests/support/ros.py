@@ -16,8 +16,10 @@ from base64 import b64decode, b64encode
 from pathlib import Path
 from queue import Empty, Queue
 
+import pytest
 from support import host
 from support.jsonserver import json_server, say
+from support.processes import Stage
 
 from canopen_control.host.environment import clean_environment
 from canopen_control.host.reactor import Reactor
@@ -78,6 +80,22 @@ def ros_environment(number, **more):
     )
     environment.update(more)
     return environment
+
+
+@contextlib.contextmanager
+def stage(folder, **more):
+    """Yield a Stage in a folder, with its ROS `domain` and `environment`: for the programs of all tests of a module."""
+    folder.chmod(0o700)
+    with pytest.MonkeyPatch.context() as patch, domain() as number:
+        patch.setenv("XDG_RUNTIME_DIR", str(folder))
+        patch.setenv("XDG_STATE_HOME", str(folder / "state"))
+        programs = Stage(folder, folder)
+        programs.domain = number
+        programs.environment = ros_environment(number, _ROS_WHEELS_BOOTSTRAP_COMPLETE="1", **more)
+        try:
+            yield programs
+        finally:
+            programs.end()
 
 
 def run_ros(code, number=0, arguments=(), **more):
@@ -236,7 +254,8 @@ CONTROLLERS = [
 class FakeRobot:
     """The API of a runtime, on a thread of its own: answers, pushes its state at 100 Hz, remembers what it was told.
 
-    Its joint state broadcasters publish each time, a microsecond later; `samples` are what other controllers tell.
+    Its joint state broadcasters publish each time, a microsecond later; `pushed` counts the states, `samples` are what
+    other controllers tell.
     """
 
     def __init__(self, name="fake"):
@@ -249,7 +268,7 @@ class FakeRobot:
         self.nodes = {"left_drive": node(3, "left"), "right_drive": node(2, "right")}
         self.time, self.more, self.refusals, self.answers = 1_700_000_000.25, {}, {}, {}
         self._watching, self.urdf = [], URDF
-        self.samples, self._published = {}, 0
+        self.samples, self.pushed = {}, 0
         self.process_data, self.watching_process_data, self.layout = {}, False, {"buses": {}}
         self.bus_nodes, self.holds, self._held = [], (), []
         self._server = json_server(
@@ -312,8 +331,8 @@ class FakeRobot:
         return self.controllers
 
     def _joint_states(self):
-        self._published += 1
-        time = self.time + self._published / 1e6
+        self.pushed += 1
+        time = self.time + self.pushed / 1e6
         found = {}
         for controller in self.controllers:
             if controller["state"] == "active" and controller.get("publishes"):

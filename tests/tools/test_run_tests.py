@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 import run_tests
 from _pytest.mark.expression import Expression
 from run_tests import Part, Run
+from support.host import eventually
 
 ROOT = Path(__file__).parents[2]
 SH = "/bin/sh"
@@ -106,6 +106,12 @@ def test_a_part_that_fails_fails_the_run_and_the_others_go_on(run, capsys):
     assert len(run.results) == 2
 
 
+@pytest.mark.parametrize(("script", "code"), [("sleep 0.1; touch made", 0), ("exit 1", 1)])
+def test_a_part_waits_for_the_part_of_another_lane_that_it_needs(run, script, code):
+    run.lanes([[part("first", script)], [part("second", "test -e made", needs="first")]])
+    assert [(each.part.name, each.code) for each in run.results] == [("first", code), ("second", code)]
+
+
 def pytest_on(path, text):
     path.write_text(text)
     return Part(
@@ -157,9 +163,7 @@ def test_an_interrupted_run_ends_every_child(tmp_path, number):
         text=True,
     )
     child = tmp_path / "child"
-    deadline = time.monotonic() + 30
-    while not (child.exists() and child.read_text().strip()) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    assert eventually(lambda: child.exists() and child.read_text().strip(), 30)
     pid = int(child.read_text())
     run.send_signal(number)
     said, _ = run.communicate(timeout=60)
