@@ -14,6 +14,7 @@ from pathlib import Path
 
 import can
 import pytest
+from support.host import waits
 from support.localbus import TIMEOUT_S, kill_hub, receive
 
 from canopen_control.bus.local import open_local
@@ -161,7 +162,7 @@ def test_shutdown_ends_a_thread_that_receives(port, bus):
 
     thread = threading.Thread(target=wait)
     thread.start()
-    time.sleep(0.05)
+    assert waits(thread)
     bus.shutdown()
     thread.join(TIMEOUT_S)
     assert not thread.is_alive()

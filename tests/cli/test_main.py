@@ -101,22 +101,23 @@ def test_a_fault_of_the_program_is_a_sentence_and_a_traceback_only_where_asked(m
         main(["check", "robby"])
 
 
-def test_too_few_open_files_are_the_shells_matter(monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.EMFILE, "Too many open files"), "too few open files; allow more: ulimit -n 1024\n"),
+        (
+            PermissionError(errno.EACCES, "Permission denied", "/secret/robot"),
+            "/secret/robot: permission denied; give this user access to it\n",
+        ),
+    ],
+)
+def test_what_the_system_refuses_is_one_sentence(monkeypatch, capsys, error, said):
     def run(_args):
-        raise OSError(errno.EMFILE, "Too many open files")
+        raise error
 
     monkeypatch.setattr("canopen_control.cli.check.run", run)
     assert main(["check", "robby"]) == 2
-    assert capsys.readouterr().err.endswith("too few open files; allow more: ulimit -n 1024\n")
-
-
-def test_a_folder_without_permission_is_one_sentence(monkeypatch, capsys):
-    def denied(_args):
-        raise PermissionError(errno.EACCES, "Permission denied", "/secret/robot")
-
-    monkeypatch.setattr("canopen_control.cli.check.run", denied)
-    assert main(["check", "robby"]) == 2
-    assert capsys.readouterr().err.endswith("/secret/robot: permission denied; give this user access to it\n")
+    assert capsys.readouterr().err.endswith(said)
 
 
 def program(*arguments, **how):

@@ -59,6 +59,15 @@ def test_a_scenario_is_played(capsys, tmp_path):
         (["robby", "--physics", "--world", "none.sdf"], "none.sdf: cannot be read: No such file or directory"),
         (["robby", "--scenario", "/nowhere.yml"], "/nowhere.yml"),
         (["robby", "--scenario", "x.yml", "--faults", "all"], "give only one of them"),
+        (["robby", "--seeds", "0"], "'0' is not a number of seeds"),
+        (["robby", "--seeds", "2", "--jobs", "0"], "'0' is not a number of processes"),
+        (["robby", "--jobs", "2"], "--jobs requires a campaign"),
+        (["robby", "--out", "x"], "--out requires a campaign"),
+        (["robby", "--seeds", "2", "--scenario", "x.yml"], "--scenario is for a single simulation"),
+        (["robby", "--seeds", "2", "--speed", "1"], "--speed is for a single simulation"),
+        (["robby", "--seeds", "2", "--serve"], "--serve is for a single simulation"),
+        (["robby", "--seeds", "2", "--out", "/proc/x"], "/proc/x cannot be written"),
+        (["robby", "--seeds", "2", "--out", __file__], "test_simulate.py cannot be written: File exists"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_a_sentence(capsys, words, said):
@@ -79,29 +88,6 @@ def test_a_campaign_runs_many_seeds(capsys, tmp_path, monkeypatch):
     assert code == 0
     assert (found["seeds"], found["robot_s"], found["breaches"]) == (2, 2.0, [])
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--seeds", "0"], "'0' is not a number of seeds"),
-        (["--seeds", "2", "--jobs", "0"], "'0' is not a number of processes"),
-        (["--jobs", "2"], "--jobs requires a campaign"),
-        (["--out", "x"], "--out requires a campaign"),
-        (["--seeds", "2", "--scenario", "x.yml"], "--scenario is for a single simulation"),
-        (["--seeds", "2", "--speed", "1"], "--speed is for a single simulation"),
-        (["--seeds", "2", "--serve"], "--serve is for a single simulation"),
-        (["--seeds", "2", "--out", "/proc/x"], "/proc/x cannot be written"),
-        (["--seeds", "2", "--out", __file__], "test_simulate.py cannot be written: File exists"),
-    ],
-)
-def test_what_goes_with_no_campaign_is_refused(capsys, words, said):
-    try:
-        code, _, err = simulate(capsys, "robby", *words)
-    except SystemExit as end:
-        code, err = end.code, capsys.readouterr().err
-    assert code == 2
-    assert said in err
 
 
 @pytest.mark.rest

@@ -19,27 +19,19 @@ def as_urgent_as_before(monkeypatch):
     monkeypatch.setattr(os, "nice", lambda _more: 0)
 
 
-def test_without_nicegui_it_says_what_to_type(monkeypatch, capsys):
-    found = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name, *rest: None if name == "nicegui" else found(name, *rest)
-    )
-    assert main(["view"]) == 2
-    assert "pip install 'canopen-control[view]'" in capsys.readouterr().err
-
-
 def test_an_address_that_cannot_be_bound_is_a_sentence(mock_robot, capsys):
     pytest.importorskip("nicegui")
     assert main(["view", "--host", "192.0.2.1", "--port", "0"]) == 2
     assert "cannot listen on 192.0.2.1" in capsys.readouterr().err
 
 
-def test_run_with_the_view_but_without_nicegui_starts_nothing(monkeypatch, capsys):
+@pytest.mark.parametrize("words", [["view"], ["run", "robby", "--mock", "--view"]], ids=["view", "run"])
+def test_without_nicegui_it_says_what_to_type_and_starts_nothing(monkeypatch, capsys, words):
     found = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda name, *rest: None if name == "nicegui" else found(name, *rest)
     )
-    assert main(["run", "robby", "--mock", "--view"]) == 2
+    assert main(words) == 2
     said = capsys.readouterr()
     assert "pip install 'canopen-control[view]'" in said.err
     assert said.out == ""

@@ -445,8 +445,7 @@ def test_a_death_is_told_to_every_thread_that_waits(robot, client):
     threads = [threading.Thread(target=wait) for _ in range(4)]
     for thread in threads:
         thread.start()
-    while len(robot.seen) < 4:
-        time.sleep(0.001)
+    assert eventually(lambda: len(robot.seen) == 4)
     robot.on_loop(robot.server.close)
     for thread in threads:
         thread.join(10)
@@ -494,6 +493,4 @@ def test_heartbeats_come_on_their_own_while_the_end_of_a_trajectory_is_awaited(r
         assert eventually(lambda: len(robot.seen) >= 3)
     assert {each["method"] for each in robot.seen} == {"trajectory_heartbeat"}
     assert all("id" not in each for each in robot.seen)
-    count = len(robot.seen)
-    time.sleep(0.05)
-    assert len(robot.seen) == count
+    assert "heartbeats" not in [thread.name for thread in threading.enumerate()]

@@ -6,7 +6,7 @@ import sys
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.joint_limits import hard, limiter_cases, quantities, replay
+from support.joint_limits import expect_as_recorded, hard, limiter_cases, quantities
 
 from canopen_control.controllers.command_limits import CommandLimits, JointCommands, PlainCommand, limited_joint
 from canopen_control.controllers.limiters import EFF, JERK, NOTHING, POS, VEL, JointLimiter
@@ -123,7 +123,7 @@ CASES = limiter_cases("saturation")
 
 @pytest.mark.parametrize("case", CASES, ids=[each["name"] for each in CASES])
 def test_commands_are_limited_as_by_ros2_control(case):
-    replay(JointLimiter(hard(case["in"]["limits"])), case)
+    expect_as_recorded(JointLimiter(hard(case["in"]["limits"])), case)
 
 
 def test_nothing_is_changed_without_time():

@@ -6,7 +6,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support.joint_limits import hard, limiter_cases, quantities, replay
+from support.joint_limits import expect_as_recorded, hard, limiter_cases, quantities
 
 from canopen_control.controllers.limiters import POS, VEL, SoftLimiter
 from canopen_control.urdf.joint_element import HardLimits, SoftLimits
@@ -25,7 +25,7 @@ def soft(values: dict[str, float]) -> SoftLimits:
 
 @pytest.mark.parametrize("case", CASES, ids=[each["name"] for each in CASES])
 def test_commands_are_limited_as_by_ros2_control(case):
-    replay(SoftLimiter(hard(case["in"]["limits"]), soft(case["in"]["soft"])), case)
+    expect_as_recorded(SoftLimiter(hard(case["in"]["limits"]), soft(case["in"]["soft"])), case)
 
 
 def test_a_joint_slows_down_before_its_soft_limit_and_never_passes_it():

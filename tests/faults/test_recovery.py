@@ -37,7 +37,7 @@ def test_a_users_stop_in_between_ends_the_matter(recovering):
     recovering.switch("silent", on=False)
     recovering.until(lambda: recovering.robot.nodes["left_drive"].ready, ms=4000)
     recovering.axis(Action.FAULT_RESET)
-    recovering.stays_down(2000)
+    recovering.expect_stays_down(2000)
     assert not recovering.found("recovered")
 
 
@@ -46,7 +46,7 @@ def test_a_fault_is_never_recovered_from_by_itself(recovering):
     recovering.disabled_after()
     recovering.switch("drive_fault", on=False)
     assert recovering.axis(Action.FAULT_RESET) is None
-    recovering.stays_down(2000)
+    recovering.expect_stays_down(2000)
 
 
 def test_without_the_policy_the_drive_waits(turning):
@@ -54,7 +54,7 @@ def test_without_the_policy_the_drive_waits(turning):
     turning.told("stop")
     turning.until(lambda: turning.robot.nodes["left_drive"].ready)
     turning.stopped_after()
-    turning.stays_down(2000)
+    turning.expect_stays_down(2000)
 
 
 def test_controllers_stay_loaded_and_active_through_it_all(turning):

@@ -41,7 +41,7 @@ def test_row_02_a_drive_that_resets_itself_is_configured_anew_and_waits_for_an_e
     turning.until(lambda: turning.robot.nodes["left_drive"].ready)
     assert turning.drives[LEFT].get(0x2000) == 3, "what was not stored is configured again"
     assert turning.drives[LEFT].get(0x6083) == 16000
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 
@@ -63,7 +63,7 @@ def test_row_03_a_silent_drive_is_lost_after_the_consumer_time_and_the_rest_stop
     assert len(requests) < 12, "no SDO storm"
     turning.switch(fault, on=False)
     turning.until(lambda: turning.robot.nodes["left_drive"].ready, ms=4000)
-    turning.stays_down()
+    turning.expect_stays_down()
     if fault == "silent":  # its own 0x1016 made it a fault
         assert "fault" in turning.axis_refused()
     turning.axis(Action.FAULT_RESET)
@@ -93,7 +93,7 @@ def test_row_05_a_drive_that_leaves_operational_stops_the_robot(turning):
     assert "PRE_OPERATIONAL" in event.text
     assert turning.stopped_after() <= after + CYCLE_MS + RAMP_MS + CYCLE_MS
     turning.until(lambda: turning.robot.nodes["left_drive"].ready, ms=4000)
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 

@@ -31,7 +31,7 @@ def test_row_17_a_short_tpdo_is_dropped_counted_and_told_once_and_no_old_bytes_a
     turning.disabled_after()
     turning.switch("tpdo_short", on=False)
     turning.told("pdo_back")
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 

@@ -23,14 +23,14 @@ def test_row_24_a_fault_while_enabling_is_the_answer_and_nothing_is_tried_again(
     assert "0x5441" in reason
     robby.run(500)
     robby.events.clear()
-    robby.stays_down(2000)
+    robby.expect_stays_down(2000)
     assert not robby.powered(LEFT)
     assert not robby.powered(RIGHT)
     assert not [event for event in robby.events if event.kind == "state"], "no loop of resets"
     robby.switch("fault_on_enable", on=False)
     assert "fault" in robby.axis_refused(Action.ENABLE)
     assert robby.axis(Action.FAULT_RESET) is None
-    robby.stays_down()
+    robby.expect_stays_down()
     robby.goes_on()
 
 
@@ -60,7 +60,7 @@ def test_row_25_a_fault_stops_the_robot_and_a_reset_with_the_cause_present_says_
     assert took <= 2100
     turning.switch(fault, on=False)
     assert turning.axis(Action.FAULT_RESET) is None
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 
@@ -94,7 +94,7 @@ def test_row_26_a_fault_that_needs_a_reset_of_the_communication_offers_the_chain
     turning.robot.bus_of(left).send_waiting()
     turning.until(lambda: left.ready and turning.joint(LEFT).parameters.loaded)
     assert turning.axis(Action.FAULT_RESET, "left_drive") is None
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 
@@ -141,7 +141,7 @@ def test_row_28_a_power_stage_without_supply_is_reported_and_not_fought(turning)
     words = {frame.data[0] for label, frame in turning.bus.history if label == "master" and frame.can_id == 0x203}
     assert 0x0F not in words
     turning.switch("power_stage_off", on=False)
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 
@@ -152,7 +152,7 @@ def test_row_29_the_end_of_a_quick_stop_is_read_from_the_state_and_an_enable_lea
     assert turning.axis(Action.QUICK_STOP) is None
     turning.run(500)
     assert turning.joint(LEFT).machine.state is ends_in
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 
@@ -181,7 +181,7 @@ def test_row_31_a_mode_that_never_shows_ends_in_an_error_and_no_target_is_sent_i
     robby.robot.start()
     robby.until(lambda: robby.found("mode_timeout"))
     assert "0x6061 shows NONE" in robby.found("mode_timeout")[0].text
-    robby.stays_down(500)
+    robby.expect_stays_down(500)
     assert not robby.powered(LEFT)
     assert not robby.powered(RIGHT)
 

@@ -33,7 +33,7 @@ def test_row_39_when_our_controller_is_off_the_bus_all_nodes_are_lost_and_booted
     assert turning.robot.state is RobotState.FAULT
     turning.bus.restart("master")
     turning.until(lambda: all(node.ready for node in turning.robot.nodes.values()), ms=3000)
-    turning.stays_down()
+    turning.expect_stays_down()
     assert turning.axis(Action.FAULT_RESET) is None
     turning.goes_on()
 
@@ -80,7 +80,7 @@ def test_row_39_a_drive_that_is_off_the_bus_is_lost_by_name(turning):
     assert turning.stopped_after() <= CONSUMER_MS + RAMP_MS + 2 * CYCLE_MS
     turning.switch("bus_off", on=False)
     turning.until(lambda: turning.robot.nodes["left_drive"].ready, ms=4000)
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.axis(Action.FAULT_RESET)
     turning.goes_on()
 
@@ -132,7 +132,7 @@ def test_row_41_a_drive_under_local_control_is_not_enabled_and_says_why(turning)
     assert "`ignore_remote: true`" in reason
     turning.switch("local_control", on=False)
     turning.run(100)
-    turning.stays_down()
+    turning.expect_stays_down()
     turning.goes_on()
 
 
@@ -165,7 +165,7 @@ def test_row_43_a_drive_that_turns_against_its_command_stops_the_robot(bench):
     assert after <= 1000
     assert "node 3 (left_drive): it turns against its command" in event.text
     assert robby.stopped_after() <= after + RAMP_MS + 2 * CYCLE_MS
-    robby.stays_down()
+    robby.expect_stays_down()
 
 
 def test_row_43_a_drive_that_only_lags_does_not(bench):

@@ -40,7 +40,7 @@ class Watched(FaultBench):
     def drive(self):
         return self.drives[NODE].drives[0]
 
-    def made(self, *numbers, ms=3000):
+    def expect_made(self, *numbers, ms=3000):
         """Wait until these transitions were made, in this order, and forget them."""
         self.until(lambda: set(numbers) <= set(self.seen), ms)
         order = [each for each in self.seen if each in numbers]
@@ -65,7 +65,7 @@ def servo(request, tmp_path):
     assert bench.seen == [1, 2, 3, 4], "0 is the power-on itself"
     bench.seen.clear()
     bench.robot.switch([], ["velocity"], strict=True)
-    bench.made(5, 6, 7)
+    bench.expect_made(5, 6, 7)
     assert bench.axis(Action.MODE, "all", mode=request.param) is None
     assert bench.drives[NODE].get(0x6061) == MODES[request.param]
     yield bench
@@ -79,14 +79,14 @@ def machine(servo):
 
 def enable(servo):
     assert servo.axis(Action.ENABLE) is None
-    servo.made(2, 3, 4)
+    servo.expect_made(2, 3, 4)
     servo.run(50)
 
 
 def test_2_to_7_up_and_down_again(servo, machine):
     enable(servo)
     assert servo.axis(Action.DISABLE) is None
-    servo.made(5, 6, 7)
+    servo.expect_made(5, 6, 7)
     servo.run(50)
     assert machine.state is State.SWITCH_ON_DISABLED
 
@@ -94,7 +94,7 @@ def test_2_to_7_up_and_down_again(servo, machine):
 def test_11_and_12_a_quick_stop_that_ends_by_itself(servo):
     enable(servo)
     assert servo.axis(Action.QUICK_STOP) is None
-    servo.made(11, 12)
+    servo.expect_made(11, 12)
     enable(servo)
 
 
@@ -102,19 +102,19 @@ def test_11_12_and_16_a_quick_stop_that_stays(servo):
     servo.drives[NODE].store.set(0x605A, 0, 6)
     enable(servo)
     assert servo.axis(Action.QUICK_STOP) is None
-    servo.made(11)
+    servo.expect_made(11)
     assert servo.axis(Action.ENABLE) is None
-    servo.made(16)
+    servo.expect_made(16)
     assert servo.axis(Action.QUICK_STOP) is None
     assert servo.axis(Action.DISABLE) is None
-    servo.made(11, 12)
+    servo.expect_made(11, 12)
 
 
 def test_8_somebody_else_shuts_it_down(servo, machine):
     enable(servo)
     servo.robot.buses["can"].network.image.refresh = 100  # our own 0x0F, said again, would undo it unseen
     servo.write_controlword(0x06)
-    servo.made(8)
+    servo.expect_made(8)
     servo.until(lambda: servo.found("enable_lost"))
     servo.until(lambda: machine.state is State.SWITCH_ON_DISABLED)
 
@@ -123,7 +123,7 @@ def test_9_its_voltage_is_taken_while_enabled(servo, machine):
     enable(servo)
     servo.joint(NODE).give_up()
     machine.disable_voltage()
-    servo.made(9)
+    servo.expect_made(9)
 
 
 def test_10_its_voltage_is_taken_while_switched_on(servo, machine):
@@ -132,17 +132,17 @@ def test_10_its_voltage_is_taken_while_switched_on(servo, machine):
     servo.until(lambda: machine.state is State.SWITCHED_ON)
     servo.joint(NODE).give_up()
     machine.disable_voltage()
-    servo.made(2, 3, 10)
+    servo.expect_made(2, 3, 10)
 
 
 def test_13_14_and_15_a_fault_and_its_reset(servo, machine):
     enable(servo)
     servo.switch("drive_fault")
-    servo.made(13, 14)
+    servo.expect_made(13, 14)
     servo.until(lambda: machine.state is State.FAULT)
     servo.switch("drive_fault", on=False)
     assert servo.axis(Action.FAULT_RESET) is None
-    servo.made(15)
+    servo.expect_made(15)
     servo.run(500)
     assert servo.seen == [], "no enable after a reset"
     assert machine.state is State.SWITCH_ON_DISABLED

@@ -39,7 +39,7 @@ def test_a_boot_up_or_another_nmt_state_nobody_asked_for_stops_all_in_the_cycle_
     assert int.from_bytes(sent(victim, 0x303)[-1][4:8], "little") == 0, "the target of the other one"
     assert victim.stopped_after() <= CYCLE_MS + RAMP_MS + CYCLE_MS
     assert victim.disabled_after() <= CYCLE_MS + RAMP_MS + 100
-    victim.stays_down(500)
+    victim.expect_stays_down(500)
 
 
 def test_after_such_a_boot_up_the_robot_goes_on_with_a_new_enable(turning):

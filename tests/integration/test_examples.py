@@ -170,10 +170,10 @@ def robby(home, monkeypatch):
     restore(home)
 
 
-def run(stage, words):
+def expect_run(stage, words):
     """Run one example, as its user would."""
     if reason_not_to_run(words) is not None:
-        understand(words)
+        expect_parsed(words)
     elif words[0] in ON_A_TERMINAL and "--topic" not in words:
         look(stage, words)
     elif (said := endless(words)) is not None:
@@ -191,7 +191,7 @@ NOTES = {
 }
 
 
-def understand(words):
+def expect_parsed(words):
     """Let the command line parse an example, and do no more."""
     words = list(words)
     words.insert(words.index("--ros-args") if "--ros-args" in words else len(words), "--help")  # ROS takes what follows
@@ -266,15 +266,15 @@ SHARED = [verb for verb in HELP if verb not in (*ALONE, "ros")]
 def test_the_examples_of_a_verb_run(robby, verb):
     for words in HELP[verb]:
         if verb == "teleop" and "--topic" in words:
-            understand(words)  # publishes for a robot of ROS elsewhere: tests/integration/test_ros_tutorial.py
+            expect_parsed(words)  # publishes for a robot of ROS elsewhere: tests/integration/test_ros_tutorial.py
         else:
-            run(robby, words)
+            expect_run(robby, words)
 
 
 @pytest.mark.ros
 def test_the_examples_of_ros_run(robby, bridge):
     for words in [*HELP["ros"], *(words for words in PAGES if words[0] == "ros")]:
-        run(robby, words)
+        expect_run(robby, words)
 
 
 ALL_OF_HELP = [words for examples in HELP.values() for words in examples]
@@ -296,7 +296,7 @@ def test_what_starts_something_runs_where_nothing_else_does(stage, words, monkey
         monkeypatch.setenv("ROS_DOMAIN_ID", str(number))
         for name in FOLDERS.keys() & set(words):
             FOLDERS[name](stage)
-        run(stage, words)
+        expect_run(stage, words)
 
 
 def test_the_commands_of_a_bus_without_controllers_move_its_drive(stage):
@@ -305,7 +305,7 @@ def test_the_commands_of_a_bus_without_controllers_move_its_drive(stage):
     *before, moving = OF_CELL
     assert moving[:2] == ["command", "lift"]  # until Ctrl-C: the last, whatever the pages add
     for words in before:
-        run(stage, words)
+        expect_run(stage, words)
     program = stage.start(*moving)
     with Robot.attach("cell") as robot:
         assert eventually(lambda: abs(robot.joints()["lift"].position - float(moving[-1])) < 0.01, TIMEOUT_S)
@@ -314,7 +314,7 @@ def test_the_commands_of_a_bus_without_controllers_move_its_drive(stage):
 
 @pytest.mark.parametrize("words", as_parameters(OF_ROBBY))
 def test_the_other_commands_of_the_pages_run(robby, words):
-    run(robby, words)
+    expect_run(robby, words)
 
 
 def test_every_verb_has_an_example_of_its_own():

@@ -54,7 +54,7 @@ class Turning:
         assert status.controllers == CONTROLLERS, "never unloaded"
         return all(node.ready for node in status.nodes.values())
 
-    def stays_down(self, seconds=0.5):
+    def expect_stays_down(self, seconds=0.5):
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             assert self.standing(*self.probes), "although somebody commands 10 rad/s"
@@ -67,7 +67,7 @@ class Turning:
         """Do what the policy asks for, and turn again."""
         if reset:
             assert self.axis("fault-reset", "all") == 0
-            self.stays_down(0.2)
+            self.expect_stays_down(0.2)
         assert self.axis("enable", "all") == 0
         assert eventually(self.turns), self.texts()
 
@@ -105,7 +105,7 @@ def test_a_cable_that_is_cut_for_a_while(turning, seconds):
     ask_hub(robby.name, Uncut(label))
     assert eventually(robby.is_back)
     assert eventually(lambda: robby.standing(LEFT, RIGHT))
-    robby.stays_down()
+    robby.expect_stays_down()
     robby.goes_on(reset=True)
 
 
@@ -117,7 +117,7 @@ def test_a_drive_that_loses_its_power_for_a_moment_while_driving(turning):
     assert took <= 2 * CYCLE_S + RAMP_S + SLACK_S
     assert eventually(robby.is_back)
     assert any("has restarted by itself" in text for text in robby.texts())
-    robby.stays_down()
+    robby.expect_stays_down()
     after = robby.status().joints["left_wheel_joint"].position
     assert 0 <= after - position < 10 * (took + 1), "continuous, although its counter began at 0 again"
     robby.goes_on()

@@ -101,5 +101,5 @@ def test_a_bare_bus_is_shown_by_its_frames(stage, terminal):
     terminal.until("TMCM-1270 (3)")
     terminal.until("PRE OPERATIONAL")
     terminal.keys("Space")
-    terminal.until("sends nothing")
+    assert "sends nothing" in terminal.until("sends nothing")
     terminal.keys("q")

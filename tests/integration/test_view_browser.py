@@ -45,7 +45,7 @@ def test_the_wheels_turn_in_what_is_drawn_and_nobody_else_is_asked(show, keep):
     page = show.page()
     show.ready(page)
     still = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
-    time.sleep(1.0)
+    page.pictures(30)
     assert [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)] == still  # what stands is drawn standing
     show.drive(1.0, 1.0)
     before = [page.transform(wheel) for wheel in (LEFT_WHEEL, RIGHT_WHEEL)]
@@ -173,6 +173,7 @@ def test_a_page_whose_server_has_died_says_so_and_goes_on_when_it_is_back(show, 
     page.page.get_by_text("node 3 · left_wheel_joint").wait_for()
     page.press("STOP")
     page.page.get_by_text("Latched (by view)").wait_for()
+    assert "STOP has not reached the robot" not in page.text()
 
 
 @pytest.mark.rest
@@ -188,6 +189,7 @@ def test_without_webgl_everything_but_the_picture_is_there(show, keep):
         page.page.mouse.up()
         page.page.keyboard.press("Space")
         page.page.get_by_text("Latched (by view)").wait_for()
+        assert "This browser cannot draw 3D" in page.text()
 
 
 @pytest.mark.rest
@@ -207,6 +209,7 @@ def test_on_a_phone_stop_state_and_pad_are_in_sight_and_stop_under_the_thumb(sho
     keep(page, "phone")
     page.press("STOP")
     page.page.get_by_text("Latched (by view)").wait_for()
+    assert "STOP has not reached the robot" not in page.text()
 
 
 @pytest.mark.rest

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 
 import canopen
 import pytest
@@ -113,7 +112,7 @@ def test_its_process_data_can_be_mapped_anew_and_carry_profile_velocity():
         enable(node, 3)
         node.rpdo[2][0x6040].raw, node.rpdo[2][0x60FF].raw = 0x0F, 2546
         node.rpdo[2].transmit()
-        time.sleep(0.1)
+        assert eventually(lambda: node.sdo[0x606C].raw == 2546)
         network.sync.transmit()
         node.tpdo[2].wait_for_reception(5)
         assert node.tpdo[2][0x606C].raw == 2546

@@ -95,7 +95,7 @@ def read_or_skip(path):
 LOADED = {path.name: file for path in FILES if (file := read_or_skip(path)) is not None}
 
 
-def same(a, b):
+def expect_same(a, b):
     """Compare everything that a dictionary holds but the texts of what is written anew."""
     for field in ("node_id", "bitrate", "device", "dummy_usage", "commissioning", "comments", "entries", "objects"):
         assert getattr(a, field) == getattr(b, field), field
@@ -264,4 +264,4 @@ def test_whatever_was_read_comes_back(data, node_id):
     except EdsError:
         return
     assume(all(value == value for entry in od for value in (entry.default, entry.low)))  # not a number
-    same(od, parse_eds(eds_text(od).encode(), node_id).od)
+    expect_same(od, parse_eds(eds_text(od).encode(), node_id).od)

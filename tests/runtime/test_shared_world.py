@@ -1,14 +1,13 @@
-import contextlib
 import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
+from support.host import eventually
 
 from canopen_control.client.drive_client import DriveClient
-from canopen_control.errors import CanopenError, RobotConfigError
+from canopen_control.errors import RobotConfigError
 from canopen_control.host.sockets import list_sockets
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.rpc.messages.drive import AddPayload, GetWorld, GetWorldShapes
@@ -53,16 +52,6 @@ def test_mistakes_are_told_with_their_place(tmp_path, old, new, error, message):
         read_shared(written(tmp_path, HALL.replace(old, new, 1)))
 
 
-def in_time(condition, seconds=20.0):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        with contextlib.suppress(CanopenError):
-            if condition():
-                return True
-        time.sleep(0.05)
-    return False
-
-
 def world(name, request):
     with DriveClient.connect(f"local:{name}", 3) as client:
         return client.ask(request)
@@ -89,7 +78,7 @@ def test_two_robots_share_a_world_one_dies_alone_and_nothing_is_left(tmp_path, m
         assert "robot-hall_a" in [f"robot-{each}" for each in list_sockets("robot")]
         run.send_signal(signal.SIGINT)
         assert run.wait(20) == 1  # a robot failed
-        assert in_time(lambda: not [each for each in _processes() if "hall_" in each and "pytest" not in each])
+        assert eventually(lambda: not [each for each in _processes() if "hall_" in each and "pytest" not in each], 20)
         assert not [each for each in list_sockets("drive") if each.startswith("hall_")]
     finally:
         run.kill()

@@ -61,28 +61,24 @@ def test_where_nothing_goes_wrong_nothing_happens():
     assert acts_of_of_recorded_faults(healthy()) == []
 
 
-def test_a_node_that_says_nothing_has_its_cable_cut():
-    assert shown(acts_of_of_recorded_faults(healthy(without=[(2, 4)]))) == [("cut", "2", "", 2.0, 2.0)]
-
-
-def test_to_the_end_it_is_cut_for_good():
-    assert shown(acts_of_of_recorded_faults(healthy(without=[(5, 9)]))) == [("cut", "2", "", 5.0, None)]
-
-
-def test_one_that_boots_after_that_was_without_supply():
-    assert shown(acts_of_of_recorded_faults(healthy(without=[(2, 4.01)]), (4.0, CanFrame(0x702, b"\0")))) == [
-        ("power", "2", "", 2.0, 2.0)
-    ]
+@pytest.mark.parametrize(
+    ("missing", "more", "act"),
+    [
+        ({"without": [(2, 4)]}, [], ("cut", "2", "", 2.0, 2.0)),
+        ({"without": [(5, 9)]}, [], ("cut", "2", "", 5.0, None)),
+        ({"without": [(2, 4.01)]}, [(4.0, CanFrame(0x702, b"\0"))], ("power", "2", "", 2.0, 2.0)),
+        ({"node": [(2, 4)]}, [], ("fault", "2", "heartbeat_lost", 1.9, 2.1)),
+    ],
+    ids=["silent: cut", "to the end: cut for good", "boots after it: without supply", "heartbeats alone"],
+)
+def test_what_is_missing_names_its_cause(missing, more, act):
+    assert shown(acts_of_of_recorded_faults(healthy(**missing), *more)) == [act]
 
 
 def test_a_boot_in_between_is_a_reset_of_its_own_unless_the_master_wanted_it():
     boot = (3.0, CanFrame(0x702, b"\0"))
     assert shown(acts_of_of_recorded_faults(healthy(), boot)) == [("fault", "2", "spontaneous_reset", 3.0, None)]
     assert acts_of_of_recorded_faults(healthy(), (2.9, CanFrame(NMT, b"\x82\x02")), boot) == []
-
-
-def test_heartbeats_alone_are_missing():
-    assert shown(acts_of_of_recorded_faults(healthy(node=[(2, 4)]))) == [("fault", "2", "heartbeat_lost", 1.9, 2.1)]
 
 
 @pytest.mark.parametrize(

@@ -85,9 +85,17 @@ class RobotPage:
         if scene:
             self.page.wait_for_function("() => !!window.ccScene")
         # Without a graphics card the first picture takes a busy machine many seconds, and nothing else is done then.
-        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.pictures(2)
         self.page.wait_for_timeout(500)  # nothing moves on it any more: a button that slides away is let go
         return self
+
+    def pictures(self, count: int) -> None:
+        """Wait until the page has been drawn so many times more."""
+        self.page.evaluate(
+            "count => new Promise(done => {"
+            " const next = () => count-- ? requestAnimationFrame(next) : done(); next(); })",
+            count,
+        )
 
     def transform(self, node: str) -> list[float]:
         """Return the sixteen numbers of a link's world matrix in the scene that three.js draws, column by column."""

@@ -65,7 +65,7 @@ class FaultBench(Bench):
         self.until(lambda: not any(self.powered(node) for node in self.drives), ms)
         return (self.reactor.now() - self.began) / 1e6
 
-    def stays_down(self, ms=1000):
+    def expect_stays_down(self, ms=1000):
         """Assert that commands alone move nothing."""
         for _ in range(ms // 100):
             self.publish(10.0, 10.0)

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import threading
     from collections.abc import Callable
 
     import pytest
 
 ROOT = Path(__file__).parents[2]
 SECOND_NS = 1_000_000_000
+_FUTEX = ("202", "98")  # by its number on x86-64 and arm64
 TIME_SCALE = float(os.environ.get("CANOPEN_CONTROL_TIME_SCALE", "1"))  # of a slow machine
 
 
@@ -42,6 +44,12 @@ def eventually(condition: Callable[[], bool], seconds: float = 10.0 * TIME_SCALE
             return False
         time.sleep(0.005 * TIME_SCALE)  # to look is work too, for a slow machine
     return True
+
+
+def waits(thread: threading.Thread) -> bool:
+    """Wait until a thread of this process waits in the kernel for anything but a lock, such as the GIL."""
+    call = Path(f"/proc/self/task/{thread.native_id}/syscall")
+    return eventually(lambda: call.read_text().split()[0] not in ("running", *_FUTEX))
 
 
 def runs(pid: int) -> bool:

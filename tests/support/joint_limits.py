@@ -26,7 +26,7 @@ def quantities(values: dict[str, float]) -> list[float]:
     return found
 
 
-def replay(limiter: Any, case: dict[str, Any]) -> None:
+def expect_as_recorded(limiter: Any, case: dict[str, Any]) -> None:
     """Do the steps of a case, and assert what it expects of each."""
     for step, wanted in zip(case["in"]["steps"], case["expect"]["steps"], strict=True):
         if step == ["reset"]:

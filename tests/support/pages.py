@@ -137,6 +137,11 @@ def visited(build, act):
         return asyncio.run(play())
 
 
+async def expect_seen(user, words):
+    """Fail unless these words are on the page, or come soon."""
+    await user.should_see(words)
+
+
 def html(user):
     """Return all HTML that is on the page."""
     from nicegui import ElementFilter, ui

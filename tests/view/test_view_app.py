@@ -12,7 +12,7 @@ from nicegui import ui
 from support.arm6 import ENDS, JOINTS, copy_arm, planned
 from support.host import eventually
 from support.mockrobot import running
-from support.pages import FakeContext, html, seen, settle, state, visited
+from support.pages import FakeContext, expect_seen, html, seen, settle, state, visited
 
 from canopen_control import Robot
 from canopen_control.errors import RemoteError
@@ -40,7 +40,7 @@ def test_everything_is_on_the_page_and_stop_is_before_it():
     context = FakeContext()
 
     async def act(user, _page):
-        await user.should_see("Disable")
+        await expect_seen(user, "Disable")
         return html(user), user._client.body_html
 
     text, body = made(context, act)
@@ -435,6 +435,7 @@ def test_as_a_child_it_ends_with_its_robot(private_folders, play):
         with running(real_time=True):
             await connected(app)
             app._lifeline = 0
+            assert not app.server.ended.is_set()
         await until(lambda: app.server.ended.is_set())
         app._lifeline = None
 

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, html, settle, visited
+from support.pages import FakeContext, expect_seen, html, settle, visited
 
 from canopen_control.view.drive import drive_view
 from canopen_control.view.drive.drive_view import DriveView, TabSlot
@@ -72,7 +72,7 @@ def test_nothing_is_made_before_it_is_opened():
         closed = list(MADE)
         switch(user, "drive")
         view.show(FakeContext().content())
-        await user.should_see("FakeTab of left_drive")
+        await expect_seen(user, "FakeTab of left_drive")
         return closed, "enabled, follows commands" in html(user), "cc-in-drive" in view._main.classes
 
     assert played(act) == ([], True, True)
@@ -82,7 +82,7 @@ def test_nothing_is_made_before_it_is_opened():
 
 def test_a_page_is_opened_where_its_address_says():
     async def act(user, _view):
-        await user.should_see("OtherTab of left_drive")
+        await expect_seen(user, "OtherTab of left_drive")
 
     played(act, {"drive": "left_drive", "tab": "two"})
     assert [type(each) for each in MADE] == [OtherTab]

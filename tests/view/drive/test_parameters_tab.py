@@ -3,7 +3,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, StubDesk, html, seen, settle, upload, visited
+from support.pages import FakeContext, StubDesk, expect_seen, html, seen, settle, upload, visited
 from support.parameter_node import session_with
 
 from canopen_control.cia301.nmt import NmtCommand
@@ -145,7 +145,7 @@ def test_nothing_else_begins_beside_it():
     async def act(user, tab, page):
         tab._node_jobs.work = JobRun(FIRMWARE, "Loading a.bin into left_drive")
         user.find("Back up").click()
-        await user.should_see("left_drive is busy: Loading a.bin into left_drive; wait until this has ended")
+        await expect_seen(user, "left_drive is busy: Loading a.bin into left_drive; wait until this has ended")
         tab.show(page.content())
         return [each.text for each in seen(ui.button) if each.enabled]
 

@@ -3,7 +3,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, StubDesk, html, seen, settle, upload, visited
+from support.pages import FakeContext, StubDesk, expect_seen, html, seen, settle, upload, visited
 from support.service_node import NodeStub
 
 from canopen_control.commissioning.jobs import RESTORE, JobRun
@@ -69,7 +69,7 @@ def test_a_file_that_cannot_be_one_and_a_number_that_is_none_are_told(loaded):
         tab._form.inputs["number"].value = "fifth"
         tab.show(page.content())
         user.find("Load into the drive").click()
-        await user.should_see("Not started: 'fifth' is not a number of a program: 1 to 254")
+        await expect_seen(user, "Not started: 'fifth' is not a number of a program: 1 to 254")
         return text, off
 
     text, off = played(act)
@@ -91,7 +91,7 @@ def test_nothing_begins_beside_other_work(loaded):
         tab.show(page.content())
         tab._node_jobs.work = JobRun(RESTORE, "Restoring a.dcf")
         user.find("Load into the drive").click()
-        await user.should_see("left_drive is busy: Restoring a.dcf")
+        await expect_seen(user, "left_drive is busy: Restoring a.dcf")
 
     played(act)
     assert loaded == []

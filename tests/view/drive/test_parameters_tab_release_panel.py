@@ -4,7 +4,7 @@ pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install can
 
 from msgspec import structs
 from nicegui import ui
-from support.pages import FakeContext, drive_state, html, seen, settle, visited
+from support.pages import FakeContext, drive_state, expect_seen, html, seen, settle, visited
 
 from canopen_control.rpc.messages.robot import NmtRequest
 from canopen_control.view.drive.drive_tab import DriveTabContext
@@ -49,7 +49,7 @@ def test_what_the_robot_refuses_is_told():
     async def press(user, page):
         page.refusal = "STOP is latched"
         user.find("Take out of the robot").click()
-        await user.should_see("left_drive: not taken out: STOP is latched")
+        await expect_seen(user, "left_drive: not taken out: STOP is latched")
 
     played(press, drive_state(OFF))
 

@@ -1,6 +1,6 @@
 import msgspec
 import pytest
-from support.pages import FakeContext, drive_state, html, seen, settle, state, visited
+from support.pages import FakeContext, drive_state, expect_seen, html, seen, settle, state, visited
 from support.samples import event_of
 
 from canopen_control.rpc.messages.robot import Release
@@ -64,7 +64,7 @@ def shown(new=None, lost="", press=False, refusal=None):
             user.find(kind=ui.button, content=labels[0]).click()
             await settle(lambda: context.asked, 100)
             if refusal:
-                await user.should_see(refusal)
+                await expect_seen(user, refusal)
         return html(user), labels, context.asked
 
     return visited(lambda: BannerPanel(context), act)

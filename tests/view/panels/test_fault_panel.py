@@ -3,7 +3,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, html, seen, settle, visited
+from support.pages import FakeContext, expect_seen, html, seen, settle, visited
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import FaultListing, QuirkListing
@@ -52,7 +52,7 @@ def test_what_the_drive_refuses_is_told():
     async def act(user, _panel, _context):
         user.find("Switch on").click()
         await settle(turns=10)
-        await user.should_see("not while it moves")
+        await expect_seen(user, "not while it moves")
 
     played(act, refuse)
 
@@ -68,14 +68,14 @@ def test_inputs_are_set_where_a_device_has_some():
     async def show(user, panel):
         panel.show(context.content())
         drive = seen(ui.select)[0]
-        await user.should_see("inputs, as di0=1,ai0=16384")
+        await expect_seen(user, "inputs, as di0=1,ai0=16384")
         user.find(ui.input).type("di0=1,ai0=2.5")
         user.find("Set").click()
         await settle()
         user.find(ui.input).clear().type("di0")
         user.find("Set").click()
         await settle(turns=10)
-        await user.should_see("write SIGNAL=NUMBER")
+        await expect_seen(user, "write SIGNAL=NUMBER")
         drive.value = "left_drive"
         await user.should_not_see("inputs, as di0=1,ai0=16384")
 

@@ -1,6 +1,6 @@
 import pytest
 from nicegui import ui
-from support.pages import FakeContext, seen, visited
+from support.pages import FakeContext, expect_seen, seen, visited
 
 from canopen_control.view.elements.nicegui_elements import HoldButton, HoldButtons
 from canopen_control.view.panels.panel import Html, hold_buttons, show_notice, value_slider
@@ -48,6 +48,6 @@ def test_only_what_has_changed_is_sent():
 def test_a_notice_is_seen():
     async def act(user, _made):
         show_notice("Not driven", "another page drives")
-        await user.should_see("Not driven: another page drives")
+        await expect_seen(user, "Not driven: another page drives")
 
     visited(lambda: None, act)

@@ -1,6 +1,6 @@
 import pytest
 from nicegui import ui
-from support.pages import AXIS, NODE, TARGET, FakeContext, drive_state, html, seen, settle, state, visited
+from support.pages import AXIS, NODE, TARGET, FakeContext, drive_state, expect_seen, html, seen, settle, state, visited
 
 from canopen_control.rpc.messages.robot import AxisRequest
 from canopen_control.view.elements.nicegui_elements import HoldButtons
@@ -17,7 +17,7 @@ def pressed(label, refusal=None, **status):
         user.find(label).click()
         await settle(lambda: context.asked)
         if refusal:
-            await user.should_see(refusal)
+            await expect_seen(user, refusal)
         return context.asked
 
     return visited(lambda: PowerPanel(context), act)
@@ -157,7 +157,7 @@ def test_each_drive_is_enabled_and_stopped_by_itself_and_a_refusal_is_told(label
         (button,) = [each for each in seen(ui.button) if each.props.get("aria-label") == label]
         user.find(button.text).click()
         await settle(lambda: context.asked)
-        await user.should_see("no RPDO carries its target")
+        await expect_seen(user, "no RPDO carries its target")
 
     played(context, act)
     assert context.asked == [AxisRequest(action=action, node="left_drive", joint="left", source="view")]

@@ -3,7 +3,21 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import ARM, BASE, FORWARD, LIFT, TARGET, FakeContext, drive_state, html, seen, settle, state, visited
+from support.pages import (
+    ARM,
+    BASE,
+    FORWARD,
+    LIFT,
+    TARGET,
+    FakeContext,
+    drive_state,
+    expect_seen,
+    html,
+    seen,
+    settle,
+    state,
+    visited,
+)
 
 from canopen_control.rpc.messages.robot import SwitchControllers
 from canopen_control.rpc.messages.trajectory import CancelTrajectory
@@ -105,7 +119,7 @@ def test_the_controller_is_chosen_and_a_refusal_told():
     async def act(user, _panel):
         seen(ui.select)[0].value = "base"
         await settle(lambda: context.asked)
-        await user.should_see("the joint is claimed")
+        await expect_seen(user, "the joint is claimed")
 
     played(context, act)
     assert context.asked == [SwitchControllers(activate=("base",), deactivate=("forward",))]
@@ -152,7 +166,7 @@ def test_who_may_not_drive_is_told():
 
     async def act(user, _panel):
         hold(user, "drive")
-        await user.should_see("another page drives")
+        await expect_seen(user, "another page drives")
 
     played(context, act)
 

@@ -3,7 +3,7 @@ import pytest
 pytest.importorskip("nicegui", reason="NiceGUI is not installed: pip install canopen-control[view]")
 
 from nicegui import ui
-from support.pages import FakeContext, seen, settle, visited
+from support.pages import FakeContext, expect_seen, seen, settle, visited
 
 from canopen_control.errors import RemoteError
 from canopen_control.rpc.messages.drive import AddPayload, BlockJoint, PushRobot, SetGrip
@@ -82,7 +82,7 @@ def test_a_number_that_cannot_be_is_told_and_nothing_happens(label, value, butto
     async def act(user, _panel, _context):
         field(label).value = value
         user.find(button).click()
-        await user.should_see(said)
+        await expect_seen(user, said)
 
     _, context = played(world, act)
     assert world.acts == context.asked == []
@@ -92,7 +92,7 @@ def test_what_the_world_refuses_is_told():
     async def act(user, _panel, _context):
         user.find("Add payload").click()
         await settle(turns=10)
-        await user.should_see("the robot has no link")
+        await expect_seen(user, "the robot has no link")
 
     _, context = played(World(refusal="the robot has no link 'fork'"), act)
     assert context.asked == []
