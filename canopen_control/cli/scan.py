@@ -211,7 +211,8 @@ def _read_identities(bus: DirectBus, node_ids: Iterable[int]) -> dict[int, Found
         for start in range(0, len(requests), PARALLEL):
             progress.at(start, len(requests))
             device_types |= bus.read_many(requests[start : start + PARALLEL])
-    late = [address for address, answer in device_types.items() if _is_silent(answer) and address[0] in servers.node_ids]
+    silent = [address for address, answer in device_types.items() if _is_silent(answer)]
+    late = [address for address in silent if address[0] in servers.node_ids]
     device_types |= bus.read_many(late, timeout_s=_PATIENCE_S)
     bus.listeners.remove(servers)
     answering = [node_id for (node_id, _, _), answer in device_types.items() if not _is_silent(answer)]
