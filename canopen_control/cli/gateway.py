@@ -203,7 +203,7 @@ class BusNetwork:
         self.label = self._bus.port.channel
         self._events = BusLog()
         self._bus.listeners.append(self._events)
-        self._looked = time.monotonic()
+        self._owner_checked_at = time.monotonic()
 
     def fileno(self) -> int:
         return self._bus.port.fileno()
@@ -250,8 +250,8 @@ class BusNetwork:
 
     def _find_robot(self) -> None:
         now = time.monotonic()
-        if now - self._looked > _OWNER_S:
-            self._looked = now
+        if now - self._owner_checked_at > _OWNER_S:
+            self._owner_checked_at = now
             self._target.owner = robot_on(self.label)
 
     def _refuse_while_robot_runs(self, service: str) -> None:

@@ -70,7 +70,7 @@ class NmtResult:
     """Result of an NMT command for one node; `confirmed` is None if no heartbeat was received."""
 
     node_id: int
-    who: str
+    label: str
     state: str | None
     confirmed: bool | None
     error: str | None = None
@@ -130,11 +130,11 @@ def _report(args: argparse.Namespace, outcomes: list[NmtResult], timeout: float)
         print(json_text([{key: getattr(outcome, key) for key in keys} for outcome in outcomes]))
     for result in outcomes if not args.json else ():
         if result.confirmed:
-            print(f"{result.who}: {_words(result.state or '')}")
+            print(f"{result.label}: {_words(result.state or '')}")
         elif result.confirmed is None:
-            print(f"{result.who}: {args.command} was sent; no heartbeat confirmed it within {timeout:g} s")
+            print(f"{result.label}: {args.command} was sent; no heartbeat confirmed it within {timeout:g} s")
         else:
-            _complain(result.who, result.state, args.command, timeout, result.error)
+            _complain(result.label, result.state, args.command, timeout, result.error)
     return 1 if any(outcome.confirmed is False for outcome in outcomes) else 0
 
 

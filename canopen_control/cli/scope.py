@@ -283,7 +283,7 @@ class _ScopeLoop:
         """Run the loop to its end; return 0, or 1 without a capture."""
         begin, capture = time.monotonic(), self._scope.capture
         with on_signals(_ENDS, self._end):
-            for shots in self._scope.looks(lambda: self._ended):
+            for shots in self._scope.captures(lambda: self._ended):
                 self._report(shots)
                 self._show(self._scope.values.row)
                 waits = capture.state is ScopeState.WAITING and self._wait is not None

@@ -222,7 +222,7 @@ def _run_one(args: argparse.Namespace) -> int:
         _watch(simulation, duration_ns, args.record, quiet=args.json)
         outcome = simulation.outcome
         failure = simulation.robot.core.failure
-        never = simulation.why_never(duration_ns)
+        never = simulation.start_failure(duration_ns)
     finally:
         simulation.close()
     _report(outcome, failure, as_json=args.json)

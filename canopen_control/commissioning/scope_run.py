@@ -88,7 +88,7 @@ class Scope:
         )
         self._before = self._source.cycles()
 
-    def looks(self, ended: Callable[[], bool]) -> Iterator[list[Shot]]:
+    def captures(self, ended: Callable[[], bool]) -> Iterator[list[Shot]]:
         """Yield the new captures repeatedly until all are complete or `ended` returns True.
 
         A capture in progress is then completed with the samples so far; samples before a trigger are dropped.
@@ -164,7 +164,7 @@ class ScopeRun:
 
     def _capture(self, scope: Scope) -> None:
         self.signals = scope.signals
-        for shots in scope.looks(self._ending.is_set):
+        for shots in scope.captures(self._ending.is_set):
             self.words = scope.capture.state.value
             for shot in shots:
                 self.captures += 1

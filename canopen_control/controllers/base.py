@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from canopen_control.rpc.messages.samples import ControllerSample, Sample, Values
     from canopen_control.urdf.joint_element import Joint
 
-    Ends = tuple[CommandInterface, ...]
+    Interfaces = tuple[CommandInterface, ...]
 
 
 def finite(value: float) -> float | None:
@@ -146,9 +146,9 @@ class EnableStatus:
         """Return a message with the joints that are not enabled and the remedy."""
         return f"{joint_names(waiting)}: not enabled; enable it"
 
-    def stop_groups(self, ends: Ends) -> Sequence[Ends]:
+    def stop_groups(self, interfaces: Interfaces) -> Sequence[Interfaces]:
         """Return the command interfaces in stop groups; by default all are in one group."""
-        return (ends,)
+        return (interfaces,)
 
 
 def joint_names(interfaces: Sequence[CommandInterface]) -> str:

@@ -385,10 +385,10 @@ class ControllerManager:
 
     def _require_enabled(self, controller: Controller) -> None:
         """Raise NotEnabled, and count a refusal, if no interface group of the controller is fully enabled."""
-        slot = self.running.slot_of(controller)
-        if slot is not None and not slot.follows:
+        entry = self.running.entry_of(controller)
+        if entry is not None and not entry.follows:
             controller.rejected += 1
-            raise self.enable_status.error(slot.disabled)
+            raise self.enable_status.error(entry.disabled)
 
     # ----------------------------------------------------------------------------------------------------- internal
 

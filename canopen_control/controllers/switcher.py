@@ -47,7 +47,7 @@ NS: Final = 1_000_000_000
 NOT_DUE: Final = -1.0
 _NEVER: Final = -1
 
-Ends = tuple["CommandInterface", ...]
+Interfaces = tuple["CommandInterface", ...]
 
 
 class Rate:
@@ -77,16 +77,16 @@ class Rate:
 class InterfaceGroup:
     """Command interfaces that are enabled and stopped together; `enabled` is their state in the last cycle."""
 
-    __slots__ = ("enabled", "ends")
+    __slots__ = ("enabled", "interfaces")
 
-    def __init__(self, ends: Ends) -> None:
-        self.ends = ends
+    def __init__(self, interfaces: Interfaces) -> None:
+        self.interfaces = interfaces
         self.enabled = self.follows()
 
     def follows(self) -> bool:
         """Return whether the interfaces are enabled, ignoring interfaces that a user has excluded."""
-        following = not self.ends
-        for interface in self.ends:
+        following = not self.interfaces
+        for interface in self.interfaces:
             if interface.enabled:
                 following = True
             elif not interface.excluded:
@@ -97,11 +97,11 @@ class InterfaceGroup:
 class ActiveController:
     """Active controller, with its rate and the interface groups that it commands, directly or through a chain."""
 
-    __slots__ = ("controller", "parts", "rate")
+    __slots__ = ("controller", "groups", "rate")
 
-    def __init__(self, controller: Controller, hz: int, parts: Sequence[Ends]) -> None:
+    def __init__(self, controller: Controller, hz: int, groups: Sequence[Interfaces]) -> None:
         self.controller, self.rate = controller, Rate(hz)
-        self.parts = [InterfaceGroup(part) for part in parts]
+        self.groups = [InterfaceGroup(group) for group in groups]
 
     @property
     def is_broadcaster(self) -> bool:
@@ -111,20 +111,20 @@ class ActiveController:
     @property
     def follows(self) -> bool:
         """Whether at least one interface group follows commands, or no interface is claimed."""
-        return not self.parts or any(part.follows() for part in self.parts)
+        return not self.groups or any(group.follows() for group in self.groups)
 
     @property
     def disabled(self) -> list[CommandInterface]:
         """Command interfaces whose drive is not enabled."""
-        return [interface for part in self.parts for interface in part.ends if not interface.enabled]
+        return [interface for group in self.groups for interface in group.interfaces if not interface.enabled]
 
     def take_over(self, before: ActiveController, were_enabled: set[CommandInterface]) -> None:
         """Copy timing and enabled groups from the controller's entry before a switch."""
         self.rate.last = before.rate.last
-        for part in self.parts:
-            part.enabled = part.enabled or were_enabled.issuperset(part.ends)
+        for group in self.groups:
+            group.enabled = group.enabled or were_enabled.issuperset(group.interfaces)
 
-    def forget(self, now: int, interfaces: Ends | None = None, why: str = "") -> None:
+    def forget(self, now: int, interfaces: Interfaces | None = None, why: str = "") -> None:
         """Clear the controller's commands, all of them or those of `interfaces`; `why` is a clause with the reason."""
         if interfaces is not None:
             self.controller.forget_some(interfaces, now)
@@ -179,7 +179,7 @@ def in_order(controllers: Sequence[Controller]) -> list[Controller]:
     return done
 
 
-def ends_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
+def hardware_interfaces_of(controller: Controller, among: Iterable[Controller]) -> tuple[CommandInterface, ...]:
     """Return the hardware command interfaces that an active controller commands, directly or through a chain."""
     below = {reference.name: lower for lower in among for reference in lower.reference_interfaces()}
     interfaces: dict[str, CommandInterface] = {}
@@ -385,26 +385,30 @@ class UpdateLoop:
 
     def arrange(self, controllers: Collection[Controller], active: Sequence[Controller]) -> None:
         """Rebuild the update order after a switch; controllers that stay active keep their timing."""
-        before = {slot.controller.name: slot for slot in self._order}
+        before = {entry.controller.name: entry for entry in self._order}
         were_enabled = {
-            interface for slot in self._order for part in slot.parts if part.enabled for interface in part.ends
+            interface
+            for entry in self._order
+            for group in entry.groups
+            if group.enabled
+            for interface in group.interfaces
         }
         self._order = []
         for controller in in_order(active):
             rate = controller.update_rate if controller.update_rate < self.update_rate else 0
-            ends = ends_of(controller, controllers)
-            parts = self._enable_status.stop_groups(ends) if controller.independent else (ends,)
-            slot = ActiveController(controller, rate, parts)
+            interfaces = hardware_interfaces_of(controller, controllers)
+            groups = self._enable_status.stop_groups(interfaces) if controller.independent else (interfaces,)
+            entry = ActiveController(controller, rate, groups)
             if controller.name in before:
-                slot.take_over(before[controller.name], were_enabled)
-            self._order.append(slot)
-        self._commanding = [slot for slot in self._order if not slot.is_broadcaster]
-        self._broadcasting = [slot for slot in self._order if slot.is_broadcaster]
+                entry.take_over(before[controller.name], were_enabled)
+            self._order.append(entry)
+        self._commanding = [entry for entry in self._order if not entry.is_broadcaster]
+        self._broadcasting = [entry for entry in self._order if entry.is_broadcaster]
 
     @property
     def controllers(self) -> tuple[Controller, ...]:
         """Active controllers, in update order."""
-        return tuple(slot.controller for slot in self._order)
+        return tuple(entry.controller for entry in self._order)
 
     def samples(self, wall_offset_ns: int) -> Samples:
         """Return the last samples by controller name; a controller whose `sample` raises is added to `failed`."""
@@ -432,10 +436,10 @@ class UpdateLoop:
         no update was due.
         """
         self.now = now
-        for slot in self._commanding:
-            for part in slot.parts:
-                if part.follows() is not part.enabled:
-                    self._power_changed(slot, part, now)
+        for entry in self._commanding:
+            for group in entry.groups:
+                if group.follows() is not group.enabled:
+                    self._power_changed(entry, group, now)
         rate = self._commanding_rate
         elapsed = rate.step(now, period) if rate.hz else period
         if elapsed >= 0.0:
@@ -449,44 +453,46 @@ class UpdateLoop:
         if elapsed >= 0.0:
             self._run(self._broadcasting, now, elapsed)
 
-    def _run(self, slots: Sequence[ActiveController], now: int, period: float) -> None:
-        for slot in slots:
-            elapsed = period if not slot.rate.hz else slot.rate.step(now, self._period)
+    def _run(self, entries: Sequence[ActiveController], now: int, period: float) -> None:
+        for entry in entries:
+            elapsed = period if not entry.rate.hz else entry.rate.step(now, self._period)
             if elapsed < 0.0:
                 continue
             try:
-                result = slot.controller.update(now, elapsed)
+                result = entry.controller.update(now, elapsed)
             except Exception as error:  # noqa: BLE001 - an exception of a controller must not end the cycle
-                self.failed.append((slot.controller, f"update raised {type(error).__name__}: {error}"))
+                self.failed.append((entry.controller, f"update raised {type(error).__name__}: {error}"))
                 continue
             if result is not OK:
-                self.failed.append((slot.controller, "update reported an error"))
+                self.failed.append((entry.controller, "update reported an error"))
 
-    def _power_changed(self, slot: ActiveController, part: InterfaceGroup, now: int) -> None:
+    def _power_changed(self, entry: ActiveController, group: InterfaceGroup, now: int) -> None:
         """Update the state of an interface group; if a drive was disabled, clear the group's command."""
-        if part.enabled:
-            off = [interface for interface in part.ends if not interface.enabled]
-            self._forget(slot, now, part.ends if len(slot.parts) > 1 else None, self._enable_status.reason(off))
-        part.enabled = not part.enabled
+        if group.enabled:
+            off = [interface for interface in group.interfaces if not interface.enabled]
+            self._forget(
+                entry, now, group.interfaces if len(entry.groups) > 1 else None, self._enable_status.reason(off)
+            )
+        group.enabled = not group.enabled
 
     # ----------------------------------------------------------------------------------------------------- commands
 
     @property
     def clients_with_commands(self) -> set[object]:
         """Connected clients whose commands are active and end at disconnection."""
-        return {slot.controller.life.holder for slot in self._commanding} - {None}
+        return {entry.controller.life.holder for entry in self._commanding} - {None}
 
-    def slot_of(self, controller: Controller) -> ActiveController | None:
+    def entry_of(self, controller: Controller) -> ActiveController | None:
         """Return the entry of a controller, or None if it is not active."""
-        return next((slot for slot in self._order if slot.controller is controller), None)
+        return next((entry for entry in self._order if entry.controller is controller), None)
 
     def client_disconnected(self, holder: object, why: str = "is gone") -> None:
         """End the active commands of a disconnected client; `why` is a clause for the report."""
-        for slot in self._commanding:
-            controller = slot.controller
+        for entry in self._commanding:
+            controller = entry.controller
             if controller.life.holder is holder:
                 source, moving = controller.life.source, is_moving(controller.commands)
-                self._forget(slot, self.now, why=f"{source} {why}")
+                self._forget(entry, self.now, why=f"{source} {why}")
                 if moving:
                     text = f"{controller.name}: {source} {why}, so its command has ended; {controller.describe_stop}"
                     self._events.append(ControllerEvent("commander_gone", controller.name, text))
@@ -497,23 +503,25 @@ class UpdateLoop:
         The other joints of an independent controller continue; other controllers are not affected.
         """
         names = frozenset(joints)
-        for slot in self._commanding:
-            ends = tuple(interface for part in slot.parts for interface in part.ends if interface.joint in names)
-            if ends and slot.controller.independent:
-                for interface in ends:
+        for entry in self._commanding:
+            interfaces = tuple(
+                interface for group in entry.groups for interface in group.interfaces if interface.joint in names
+            )
+            if interfaces and entry.controller.independent:
+                for interface in interfaces:
                     interface.excluded = True
-                self._forget(slot, now, ends)
+                self._forget(entry, now, interfaces)
 
     def forget(self, now: int, why: str) -> None:
         """Clear the commands of all controllers; `why` is a clause with the reason."""
-        for slot in self._commanding:
-            self._forget(slot, now, why=why)
+        for entry in self._commanding:
+            self._forget(entry, now, why=why)
 
-    def _forget(self, slot: ActiveController, now: int, interfaces: Ends | None = None, why: str = "") -> None:
+    def _forget(self, entry: ActiveController, now: int, interfaces: Interfaces | None = None, why: str = "") -> None:
         try:
-            slot.forget(now, interfaces, why)
+            entry.forget(now, interfaces, why)
         except Exception as error:  # noqa: BLE001 - an exception of a controller must not end the cycle
-            self.failed.append((slot.controller, f"forget raised {type(error).__name__}: {error}"))
+            self.failed.append((entry.controller, f"forget raised {type(error).__name__}: {error}"))
 
     def _fail_once(self, controller: Controller, reason: str) -> None:
         if all(other is not controller for other, _ in self.failed):

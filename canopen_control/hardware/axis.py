@@ -297,7 +297,7 @@ class AxisProcessData:
         self.limits = AxisObjectLimits()
         self.rpm_to_dev = 60.0 / math.tau  # mode VL: 0x6042 is in revolutions of the motor per minute
         self.turn = abs(self.scale.pos_to_dev) * math.tau  # counts per revolution of the motor, else the joint
-        self.who = node.who if len(node.plan.axes) <= 1 else f"{node.who}, {joint}"
+        self.label = node.label if len(node.plan.axes) <= 1 else f"{node.label}, {joint}"
         """Name of the node for messages, followed by the joint if the node has several axes."""
         self.out_of_range = math.nan  # the last target if it did not fit its object, else nan
         self.statusword = self._need_input(objects.STATUSWORD)
@@ -411,7 +411,7 @@ class AxisProcessData:
     def _unmapped(self, index: int, kind: str) -> RobotConfigError:
         name = objects.object_name(self.index(index))
         return RobotConfigError(
-            f"joint {self.joint}: no {kind} of {self.node.who} carries "
+            f"joint {self.joint}: no {kind} of {self.node.label} carries "
             f"0x{self.index(index):04X} {name}; map it in bus.yml"
         )
 

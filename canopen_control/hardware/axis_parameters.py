@@ -207,7 +207,7 @@ def require_own_start(axis: AxisProcessData, mode: int) -> None:
     if not _starts_alone(axis, mode):
         possible = ", ".join(map(mode_name, MODES))
         raise DriveError(
-            f"{axis.who}: {mode_words(mode)} starts motions by bits of the controlword, which all motors share; "
+            f"{axis.label}: {mode_words(mode)} starts motions by bits of the controlword, which all motors share; "
             f"modes without such bits are {possible}"
         )
 
@@ -222,7 +222,7 @@ def require_mapped(axis: AxisProcessData, mode: int) -> None:
     if not _is_mapped(axis, mode):
         index, subindex = axis.target_objects.get(mode, (0, 0))
         raise DriveError(
-            f"{axis.node.who}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
+            f"{axis.node.label}: no RPDO carries 0x{axis.index(index):04X}:{subindex:02X}, "
             f"the target of {mode_words(mode)}; map it in bus.yml"
         )
 

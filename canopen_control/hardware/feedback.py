@@ -146,7 +146,7 @@ class Feedback:
         self._jumps = 0
         self._jump_speed = 0.0  # counts/s that would explain the last jump
         self._sampled = self._sampled_before = 0  # stamps of the last two positions
-        self._looked_at = self._looked_count = self._mismatches = 0
+        self._checked_at = self._checked_count = self._mismatches = 0
         self._derived_from, self._derived_at = 0, -_LOOK_NS  # count and stamp
 
     def node_ready(self) -> None:
@@ -265,8 +265,8 @@ class Feedback:
     def turns_in_unit(self, now: int) -> UnitMismatch | None:
         """Return a velocity unit mismatch once, after several checks; call ten times a second."""
         count = self._axis.unwrap.count
-        moved, elapsed = count - self._looked_count, now - self._looked_at
-        self._looked_count, self._looked_at = count, now
+        moved, elapsed = count - self._checked_count, now - self._checked_at
+        self._checked_count, self._checked_at = count, now
         steady = 0 < elapsed < _LOOK_NS
         mismatch = self._check_unit(moved * 1e9 / elapsed, self._raw_velocity) if steady else None
         self._mismatches = 0 if mismatch is None else self._mismatches + 1

@@ -252,12 +252,12 @@ class JointDrive(JointStatus):
         # CiA 402-2, 0x6041 bit 9 (remote): 0 while the controlword is not processed
         if not self.machine.remote:
             raise DriveError(
-                f"{self.axis.who}: under local control (statusword bit 9 is 0), "
+                f"{self.axis.label}: under local control (statusword bit 9 is 0), "
                 "so it would ignore commands; give control to the bus at the drive, or for a drive that never sets "
                 "the bit set `ignore_remote: true` in bus.yml"
             )
         if self.axis.is_stale:
-            raise DriveError(f"{self.axis.who}: cannot be enabled because a TPDO with its feedback is overdue")
+            raise DriveError(f"{self.axis.label}: cannot be enabled because a TPDO with its feedback is overdue")
         self.machine.require_enable()
 
     def enable(self) -> None:
@@ -511,7 +511,7 @@ class JointDrive(JointStatus):
         self.reference.forget()
         self._abort_homing("its node was lost")
         self.machine.disable()
-        why = (self.node.error or "it left OPERATIONAL").removeprefix(self.node.who)
+        why = (self.node.error or "it left OPERATIONAL").removeprefix(self.node.label)
         self._events.append(
             JointEvent("node_lost", f"lost: {why.lstrip(': ').removesuffix(_BOOTING)}", Level.ERROR, stops=True)
         )

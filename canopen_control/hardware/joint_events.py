@@ -469,7 +469,7 @@ class HomePosition:
         """Start homing; DriveError while a homing is in progress, or if the drive does not list the method."""
         node = self._axis.node
         if self.homing is not None:
-            raise DriveError(f"{node.who}: a homing is already in progress; wait for its end")
+            raise DriveError(f"{node.label}: a homing is already in progress; wait for its end")
         timeout = round(node.config.motion.homing_timeout_seconds * 1e9)
         methods = self._parameters.homing_methods
         bound = self._parameters.bound_homing

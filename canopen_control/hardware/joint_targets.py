@@ -118,12 +118,12 @@ class JointTargets:
         if self.claimed == TARGET:
             if mode not in self._axis.target_objects:
                 raise DriveError(
-                    f"{self._axis.node.who}: {mode_words(mode)} has no target; choose a mode with a target"
+                    f"{self._axis.node.label}: {mode_words(mode)} has no target; choose a mode with a target"
                 )
             require_mapped(self._axis, mode)
         elif self.claimed is not None and self.mode_serves(mode) != self.claimed:
             raise ControlError(
-                f"{self._axis.node.who}: a controller commands its {self.claimed}, which mode "
+                f"{self._axis.node.label}: a controller commands its {self.claimed}, which mode "
                 f"{mode_name(mode)} does not serve; deactivate that controller first"
             )
 

@@ -418,7 +418,7 @@ def kind_of(
     return kind
 
 
-def made_up(
+def busless_component(
     description: UrdfDescription, tag: Ros2ControlSystem, kind: PluginKind, engine: Engine | None = None
 ) -> HardwareComponent:
     """Return the component of a tag without a bus: a simulation or mock hardware.

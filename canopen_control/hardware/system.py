@@ -228,7 +228,7 @@ class CanopenSystem(ComponentLifecycle):
         for joint in joints:
             if not joint.node.ready:
                 raise ControlError(
-                    f"{joint.node.who} is not operational: {joint.node.error or 'it has not booted yet'}"
+                    f"{joint.node.label} is not operational: {joint.node.error or 'it has not booted yet'}"
                 )
         self._choose_modes(joints)
         for joint in joints:
@@ -287,7 +287,7 @@ class CanopenSystem(ComponentLifecycle):
     def _report_event(self, joint: JointDrive, event: JointEvent, now: int) -> None:
         """Report an event of a joint, and stop the group if the event requires a stop."""
         cause = f"; {joint.node.error}" if event.stops and joint.node.error and joint.node.ready else ""
-        text = f"{joint.axis.who}: {event.text}{cause}"
+        text = f"{joint.axis.label}: {event.text}{cause}"
         self._report(Event(now, event.kind, joint.node.name, text, event.level, event.fault))
         if event.stops:
             self._stop_group(joint, now, event)
@@ -295,7 +295,7 @@ class CanopenSystem(ComponentLifecycle):
     def _report_devices(self, now: int) -> None:
         """Report lost devices and input jumps as warnings."""
         for node, kind, text in self.devices.take_news():
-            self._report(Event(now, kind, node.name, f"{node.who}: {text}", Level.WARNING))
+            self._report(Event(now, kind, node.name, f"{node.label}: {text}", Level.WARNING))
 
     def _stop_group(self, cause: JointDrive, now: int, event: JointEvent) -> None:
         resumable = event.kind == "node_lost" and cause.node.config.motion.recovery == "enable"
@@ -304,12 +304,12 @@ class CanopenSystem(ComponentLifecycle):
         if not cause.node.ready or not cause.machine.enabled:
             cause.give_up()
         for joint in moving:
-            joint.stopped_by = f"stopped by {cause.axis.who}: {event.text}"
+            joint.stopped_by = f"stopped by {cause.axis.label}: {event.text}"
         for joint in moving + waiting:
             joint.resume = resumable
         if moving:
             names = ", ".join(joint.joint for joint in moving)
-            text = f"stopping {names}: {cause.axis.who}: {event.text}"
+            text = f"stopping {names}: {cause.axis.label}: {event.text}"
             self._report(Event(now, "stop", cause.node.name, text + _then(cause, resumable=resumable), Level.ERROR))
 
 
@@ -340,7 +340,7 @@ def _refuse_doubles(joints: Sequence[JointDrive]) -> None:
         owner = owners.setdefault((joint.node.node_id, joint.axis.number), joint)
         if owner is not joint and owner.commands and joint.commands:
             raise RobotConfigError(
-                f"joints {owner.joint} and {joint.joint} are both axis {joint.axis.number} of {joint.node.who}; give "
+                f"joints {owner.joint} and {joint.joint} are both axis {joint.axis.number} of {joint.node.label}; give "
                 'each its own axis by <param name="axis">'
             )
 
@@ -352,7 +352,7 @@ def _join_motors(joints: Sequence[JointDrive]) -> None:
         if any(other.stop_group is not joint.stop_group for other in joint.partners):
             names = " and ".join((joint.joint, *(other.joint for other in joint.partners)))
             raise RobotConfigError(
-                f"{names} share the controlword of {joint.node.who}, so that they stop together; give them one "
+                f"{names} share the controlword of {joint.node.label}, so that they stop together; give them one "
                 "stop_group"
             )
 

@@ -123,7 +123,7 @@ class SecondMasterDetector:
 
     def on_rpdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
         """Return the handler for a node's RPDO; such a frame can only come from another master."""
-        return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.who}")
+        return self._handler(can_id, Evidence.MASTER, f"RPDO 0x{can_id:03X} of {node.label}")
 
     def on_expected_sync(self, can_id: int, period_ns: int, now: int, late: bool) -> None:
         """Count a SYNC of the kernel or of a node; surplus SYNCs are evidence of another producer."""
@@ -138,7 +138,7 @@ class SecondMasterDetector:
 
     def _on_sdo(self, can_id: int, node: RemoteNode) -> Callable[[bytes, int, int], None]:
         """Return the handler for SDO requests by other programs to a node; they count only while the node is ready."""
-        title = f"SDO 0x{can_id:03X} to {node.who}"
+        title = f"SDO 0x{can_id:03X} to {node.label}"
         return lambda _data, _length, now: self.record(can_id, Evidence.SDO, title, now) if node.ready else None
 
     def _on_nmt(self, data: bytes, length: int, now: int) -> None:

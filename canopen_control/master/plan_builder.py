@@ -73,14 +73,14 @@ def _why_not(builder: PlanBuilder, index: int) -> str:
 def _add_feed_forward(builder: PlanBuilder, index: int, target: int) -> str:
     """Map an object into the first suitable RPDO with enough free space; return the problem, or "" on success."""
     rpdos = builder.node.boot.rpdo
-    mine = [number for number, pdo in rpdos.items() if pdo.is_on and pdo.mapping is not None]
-    mine.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
-    for number in mine:
+    mapped = [number for number, pdo in rpdos.items() if pdo.is_on and pdo.mapping is not None]
+    mapped.sort(key=lambda number: target not in _mapped(builder, number, rpdos[number]))
+    for number in mapped:
         pdo = rpdos[number]
         if pdo.mapping is not None and _has_room(builder, number, pdo.mapping, index):
             return _set_rpdo(builder, number, replace(pdo, mapping=[*pdo.mapping, PdoObjectKeys(index)]))
     of_target = next(
-        (rpdos[number] for number in mine if target in _mapped(builder, number, rpdos[number])), PdoConfig()
+        (rpdos[number] for number in mapped if target in _mapped(builder, number, rpdos[number])), PdoConfig()
     )
     for number in _PREDEFINED:
         used = number in rpdos and rpdos[number].is_on

@@ -60,7 +60,7 @@ class NodeLog:
     """
 
     def __init__(self, config: NodeConfig, report: Callable[[Event], None], period_ns: int) -> None:
-        self.who = f"node {config.node_id} ({config.name})"
+        self.label = f"node {config.node_id} ({config.name})"
         self.errors = EmcyConsumer(config.node_id)
         self._name, self._report = config.name, report
         self.astray: dict[ReceivedPdo, int] = {}
@@ -72,7 +72,7 @@ class NodeLog:
         self, now: int, kind: str, text: str, level: Level = Level.INFO, details: FaultEvent | None = None
     ) -> None:
         """Report an event of the node; the text is prefixed with node id and name."""
-        self._report(Event(now, kind, self._name, f"{self.who}: {text}", level, details))
+        self._report(Event(now, kind, self._name, f"{self.label}: {text}", level, details))
 
     @property
     def deadline(self) -> int | None:
@@ -243,7 +243,7 @@ class RemoteNode:
         """Fault in the last EMCY message of the node, which may be an error reset."""
         self.expected_state: NmtState | None = None  # by the last NMT command of a user
         self.log = NodeLog(config, owner.report, round(plan.heartbeat_timeout_ns / config.supervision.multiplier))
-        self.who = self.log.who
+        self.label = self.log.label
         """Node id and name, as in every message."""
         self._owner = owner
         self._guarding_boot = False
@@ -303,7 +303,7 @@ class RemoteNode:
     def lost(self, now: int, text: str, *, kind: str = "bus_lost") -> None:
         """Mark the node as lost because the bus has failed; the network boots it when the bus has recovered."""
         self.nmt_state = None
-        self._drop(now, f"{self.who}: {text}", Level.ERROR, kind=kind)
+        self._drop(now, f"{self.label}: {text}", Level.ERROR, kind=kind)
         self._retry_at = None
 
     def command(self, command: NmtCommand, now: int, *, boot: bool = False) -> None:
@@ -378,7 +378,7 @@ class RemoteNode:
             # CiA 301, 7.2.8.3.2.1: node guarding event after the node life time
             self.nmt_state = None
             silence = f"no answer to node guarding for {self.plan.supervision_ns / 1e9:g} s"
-            lost = f"{self.who}: {silence}; is it powered and connected?"
+            lost = f"{self.label}: {silence}; is it powered and connected?"
             self._drop(now, lost, Level.ERROR, kind="guarding_lost")
             self._retry_at = now + RETRY_NS
         elif kind is GuardingEventKind.TOGGLE_ERROR:
@@ -484,7 +484,7 @@ class RemoteNode:
         if self.ready:
             self._drop(
                 now,
-                f"{self.who} has restarted by itself; its settings are gone, booting it again",
+                f"{self.label} has restarted by itself; its settings are gone, booting it again",
                 Level.ERROR,
                 kind="restarted",
             )
@@ -495,14 +495,14 @@ class RemoteNode:
         """Handle a wrong toggle bit in a guarding response, which indicates a restart or a duplicate node id."""
         text = "its guarding toggle bit is wrong: it has restarted, or a second node has its id"
         if self.ready:
-            self._drop(now, f"{self.who}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
+            self._drop(now, f"{self.label}: {text}; booting it again", Level.ERROR, kind="guarding_toggle")
             self._retry_at = now + RETRY_NS
         else:
             self.log.report(now, "guarding_toggle", text, Level.WARNING)
 
     def _left_operational(self, state: NmtState | None, now: int) -> None:
         name = "an unknown state" if state is None else state.name
-        self._drop(now, f"{self.who} changed to {name} without a command; booting it again", Level.ERROR, kind="nmt")
+        self._drop(now, f"{self.label} changed to {name} without a command; booting it again", Level.ERROR, kind="nmt")
         self._retry_at = now + RETRY_NS
 
     def _drop(self, now: int, text: str, level: Level, *, kind: str, error: CanopenError | None = None) -> None:

@@ -192,7 +192,7 @@ class TrajectorySender:
         """Connection to the robot, opened on first use; RemoteError if the robot has ended."""
         if self._client is None:
             self._client = self._connect()
-            self._client.keep_saying(TrajectoryHeartbeat(), _BEAT_NS)
+            self._client.send_periodically(TrajectoryHeartbeat(), _BEAT_NS)
         return self._client
 
     def send(

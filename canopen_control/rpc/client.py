@@ -254,7 +254,7 @@ class ReactorClient:
         self._number = 0
         self._waiting: dict[int, tuple[Any, Callable[[Any, str | None], object], Timer | None]] = {}
         self._closed_reason: str | None = None
-        self._saying: Timer | None = None
+        self._repetition: Timer | None = None
         reactor.add_reader(self._stream.fileno(), self._on_readable)
 
     def ask(
@@ -280,11 +280,11 @@ class ReactorClient:
         except CanopenError as error:
             self._settle(number, error=str(error))
 
-    def keep_saying(self, request: Request[Any], every_ns: int) -> None:
+    def send_periodically(self, request: Request[Any], every_ns: int) -> None:
         """Send a request every `every_ns`, without a reply, until the connection is closed."""
         if self._closed_reason is not None:
             return
-        self._saying = self._reactor.call_later(every_ns, lambda: self.keep_saying(request, every_ns))
+        self._repetition = self._reactor.call_later(every_ns, lambda: self.send_periodically(request, every_ns))
         try:
             self._stream.send(wire.request_line(None, self._api.of(type(request)).name, request), _SEND_S)
         except RemoteError as error:
@@ -332,8 +332,8 @@ class ReactorClient:
     def _leave(self, why: str) -> None:
         if self._closed_reason is None:
             self._closed_reason = why
-            if self._saying is not None:
-                self._saying.cancel()
+            if self._repetition is not None:
+                self._repetition.cancel()
             self._reactor.remove_reader(self._stream.fileno())
             self._stream.close()
             for number in list(self._waiting):

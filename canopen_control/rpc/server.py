@@ -38,7 +38,7 @@ class Call(Generic[R_co]):
         self.connection, self._number, self.request = connection, number, request
 
     @property
-    def who(self) -> str:
+    def client(self) -> str:
         """Name and process id of the client, for messages."""
         return f"client {self.connection.name} (pid {self.connection.pid})"
 

@@ -265,11 +265,11 @@ class SimulationMethods:
         clock = self._clock()
         if call.request.paused and not clock.paused:
             clock.pause()
-            self._report("paused", f"the simulation was paused by {call.who}")
+            self._report("paused", f"the simulation was paused by {call.client}")
         elif clock.paused and not call.request.paused:
             self._robot.manager.running.forget(clock.now(), "the simulation was paused; send the command again")
             clock.resume()
-            self._report("resumed", f"the simulation was resumed by {call.who}; earlier commands were discarded")
+            self._report("resumed", f"the simulation was resumed by {call.client}; earlier commands were discarded")
         call.reply(self._state())
 
     def _step(self, call: Call[StepSimulation]) -> None:
@@ -296,7 +296,7 @@ class SimulationMethods:
             raise ControlError(f"simple motors move {name}; for physics: pip install 'canopen-control[physics]'")
         for component in worlds:
             component.act(call.request)
-        self._report("world", f"{_act_text(call.request)} (by {call.who})")
+        self._report("world", f"{_act_text(call.request)} (by {call.client})")
         call.reply(Done())
 
     def _reset(self, call: Call[ResetSimulation]) -> None:
@@ -310,7 +310,7 @@ class SimulationMethods:
             manager.base(name).set_odometry(0.0, 0.0, 0.0)
         robot.truth.align()
         where = f"key frame {call.request.keyframe}" if call.request.keyframe else "its initial state"
-        self._report("reset", f"the simulation was reset to {where} by {call.who}")
+        self._report("reset", f"the simulation was reset to {where} by {call.client}")
         call.reply(self._state())
 
     def _report(self, kind: str, text: str) -> None:
@@ -499,14 +499,14 @@ class ApiServer(RobotObserver):
 
     def _command(self, call: Call[messages.CommandController]) -> None:
         request = call.request
-        source = request.source or call.who
+        source = request.source or call.client
         self._require_interface(request)
         self._robot.command(request.controller, request.values, source, holder=self._holder(call))
         call.reply(Done())
 
     def _command_by_name(self, call: Call[messages.CommandByName]) -> None:
         request = call.request
-        source = request.source or call.who
+        source = request.source or call.client
         self._robot.command(request.controller, request.values, source, holder=self._holder(call))
         call.reply(Done())
 
@@ -520,7 +520,7 @@ class ApiServer(RobotObserver):
     def _twist(self, call: Call[messages.TwistController]) -> None:
         request = call.request
         name = request.controller
-        values, source = self._twist_values(request), request.source or call.who
+        values, source = self._twist_values(request), request.source or call.client
         self._robot.command(name, values, source, request.stamp, holder=self._holder(call))
         call.reply(Done())
 
@@ -556,11 +556,11 @@ class ApiServer(RobotObserver):
         call.reply(Done())
 
     def _stop(self, call: Call[messages.Stop]) -> None:
-        source = call.request.source or call.who
+        source = call.request.source or call.client
         self._robot.stop(call.settle, source if call.request.latch else None, source)
 
     def _release(self, call: Call[messages.Release]) -> None:
-        self._robot.latch.release(call.request.source or call.who, self._robot.reactor.now())
+        self._robot.latch.release(call.request.source or call.client, self._robot.reactor.now())
         call.reply(Done())
 
     def _shutdown(self, call: Call[messages.Shutdown]) -> None:
@@ -587,7 +587,7 @@ class ApiServer(RobotObserver):
         node = "" if request.node == "all" else self._robot.node(str(request.node)).name
         action = f"{request.action} {request.mode}" if request.mode else request.action
         joint = f" ({request.joint})" if request.joint not in (None, node) else ""
-        text = f"{request.source or call.who} requested {action} of {node or 'all axes'}{joint}"
+        text = f"{request.source or call.client} requested {action} of {node or 'all axes'}{joint}"
         self._robot.report(Event(self._robot.reactor.now(), "axis_asked", node, text))
 
     def _touch_probe(self, call: Call[messages.ReadTouchProbe]) -> None:

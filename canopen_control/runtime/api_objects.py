@@ -177,7 +177,7 @@ def write_mapped(robot: RobotCore, node: RemoteNode, index: int, subindex: int, 
     Not allowed are objects in no RPDO, objects that move an axis, digital outputs that a controller commands, and
     any object while the node is not OPERATIONAL. An RPDO that moves no axis is sent once.
     """
-    place = f"{node.who}: 0x{index:04X}:{subindex:02X}"
+    place = f"{node.label}: 0x{index:04X}:{subindex:02X}"
     output = robot.bus_of(node).network.image.output(node.node_id, index, subindex)
     mapped = next((entry for sent in node.sent for entry in sent.codec.objects if entry[:2] == (index, subindex)), None)
     if output is None or mapped is None:
@@ -231,7 +231,7 @@ class ObjectMethods:
 
     def _nmt(self, call: Call[NmtRequest]) -> None:
         name, node_name, robot = call.request.command, str(call.request.node), self._robot
-        source = call.request.source or call.who
+        source = call.request.source or call.client
         if name not in COMMAND_NAMES:
             raise UnknownName(f"no NMT command {name!r}; there are: {', '.join(COMMAND_NAMES)}")
         for node in list(robot.nodes.values()) if node_name == "all" else [robot.node(node_name)]:
@@ -263,7 +263,7 @@ class ObjectMethods:
             call.refuse(ended.error)
             return
         call.reply(Done())
-        source = call.request.source or call.who
+        source = call.request.source or call.client
         now = self._robot.reactor.now()
         what = written_words(node.od, ended.index, ended.subindex, data)
         text = self._written.words(now, node.name, source, what)

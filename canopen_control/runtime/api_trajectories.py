@@ -118,7 +118,7 @@ class TrajectoryMethods(RobotObserver):
         if request.dead_man:
             self._keep(call.connection)
         holder = call.connection if request.dead_man else None
-        self._robot.send_goal(request.controller, goal, request.source or call.who, holder=holder)
+        self._robot.send_goal(request.controller, goal, request.source or call.client, holder=holder)
         self.require_heartbeat(call.connection, request.controller, request.heartbeat if request.dead_man else None)
 
     # ------------------------------------------------------------------------------------------------- heartbeats
@@ -304,7 +304,7 @@ class GripperMethods:
         if request.dead_man:
             self._keep(connection)
         robot.send_goal(
-            request.controller, goal, request.source or call.who, holder=connection if request.dead_man else None
+            request.controller, goal, request.source or call.client, holder=connection if request.dead_man else None
         )
         self._require_heartbeat(connection, request.controller, request.heartbeat if request.dead_man else None)
         self._sent[connection] = sent

@@ -15,7 +15,7 @@ from canopen_control.controllers.pid import Pid
 from canopen_control.errors import ConfigError, RobotConfigError, nearest
 from canopen_control.hardware.driverless_system import PHYSICS_PLUGIN
 from canopen_control.hardware.interfaces import InterfaceRegistry
-from canopen_control.hardware.plugins import PluginKind, made_up, transmitted
+from canopen_control.hardware.plugins import PluginKind, busless_component, transmitted
 from canopen_control.hardware.system import CanopenSystem
 from canopen_control.master.event_log import Event
 from canopen_control.physics import require_physics
@@ -205,7 +205,7 @@ class Assembly:
                     self.registry.register(sensed)
                     self.sensed.append(sensed)
             else:
-                self.registry.register(made_up(setup.description, tag, kind, engine))
+                self.registry.register(busless_component(setup.description, tag, kind, engine))
 
     def _report_later(self, kind: str, text: str) -> None:
         """Report an event in the next iteration of the reactor, after the observers are registered."""

@@ -90,7 +90,7 @@ def axes_of(
         node = find_node(nodes, name)
         axes = tuple(joint for joint in joints if joint.node is node)
         if not axes:
-            raise ControlError(f"{node.who} drives no joint, so it has no axis")
+            raise ControlError(f"{node.label} drives no joint, so it has no axis")
     selected = tuple(joint for joint in axes if only is None or joint.joint == only)
     if only is not None and not selected:
         names = ", ".join(joint.joint for joint in axes) or "none"
@@ -168,7 +168,7 @@ class PendingAxisRequest:
             cause += f"; {joint.stopped_by}"
         if self._action is Action.HOME and joint.reference.result:
             cause = f"; {joint.reference.result}{cause}"
-        return f"{node.who}: {self._action.value} not reached, the drive is {name} ({word}){cause}"
+        return f"{node.label}: {self._action.value} not reached, the drive is {name} ({word}){cause}"
 
 
 class ProbeReading:
@@ -179,9 +179,9 @@ class ProbeReading:
         self._values: dict[str, int] = {}
         objects_read = [(name, index) for name, index in _PROBE.items() if axis.has(index)]
         if not objects_read:
-            raise ControlError(f"{axis.node.who} has no touch probe (0x60B9)")
+            raise ControlError(f"{axis.node.label} has no touch probe (0x60B9)")
         if not axis.node.ready:
-            raise ControlError(f"{axis.node.who} is not operational")
+            raise ControlError(f"{axis.node.label} is not operational")
         self._open = len(objects_read)
         for name, index in objects_read:
             axis.node.read(axis.index(index), 0, self._answer(name, signed=index >= objects.TOUCH_PROBE_1_POSITIVE))
@@ -253,7 +253,7 @@ def _change_mode(joints: Sequence[JointDrive], text: str) -> None:
         _require_present(joint)
         if mode < 0 and mode not in joint.axis.own_modes:
             raise DriveError(
-                f"{joint.axis.who}: {mode_words(mode)} is not in bus.yml; give it there with its target, such as "
+                f"{joint.axis.label}: {mode_words(mode)} is not in bus.yml; give it there with its target, such as "
                 f"`velocity_mode: {mode}` and `velocity_target: 0x60FF`"
             )
         require_own_start(joint.axis, mode)
@@ -276,7 +276,7 @@ def _mode_of(text: str) -> int:
 def _require_present(joint: JointDrive) -> None:
     node = joint.node
     if not node.ready or not joint.parameters.loaded:
-        raise ControlError(f"{node.who} is not operational: {node.error or 'it has not booted yet'}")
+        raise ControlError(f"{node.label} is not operational: {node.error or 'it has not booted yet'}")
 
 
 _SIMPLE: Mapping[Action, Callable[[JointDrive, int], None]] = MappingProxyType(

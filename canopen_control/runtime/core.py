@@ -97,7 +97,7 @@ class RobotCycle:
         self._sync_first = [bus for bus in self._buses if bus.sends_sync_first]
         self._following = [bus for bus in self._buses if bus.follows_sync]
         self._period = pacer.period_ns / 1e9
-        self._look_at = 0
+        self._next_supervision = 0
         times = [component.simulated_ns for component in self._registry.components]
         simulated = not self._buses and any(time_ns is not None for time_ns in times)
         self.clock = RobotClock(reactor, pacer.period_ns, simulated=simulated)
@@ -176,8 +176,8 @@ class RobotCycle:
         """Check heartbeats, timeouts and periodic tasks after the frames of a cycle are sent."""
         for bus in self._buses:
             bus.tick(now)
-        if now >= self._look_at and self._pacer.running:
-            self._look_at = now + _LOOK_NS
+        if now >= self._next_supervision and self._pacer.running:
+            self._next_supervision = now + _LOOK_NS
             for bus in self._buses:
                 bus.rest_or_watch()
         for system in self._systems:
@@ -513,7 +513,7 @@ class RobotCore:
     def after_cycle(self, now: int) -> None:
         """Settle requests, report new events and call the observers, after the frames of a cycle are sent."""
         pacer, manager, wall = self.pacer, self.manager, self.wall
-        if now >= wall.look_at and (moved := wall.look(now)):
+        if now >= wall.next_follow and (moved := wall.follow_if_due(now)):
             self._report_clock_step(moved)
         if self._requests:
             self._requests = [request for request in self._requests if not request.settle(now)]

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from canopen_control.runtime.assembly import Assembly
     from canopen_control.runtime.robot_bus import RobotBus
 
-    Ends = tuple[CommandInterface, ...]
+    Interfaces = tuple[CommandInterface, ...]
 
 
 _ENABLE: Final = "canopen-control axis enable all"
@@ -105,11 +105,11 @@ class DriveEnableStatus(EnableStatus):
                 return f"{text}: {cause}; {_remedy(list(drives.values()))}"
         return super().reason(waiting)
 
-    def stop_groups(self, ends: Ends) -> list[Ends]:
+    def stop_groups(self, interfaces: Interfaces) -> list[Interfaces]:
         groups: dict[int | str, list[CommandInterface]] = {}
-        for end in ends:
-            joint = self._joints.get(end.joint)
-            groups.setdefault(end.joint if joint is None else id(joint.group), []).append(end)
+        for interface in interfaces:
+            joint = self._joints.get(interface.joint)
+            groups.setdefault(interface.joint if joint is None else id(joint.group), []).append(interface)
         return [tuple(part) for part in groups.values()]
 
 
@@ -154,7 +154,7 @@ def _why_missing(bus: RobotBus, node: RemoteNode) -> str:
         return node.error
     seconds = bus.config.master.boot_time / 1000
     reason = node.error or f"not operational within {seconds:g} s; its boot stopped at step {node.boot_step!r}"
-    return f"{node.who}: {reason}"
+    return f"{node.label}: {reason}"
 
 
 def stop_summary(joints: Iterable[JointDrive]) -> str:
@@ -276,11 +276,11 @@ class MandatoryNodes(RobotObserver):
 
     def _missing(self) -> str:
         """Return the missing mandatory nodes with reasons, or "" if all are ready."""
-        return ", ".join(f"{node.who} ({node.error or 'it has not booted yet'})" for node in self._absent)
+        return ", ".join(f"{node.label} ({node.error or 'it has not booted yet'})" for node in self._absent)
 
     def _stop(self, node: RemoteNode, now: int) -> None:
         moving = [joint for joint in self._assembly.joints.values() if joint.enable_requested]
-        why = f"{node.who}, which bus.yml requires, was lost"
+        why = f"{node.label}, which bus.yml requires, was lost"
         self._forget(now, why)
         for system in self._assembly.systems:
             system.stop(now)

@@ -308,14 +308,14 @@ class _Reader:
     def _moveit(self, chain: ast.Call, builder: ast.Call) -> None:
         """Read MoveItConfigsBuilder(ROBOT, package_name=...).robot_description(...) as an equivalent xacro command.
 
-        Without a given file the builder uses config/ROBOT.urdf.xacro in its package (moveit_configs_utils).
+        Without a file the builder uses config/ROBOT.urdf.xacro in its package (moveit_configs_utils).
         """
         robot, package = self._moveit_names(builder)
         described = _link(chain, "robot_description")
-        given = None
+        file = None
         if described is not None:
-            given = described.args[0] if described.args else _keyword(described, "file_path")
-        relative = self.text(given) if given is not None else robot and f"config/{robot}.urdf.xacro"
+            file = described.args[0] if described.args else _keyword(described, "file_path")
+        relative = self.text(file) if file is not None else robot and f"config/{robot}.urdf.xacro"
         if package is None or relative is None:
             self.launch.computed.append((builder.lineno, "the description of MoveItConfigsBuilder"))
             return

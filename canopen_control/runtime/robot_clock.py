@@ -35,8 +35,8 @@ class WallClock:
         self._now, self._follows = now, follows
         self._unix = time.time_ns if unix is None else unix
         self.offset_ns = self._unix() - now()
-        self.look_at = 0
-        """Monotonic time at which `look` is next due."""
+        self.next_follow = 0
+        """Monotonic time at which `follow_if_due` is next due."""
         # the offset before the clock was set back, and the time until which this offset is used
         self._before: tuple[int, int] | None = None
 
@@ -44,11 +44,11 @@ class WallClock:
         """Set a constant offset, and stop following the system clock."""
         self.offset_ns, self._follows = offset_ns, False
 
-    def look(self, now: int) -> int:
+    def follow_if_due(self, now: int) -> int:
         """Call `follow` if due, ten times a second; return a clock step in ns, or 0."""
-        if now < self.look_at:
+        if now < self.next_follow:
             return 0
-        self.look_at = now + _LOOK_NS
+        self.next_follow = now + _LOOK_NS
         return self.follow()
 
     def follow(self) -> int:

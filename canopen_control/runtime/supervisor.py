@@ -162,7 +162,7 @@ class Supervisor:
             return
         now = self._reactor.now()
         limit = _FIRST_ANSWER_NS if child.heard_at is None else _ANSWER_NS
-        silent = silence.look(now, child.heard_at)
+        silent = silence.update(now, child.heard_at)
         if silent < limit or (silent < _BUSY_FACTOR * limit and child.is_busy()):
             self._reactor.call_later(_ANSWER_LOOK_NS, partial(self._watch_answers, child, silence))
             return
@@ -451,7 +451,7 @@ class Silence:
         self._checked_at, self._heard_at = now, -1
         self._duration = 0
 
-    def look(self, now: int, heard_at: int | None) -> int:
+    def update(self, now: int, heard_at: int | None) -> int:
         """Return the silence until `now`; `heard_at` is the last report. Call this every `_ANSWER_LOOK_NS`."""
         since, self._checked_at = now - self._checked_at, now
         if heard_at is not None and heard_at != self._heard_at:

@@ -91,7 +91,7 @@ class AnswerInvariants:
         report: Callable[[str, str], None],
     ) -> None:
         self._robot, self._disturbed, self._report = robot, disturbed, report
-        self._ends = {motion.controller: motion.ends for motion in motions}
+        self._interfaces = {motion.controller: motion.interfaces for motion in motions}
         nodes = {node.node_id: node for view in views.values() for node in view.nodes.values()}
         self._axes: dict[int, _Axis] = {}
         self._axis_of: dict[str, _Axis] = {}
@@ -139,7 +139,7 @@ class AnswerInvariants:
 
     def applied(self, now: int, act: ScenarioEvent) -> None:
         """Record the values of an accepted command."""
-        for name, value in zip(self._ends.get(act.target, ()), act.values, strict=False):
+        for name, value in zip(self._interfaces.get(act.target, ()), act.values, strict=False):
             joint, _, interface = name.partition("/")
             if joint in self._axis_of and interface in (POSITION, VELOCITY):
                 self._record(now, joint, interface, value)

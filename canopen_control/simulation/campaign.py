@@ -314,13 +314,13 @@ class Campaign:
             return targeted_schedule(seed, self._aims[seed], self._motions, self._nodes)
         return draw_schedule(seed, self._duration_ns, self._motions, self._nodes, self._faults)
 
-    def why_never(self) -> str:
+    def start_failure(self) -> str:
         """Return why the undisturbed robot never reaches RUNNING, or "" if it does."""
         run = SimulationRun(self._setup, 0, (), motions=self._motions)
         most = max(self._duration_ns, _TO_RUN_NS)
         try:
             run.run(most, stop=lambda: run.robot.core.has_run or run.robot.core.state is RobotState.STOPPED)
-            return run.why_never(most)
+            return run.start_failure(most)
         finally:
             run.close()
 

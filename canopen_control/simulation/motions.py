@@ -32,7 +32,8 @@ class SampleMotion:
     """Controller that moves joints, the kind of its commands, and the range of each value.
 
     `starts` is True if the controller is active from the start. `life_ns` is the command timeout, 0 for none. `joints`
-    are the joints of a trajectory, in the controller's order, `ends` the command interfaces that receive single values.
+    are the joints of a trajectory, in the controller's order. `interfaces` are the command interfaces that receive
+    single values.
     """
 
     controller: str
@@ -41,7 +42,7 @@ class SampleMotion:
     starts: bool
     life_ns: int = 0
     joints: tuple[str, ...] = ()
-    ends: tuple[str, ...] = ()
+    interfaces: tuple[str, ...] = ()
 
 
 def motions_of(setup: RobotSetup) -> tuple[SampleMotion, ...]:
@@ -78,7 +79,7 @@ def _motion(setup: RobotSetup, core: RobotCore, name: str, type_name: str) -> Sa
     limits = tuple(limit_or_name for limit_or_name in ranges if limit_or_name is not None)
     if not limits or len(limits) != len(ranges):
         return None
-    return SampleMotion(name, "command", limits, starts, life_ns, ends=tuple(names))
+    return SampleMotion(name, "command", limits, starts, life_ns, interfaces=tuple(names))
 
 
 def _trajectory(controller: Controller, joints: object, *, starts: bool) -> SampleMotion | None:

@@ -114,7 +114,7 @@ class SimulationRun:
     def breaches(self) -> tuple[str, ...]:
         return tuple(breach.sentence for breach in self.invariants.breaches)
 
-    def why_never(self, duration_ns: int) -> str:
+    def start_failure(self, duration_ns: int) -> str:
         """Return why the robot never reached RUNNING, or "" if it did or the run ended early."""
         core, seconds = self.robot.core, self.robot_s
         ended = core.state is RobotState.STOPPED or seconds * 1e9 >= duration_ns

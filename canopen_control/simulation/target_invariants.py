@@ -133,7 +133,7 @@ class TargetInvariants:
     ) -> None:
         self._robot, self._disturbed, self._answers, self._report = robot, disturbed, answers, report
         self._axes = [_Followed(node) for view in views.values() for node in view.nodes.values()]
-        self._ends = {motion.controller: motion.ends for motion in motions}
+        self._interfaces = {motion.controller: motion.interfaces for motion in motions}
         self._scales = _velocity_scales(robot)
         self._commanded: dict[str, deque[tuple[int, float]]] = {}  # joint -> its last commands
         self._stopped_at = 0  # time of the last request that may end a command
@@ -150,13 +150,13 @@ class TargetInvariants:
             self._stopped_at = reception
         elif act.kind == "command":
             commanders.command(reception, leaves=bool(act.name))
-        if act.kind != "command" or not self._ends.get(act.target):
+        if act.kind != "command" or not self._interfaces.get(act.target):
             if act.kind in ("command", "trajectory", "activate", "deactivate"):
                 self._others_until = 1 << 62
                 self._commanded.clear()
             return
         self._others_until = min(self._others_until, reception + _SETTLED_NS)
-        for name, value in zip(self._ends[act.target], act.values, strict=False):
+        for name, value in zip(self._interfaces[act.target], act.values, strict=False):
             joint, _, interface = name.partition("/")
             if interface == VELOCITY:
                 self._commanded.setdefault(joint, deque(maxlen=_KEPT)).append((reception, value))

@@ -279,7 +279,7 @@ class DecodedFrame:
     fault: FaultEvent | None = None
 
     @property
-    def who(self) -> str:
+    def node_label(self) -> str:
         """Name of the node, "node N" without a name, or "" without a node."""
         return self.node or ("" if self.node_id is None else f"node {self.node_id}")
 
@@ -416,7 +416,7 @@ class Decoder:
         if parsed is None:
             return _Decoded("unknown NMT command", mark=Mark.WARNING)
         command, node_id = parsed
-        target = "all nodes" if node_id == BROADCAST else self.network.who(node_id)
+        target = "all nodes" if node_id == BROADCAST else self.network.node_label(node_id)
         return _Decoded(f"{command.name.replace('_', ' ')}, {target}", mark=Mark.NOTABLE, node_id=node_id or None)
 
     def _remote(self, frame: CanFrame) -> tuple[_Route, _Decoded]:

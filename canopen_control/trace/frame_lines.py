@@ -141,7 +141,7 @@ def write_long(frames: Iterable[DecodedFrame], out: TextIO) -> int:
 
 
 def _rows(frame: DecodedFrame) -> Iterator[tuple[str, ...]]:
-    head = _time(frame), f"0x{frame.can_id & 0x1FFFFFFF:03X}", frame.who, frame.service
+    head = _time(frame), f"0x{frame.can_id & 0x1FFFFFFF:03X}", frame.node_label, frame.service
     for value in frame.values:
         yield (*head, value.name, _plain_value(value.value), value.text)
     if not frame.values:
@@ -171,7 +171,7 @@ def write_wide(frames: Iterable[DecodedFrame], signals: Iterable[str], out: Text
 
 def signal_name(frame: DecodedFrame, name: str) -> str:
     """Return the column name for a value of a frame, "NODE.NAME"."""
-    return f"{frame.who}.{name}"
+    return f"{frame.node_label}.{name}"
 
 
 def _time(frame: DecodedFrame) -> str:
@@ -204,7 +204,7 @@ class LineWriter:
         """Return the line of a frame, without a line end."""
         text = (
             f"{self._time(decoded.time)}  {identifier_text(decoded.can_id):>3}  {_data(decoded):<{_DATA_WIDTH}}  "
-            f"{decoded.who:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
+            f"{decoded.node_label:<{self._node_width}}  {decoded.subject:<{_SUBJECT_WIDTH}}  {decoded.text}"
         ).rstrip()
         colour = _COLOURS.get(decoded.mark) if self._colour else None
         return f"{colour}{text}{_RESET}" if colour else text

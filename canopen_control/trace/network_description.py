@@ -98,7 +98,7 @@ class NetworkDescription:
             return node.name
         return "master" if node_id == self.master_node_id else ""
 
-    def who(self, node_id: int) -> str:
+    def node_label(self, node_id: int) -> str:
         """Return ``node 3 (left_drive)``, or ``node 3`` without a name."""
         name = self.name_of(node_id)
         return f"node {node_id} ({name})" if name else f"node {node_id}"

@@ -266,7 +266,7 @@ class FrameReader:
         if note_key in self._reported:
             return
         self._reported.add(note_key)
-        node = decoded.who or None
+        node = decoded.node_label or None
         text = f"{node or 'bus'}: {decoded.subject or decoded.service} {decoded.text}".rstrip()
         level = _LEVELS[decoded.mark]
         event = RobotEvent(
@@ -350,7 +350,7 @@ def _line(frame: _Decoded) -> FrameFacts:
         id=identifier_text(decoded.can_id),
         data=decoded.data.hex(" ").upper(),
         service=decoded.subject or decoded.service,
-        node=decoded.who,
+        node=decoded.node_label,
         node_id=decoded.node_id,
         text=decoded.text,
         mark=decoded.mark.name.lower(),

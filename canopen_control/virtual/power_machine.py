@@ -95,7 +95,7 @@ class PowerMachine:
         self.fault_on_enable: InjectionPoint[int] = InjectionPoint(0)
         self.serves_preop: InjectionPoint[bool] = InjectionPoint(False)
         self.delays_ns: dict[int, int] = {}
-        self.ends: dict[State, State | None] = {}
+        self.stop_states: dict[State, State | None] = {}
         self.unsupplied = State.SWITCH_ON_DISABLED
         self._ignored: tuple[int, str] | None = None  # controlword and reason of the last report, in the present state
         self.acts: dict[int, Callable[[Transition, int], None]] = {}
@@ -249,7 +249,7 @@ class PowerMachine:
 
     def finish(self, target: State, now: int) -> None:
         """End a stop and enter the state `target`, unless a quirk defines another state."""
-        end = self.ends.get(self.state, target)
+        end = self.stop_states.get(self.state, target)
         if end is None:
             return
         self.stop_target = None

@@ -261,7 +261,7 @@ def _link_empty_after_fault(hooks: QuirkHooks, drive: VirtualDrive, seconds: flo
 
 def _ends_in(state: State, end: State | None) -> AxisAct:
     """Return a quirk action that makes the stop in `state` end in the state `end`, or never if `end` is None."""
-    return lambda hooks, drive, _strength: hooks.entry(drive.power.ends, state, end)
+    return lambda hooks, drive, _strength: hooks.entry(drive.power.stop_states, state, end)
 
 
 def _quick_stop_unseen(hooks: QuirkHooks, drive: VirtualDrive, _strength: float) -> None:

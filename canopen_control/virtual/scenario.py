@@ -278,7 +278,7 @@ class Timeline:
         started_with: Mapping[int, VirtualNode],
         report: Callable[[str], None],
     ) -> None:
-        self._reactor, self._controls, self._nodes, self._say = reactor, controls, started_with, report
+        self._reactor, self._controls, self._nodes, self._report = reactor, controls, started_with, report
         self._start = reactor.now()
 
     def plan(self, switchings: Sequence[Switching]) -> None:
@@ -298,4 +298,4 @@ class Timeline:
             else:
                 control.do(SetPlant(numbers=dict(switching.plant), axis=switching.axis))
         except ConfigError as error:
-            self._say(f"node {switching.node_id}: scenario: {error}")
+            self._report(f"node {switching.node_id}: scenario: {error}")

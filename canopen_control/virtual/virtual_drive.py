@@ -378,8 +378,8 @@ class VirtualDrive:
         store.on_write([index + shift for index in TORQUE_LIMITS], lambda _entry, _value: self._limit_torque())
         store.on_write([o.INTERPOLATION_DATA + shift], self._record_written)
         store.on_write({gain.index for gain in self._gains.values()}, lambda _entry, _value: self._tune())
-        mine = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
-        store.on_write(mine, lambda _entry, _value: self.refresh(self._clock.now))
+        indices = {entry.index for entry in store.od if 0x6000 <= entry.index - shift < 0x6800} - {controlword}
+        store.on_write(indices, lambda _entry, _value: self.refresh(self._clock.now))
 
     def _show(self, index: int, subindex: int, source: Callable[[], int]) -> None:
         entry = self._store.od.get(index, subindex)

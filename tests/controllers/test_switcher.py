@@ -90,9 +90,9 @@ def test_what_was_enabled_in_the_last_cycle_and_its_rhythm_outlive_a_switch():
     before.rate.step(S, 0.02)
     a.enabled = False  # since the last cycle
     after = ActiveController(before.controller, 10, [ends])
-    assert not after.parts[0].enabled
+    assert not after.groups[0].enabled
     after.take_over(before, {a})
-    assert after.parts[0].enabled
+    assert after.groups[0].enabled
     assert after.rate.last == S
 
 

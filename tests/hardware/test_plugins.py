@@ -7,8 +7,8 @@ from canopen_control.hardware.plugins import (
     GenericSystem,
     PluginKind,
     TransmittedSystem,
+    busless_component,
     kind_of,
-    made_up,
     transmitted,
 )
 from canopen_control.urdf.description import UrdfDescription
@@ -57,7 +57,7 @@ def test_an_unknown_plugin_is_named_with_its_place_and_the_nearest():
 
 
 def test_a_robot_that_is_mocked_by_option_moves_its_joints():
-    mocked = made_up(ROBOT, tag("canopen_control/CanopenSystem"), PluginKind.MOCK)
+    mocked = busless_component(ROBOT, tag("canopen_control/CanopenSystem"), PluginKind.MOCK)
     assert isinstance(mocked, GenericSystem)
     mocked.configure()
     mocked.activate()
@@ -65,11 +65,13 @@ def test_a_robot_that_is_mocked_by_option_moves_its_joints():
     mocked.command_interfaces[0].value = 2.0
     mocked.read(0, 0.5)
     assert mocked.state_interfaces[0].value == 1.0
-    assert isinstance(made_up(ROBOT, tag("gz_ros2_control/GazeboSimSystem"), PluginKind.SIMULATION), SimulatedSystem)
+    assert isinstance(
+        busless_component(ROBOT, tag("gz_ros2_control/GazeboSimSystem"), PluginKind.SIMULATION), SimulatedSystem
+    )
 
 
 def test_a_transmission_that_changes_nothing_is_not_between():
-    component = made_up(ROBOT, tag("mock_components/GenericSystem"), PluginKind.MOCK)
+    component = busless_component(ROBOT, tag("mock_components/GenericSystem"), PluginKind.MOCK)
     assert transmitted(component, tag("x", transmissions=(Transmission("t", "j", "m"),))) is component
     through = transmitted(component, tag("x", transmissions=(Transmission("t", "j", "m", 2.0),)))
     assert isinstance(through, TransmittedSystem)

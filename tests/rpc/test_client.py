@@ -129,13 +129,13 @@ def test_what_may_be_answered_at_any_time_is_waited_for(scene):
 
 
 def test_what_is_said_again_and_again_wants_no_answer_and_ends_with_the_connection(scene):
-    scene.client.keep_saying(Get("alive"), 100 * MS)
+    scene.client.send_periodically(Get("alive"), 100 * MS)
     scene.reactor.run_for(350 * MS)
     assert [message for _, message in scene.requests] == [{"method": "get", "params": {"key": "alive"}}] * 4
     scene.client.close()
     scene.reactor.run_for(500 * MS)
     assert len(scene.requests) == 4
-    scene.client.keep_saying(Get("alive"), 100 * MS)
+    scene.client.send_periodically(Get("alive"), 100 * MS)
     scene.reactor.run_for(500 * MS)
     assert len(scene.requests) == 4
 

@@ -162,7 +162,7 @@ def test_who_waits_for_an_answer_does_not_make_way_as_the_idle_do(store):
 
 def test_who_asks_is_known_by_its_process(store):
     store.ask("get", key="a")
-    assert "client #1 (pid " in store.calls[0].who
+    assert "client #1 (pid " in store.calls[0].client
 
 
 def test_a_method_that_nobody_answers_is_found_at_the_start(store):

@@ -124,10 +124,10 @@ def test_a_clock_that_is_set_is_followed_and_told_once(step):
     walls = Walls()
     step_ns = round(step * SECOND)
     walls.passes(SECOND, step_ns)
-    assert walls.wall.look(walls.now) == step_ns
-    assert walls.wall.look(walls.now) == 0
+    assert walls.wall.follow_if_due(walls.now) == step_ns
+    assert walls.wall.follow_if_due(walls.now) == 0
     walls.passes(SECOND)
-    assert walls.wall.look(walls.now) == 0
+    assert walls.wall.follow_if_due(walls.now) == 0
     assert walls.wall.made_at(walls.unix - SECOND // 10) == walls.now - SECOND // 10
 
 
@@ -135,7 +135,7 @@ def test_a_clock_that_is_slewed_is_followed_in_silence():
     walls = Walls()
     for _ in range(100):
         walls.passes(SECOND, 500_000)  # 500 ppm, the most that NTP slews
-        assert walls.wall.look(walls.now) == 0
+        assert walls.wall.follow_if_due(walls.now) == 0
     assert walls.now + walls.wall.offset_ns == walls.unix
 
 
@@ -156,7 +156,7 @@ def test_virtual_time_has_no_wall_to_follow():
     walls = Walls()
     walls.wall.fix(0)
     walls.passes(SECOND, 7 * SECOND)
-    assert walls.wall.look(walls.now) == walls.wall.follow() == walls.wall.offset_ns == 0
+    assert walls.wall.follow_if_due(walls.now) == walls.wall.follow() == walls.wall.offset_ns == 0
 
 
 def test_the_words_say_which_way():

@@ -326,11 +326,11 @@ def test_a_recorder_that_is_stopped_is_told_and_so_is_that_it_goes_on(supervisor
 def test_silence_counts_while_this_process_is_on_time_and_ends_with_an_answer():
     look = SECOND // 4
     silence = Silence(0)
-    assert [silence.look(turn * look, None) for turn in range(1, 4)] == [look, 2 * look, 3 * look]
-    assert silence.look(10 * SECOND, None) == 3 * look, "this process was held up, and so may the child have been"
-    assert silence.look(10 * SECOND + look, None) == 4 * look
-    assert silence.look(10 * SECOND + 2 * look, 10 * SECOND + 1) == 0
-    assert silence.look(10 * SECOND + 3 * look, 10 * SECOND + 1) == look, "what was heard before is not an answer"
+    assert [silence.update(turn * look, None) for turn in range(1, 4)] == [look, 2 * look, 3 * look]
+    assert silence.update(10 * SECOND, None) == 3 * look, "this process was held up, and so may the child have been"
+    assert silence.update(10 * SECOND + look, None) == 4 * look
+    assert silence.update(10 * SECOND + 2 * look, 10 * SECOND + 1) == 0
+    assert silence.update(10 * SECOND + 3 * look, 10 * SECOND + 1) == look, "what was heard before is not an answer"
 
 
 ANSWERS = """

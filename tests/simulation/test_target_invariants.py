@@ -108,7 +108,7 @@ def test_a_drive_that_computes_late_is_compared_with_the_speed_of_its_own_time(j
 
 
 def test_the_controller_that_takes_values_joint_by_joint_says_where_they_go(judged):
-    ends = {each.controller: each.ends for each in motions_of(judged.robot.setup)}
+    ends = {each.controller: each.interfaces for each in motions_of(judged.robot.setup)}
     assert ends == {FORWARD: ("left_wheel_joint/velocity", "right_wheel_joint/velocity"), BASE: ()}
 
 

@@ -17,7 +17,7 @@ class Client:
     def ask(self, request, answer):
         self.asked.append((request, answer))
 
-    def keep_saying(self, request, every_ns):
+    def send_periodically(self, request, every_ns):
         del request, every_ns
 
     def close(self):

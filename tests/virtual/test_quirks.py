@@ -118,7 +118,7 @@ def test_all_quirks_that_go_together_are_undone_together():
     assert bench.quirks.active == []
     power, healthy = bench.drive.power, plain.drive.power
     assert power.acts == healthy.acts == {}
-    assert (power.delays_ns, power.ends, power.unsupplied) == ({}, {}, healthy.unsupplied)
+    assert (power.delays_ns, power.stop_states, power.unsupplied) == ({}, {}, healthy.unsupplied)
     assert bench.drive.readings.statusword.changes == ()
     assert bench.drive.modes.conditions == ()
     assert bench.drive.objects.model is plain.drive.objects.model

@@ -69,7 +69,7 @@ def run_campaign(setup: RobotSetup, order: CampaignOrder, folder: Path) -> int:
     start = time.perf_counter()
     campaign = Campaign(setup, order.duration_ns, order.faults)
     totals = Totals()
-    if never := campaign.why_never():
+    if never := campaign.start_failure():
         print(f"canopen-control: {never}", file=sys.stderr)
         return 1
     code, problem = _run(campaign, order.seeds, order, totals)

@@ -51,7 +51,7 @@ class TuneTab:
         self._context, self._node_jobs = context, context.node_jobs
         self._here = jobs.PagePresence()
         self._drawn: jobs.TuneFound | None = None
-        self._mine = False
+        self._is_own_run = False
         self._period = 0.01
         self._confirmed: jobs.TunePlan | None = None
         with ui.element("div").classes("cc-tab-columns"):
@@ -132,8 +132,8 @@ class TuneTab:
         self._apply.set_enabled(free and not no_gains and tuned is not None and tuned.gains is not None)
         self._no_run.show(sentence(no_run))
         self._no_gains.show(sentence(no_gains))
-        if self._mine and not self._node_jobs.busy:
-            self._mine = False
+        if self._is_own_run and not self._node_jobs.busy:
+            self._is_own_run = False
             self._presence.switch(on=False)
         if tuned is not None and tuned is not self._drawn and tuned.lines and not self._node_jobs.busy:
             self._drawn = tuned
@@ -154,9 +154,9 @@ class TuneTab:
     def leave(self) -> None:
         """Hide the tab; this ends a run that this page has started."""
         work = self._node_jobs.work
-        if self._mine and work is not None and work.job is TUNE:
+        if self._is_own_run and work is not None and work.job is TUNE:
             work.end()
-        self._mine = False
+        self._is_own_run = False
         self._presence.switch(on=False)
 
     # ------------------------------------------------------------------------------------ what the user does
@@ -210,8 +210,8 @@ class TuneTab:
             self._node_jobs.tuned = result
             return text
 
-        self._mine = self._start("Tuning", "hundredths of a second", run)
-        self._presence.switch(on=self._mine)
+        self._is_own_run = self._start("Tuning", "hundredths of a second", run)
+        self._presence.switch(on=self._is_own_run)
 
     def _begin_apply(self) -> None:
         tuned = self._node_jobs.tuned
