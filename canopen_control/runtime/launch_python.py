@@ -312,10 +312,10 @@ class _Reader:
         """
         robot, package = self._moveit_names(builder)
         described = _link(chain, "robot_description")
-        file = None
+        argument = None
         if described is not None:
-            file = described.args[0] if described.args else _keyword(described, "file_path")
-        relative = self.text(file) if file is not None else robot and f"config/{robot}.urdf.xacro"
+            argument = described.args[0] if described.args else _keyword(described, "file_path")
+        relative = self.text(argument) if argument is not None else robot and f"config/{robot}.urdf.xacro"
         if package is None or relative is None:
             self.launch.computed.append((builder.lineno, "the description of MoveItConfigsBuilder"))
             return
