@@ -101,3 +101,12 @@ def test_a_side_is_measured_by_its_own_bench(tmp_path):
     (package / "__main__.py").write_text("raise SystemExit('it broke')")
     with pytest.raises(against.Unmeasured, match="there: the bench ended with 1: it broke"):
         against._measured(side, ["cycle"], tmp_path / "report.json")
+
+
+def test_a_figure_per_second_of_cpu_is_compared_by_its_ratio():
+    sides = [{**figure(4.0, "robby", "CPU", "at least"), "unit": "s", "ratio": ratio} for ratio in (300.0, 200.0)]
+    pairs = [({("simulate", "robby", "CPU"): sides[0]}, {("simulate", "robby", "CPU"): sides[1]})] * 7
+    (result,), alone = against.ratios(pairs)
+    assert (result.ours, result.theirs, result.median, result.verdict) == (300.0, 200.0, 1.5, "better")
+    assert result.unit == "s/s CPU"
+    assert alone == []

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from canopen_control.errors import CanopenError, ConfigError
 from canopen_control.host.signals import interrupt, on_signals
-from canopen_control_bench.figure import AT_LEAST
+from canopen_control_bench.figure import AT_LEAST, OWN_CPU
 from canopen_control_bench.runner import FAMILIES, GROUPS
 
 if TYPE_CHECKING:
@@ -267,13 +267,13 @@ def ratios(pairs: Sequence[tuple[Figures, Figures]]) -> tuple[list[Ratio], list[
             )
             alone.append(f"{family}: {name}: seen by {which}")
             continue
-        ours, theirs = ([float(pair[place][key]["ours"]) for pair in pairs] for place in (0, 1))
+        ours, theirs = ([_value(pair[place][key]) for pair in pairs] for place in (0, 1))
         first = pairs[0][0][key]
         found.append(
             Ratio(
                 family,
                 f"{name} / {peer}" if sum(other[:2] == key[:2] for other in keys) > 1 else name,
-                first["unit"],
+                f"{first['unit']}/s CPU" if first["peer_name"] == OWN_CPU else first["unit"],
                 first["direction"],
                 statistics.median(ours),
                 statistics.median(theirs),
@@ -281,6 +281,11 @@ def ratios(pairs: Sequence[tuple[Figures, Figures]]) -> tuple[list[Ratio], list[
             )
         )
     return found, alone
+
+
+def _value(figure: Mapping[str, Any]) -> float:
+    """Return the number to compare: what was measured, or what was done for each second of CPU."""
+    return float(figure["ratio" if figure["peer_name"] == OWN_CPU else "ours"])
 
 
 def _ratio(ours: float, theirs: float) -> float:

@@ -20,7 +20,7 @@ from canopen_control.simulation.motions import motions_of
 from canopen_control.simulation.random_schedule import draw_schedule
 from canopen_control.simulation.simulation_run import SimulationRun
 from canopen_control.version import COMPILED, PURE, build
-from canopen_control_bench.figure import AT_LEAST, Figure, compared, limited
+from canopen_control_bench.figure import AT_LEAST, OWN_CPU, Figure, compared, limited
 from canopen_control_bench.fleet import write_fleet
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def measure(options: Options) -> list[Figure]:
             if limit is not None and options.quick:
                 limit /= _SHARED
             figures.append(
-                compared(f"{name} at 50 Hz, {build()}", "s", times, peer_name="CPU", limit=limit, direction=AT_LEAST)
+                compared(f"{name} at 50 Hz, {build()}", "s", times, peer_name=OWN_CPU, limit=limit, direction=AT_LEAST)
             )
             boots = boots or [1000 * result.boot_s for result in found]
     return [*figures, limited(f"boot of robby, CPU, {build()}", "ms", boots, limit=BOOT_LIMIT_MS)]
