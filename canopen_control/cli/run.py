@@ -143,7 +143,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="start drives, hub, recorder and ROS bridge as new interpreters instead of forks of this process",
     )
-    add_duration(parser, "stop S seconds after the controllers have started", former="--duration", dest="duration")
+    add_duration(
+        parser,
+        "stop S seconds after the controllers have started, or after the boot while STOP is latched",
+        former="--duration",
+        dest="duration",
+    )
     parser.add_argument(
         "--ros-args",
         nargs=argparse.REMAINDER,

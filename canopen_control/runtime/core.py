@@ -253,7 +253,7 @@ class RobotCore:
         self._phase = RobotState.STARTING
         self.advances = True
         """Whether `advance` must be called in each cycle, because the robot is starting or stopping."""
-        self._activated = self._was_latched = False
+        self._booted = self._activated = self._was_latched = False
         self._deadline = self._stopping_until = 0
         self._requests: list[PendingAxisRequest] = []
         if setup.controllers.manager.enforce_command_limits:
@@ -540,6 +540,10 @@ class RobotCore:
         """Activate the controllers once all required nodes are ready, then report that the robot runs."""
         missing = [node for node in self.nodes.values() if node.config.required and not node.ready]
         self._was_latched |= self.latch.held
+        if not missing and not self._booted:
+            self._booted = True
+            for observer in self.observers:
+                observer.booted()
         if not missing and not self._activated and not self.latch.held:
             self._activated = True
             self._deadline = now + REQUEST_TIMEOUT_NS
@@ -562,7 +566,10 @@ class RobotCore:
             return
         if late:
             self.report(Event(now, "stop_timeout", "", "the drives did not confirm the stop in time", Level.ERROR))
-        how = stop_summary(self.joints.values())  # evaluated now, because the NMT reset clears the statuswords
+        how, powered = stop_summary(self.joints.values())  # before the NMT reset clears the statuswords
+        if late or powered:
+            first = "the drives did not confirm the stop in time; " if late else ""
+            self.failure = self.failure or f"{first}{how}; check the drives before you approach the robot"
         for bus in self.buses.values():
             bus.release_nodes()
         self._end(f"has stopped, {how}" if how else "has stopped")

@@ -17,6 +17,9 @@ class RobotObserver:
     def event(self, event: Event) -> None:
         """Handle a reported event."""
 
+    def booted(self) -> None:
+        """Handle that all required nodes are ready, before the controllers are activated; called once."""
+
     def running(self) -> None:
         """Handle the completion of the start; called once."""
 

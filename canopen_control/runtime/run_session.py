@@ -26,6 +26,7 @@ from canopen_control.host.sockets import SocketInUse, claim, drive_name, runtime
 from canopen_control.master.event_log import Event, Level
 from canopen_control.runtime.api import ApiServer
 from canopen_control.runtime.core import RobotCore, RobotState
+from canopen_control.runtime.enable_status import RELEASE
 from canopen_control.runtime.ground_truth import PERIOD_NS, TruePoseQuery, odometry_at
 from canopen_control.runtime.observer import RobotObserver
 from canopen_control.runtime.physics_plant import SensedValues, world_sensors, write_plant
@@ -189,6 +190,7 @@ class RunSession(RobotObserver):
     def __init__(self, setup: RobotSetup, options: RunOptions, *, reactor: Reactor | None = None) -> None:
         self.setup, self.options = setup, options
         self.reactor = reactor or Reactor()
+        self._timer: Timer | None = None
         self._cleanup = contextlib.ExitStack()
         try:
             self._open()
@@ -204,8 +206,7 @@ class RunSession(RobotObserver):
         self.robot = RobotCore(setup, self.reactor)
         self.robot.latch.keep(state_dir(setup.name) / "stop_latched")
         self.reactor.on_error = ProgramErrors(self.reactor.now, self.robot.report)
-        for channel in setup.channels.values() if self.robot.buses else ():
-            cleanup.callback(os.close, _claim(channel))
+        claims = cleanup.enter_context(contextlib.ExitStack())
         self.supervisor = Supervisor(setup.name, self.reactor, self.robot.report, self.realtime)
         self.robot.missing_programs = self.supervisor.missing
         cleanup.callback(self.supervisor.end)
@@ -214,10 +215,14 @@ class RunSession(RobotObserver):
         except SocketInUse as error:
             owner = f" (process {error.pid})" if error.pid else ""
             raise RobotConfigError(
-                f"a robot named {setup.name} runs already{owner}; stop that one, or choose another name with --as"
+                f"a robot named {setup.name} runs already{owner}; stop that one (canopen-control shutdown --name "
+                f"{setup.name}), or choose another name with --as"
             ) from error
         cleanup.callback(self.api.close)
         cleanup.callback(self.robot.close)
+        # after the name: a second run of the same robot needs another name, and has another channel by that
+        for channel in setup.channels.values() if self.robot.buses else ():
+            claims.callback(os.close, _claim(channel))
         drives = [drive_name(self.robot.bus_of(node).channel, node.node_id) for node in self.robot.nodes.values()]
         sensed = SensedValues(self.robot.sensed, world_sensors(setup))
         self._true_pose = TruePoseQuery(
@@ -302,6 +307,11 @@ class RunSession(RobotObserver):
     def stopped(self) -> None:
         self.reactor.stop()
 
+    def booted(self) -> None:
+        """Start the timer for the duration of the run if STOP is latched, since the robot may never be enabled then."""
+        if self.robot.latch.held:
+            self._start_timer()
+
     def running(self) -> None:
         """Start the true pose query, the demo motion and the timer for the duration of the run."""
         self._true_pose.start()
@@ -316,8 +326,22 @@ class RunSession(RobotObserver):
                 controller.name for controller in started if controller.moves_joints and not controller.is_broadcaster
             ]
             self._motion = DemoMotion(self.robot, moving[0]) if moving else None
-        if self.options.duration is not None:
-            self.reactor.call_later(round(self.options.duration * 1e9), lambda: self.robot.shutdown("duration elapsed"))
+        self._start_timer()
+
+    def _start_timer(self) -> None:
+        """Schedule the end of a run with a limited duration; a second call does nothing."""
+        if self.options.duration is not None and self._timer is None:
+            self._timer = self.reactor.call_later(round(self.options.duration * 1e9), self._on_elapsed)
+
+    def _on_elapsed(self) -> None:
+        """End the run; it has failed if STOP, latched at first, has kept the robot from running."""
+        if self.robot.has_run:
+            self.robot.shutdown("duration elapsed")
+            return
+        latched_by = self.robot.latch.by
+        held = f"STOP is latched (by {latched_by}); start the robot without --for, then: {RELEASE}"
+        why = held if latched_by is not None else "STOP was released too late; allow more time with --for"
+        self.robot.fail(f"{self.setup.name} did nothing within {self.options.duration:g} s: {why}")
 
 
 def _claim(channel: str) -> int:

@@ -17,6 +17,7 @@ from canopen_control.errors import CanopenError, ConfigError, RobotConfigError
 from canopen_control.host.environment import MODULE
 from canopen_control.host.files import state_dir
 from canopen_control.host.reactor import Reactor
+from canopen_control.host.signals import INTERRUPTED
 from canopen_control.host.spawn import end_children, spawn
 from canopen_control.physics import SDF_SUFFIXES, require_physics
 from canopen_control.physics.scene_file import read_world_description
@@ -185,6 +186,9 @@ class SharedRun:
 
     def _close(self) -> None:
         end_children(list(self._running.values()), self._reactor, _GRACE_S)
+        for name, child in self._running.items():
+            if child.returncode not in (0, INTERRUPTED):  # such as a stop that the drives did not confirm
+                self._failed = self._failed or f"{name} ended with exit code {child.returncode}"
         end_children([] if self._drives is None else [self._drives], self._reactor, _GRACE_S)
         self._reactor.close()
 

@@ -79,6 +79,10 @@ def test_the_last_sentence_names_the_drive_that_has_power_still(turning):
     assert bench.texts("stopped") == [
         "robby has stopped, left_drive still has power (OPERATION ENABLED): cut its supply if it moves"
     ]
+    assert bench.robot.failure == (
+        "the drives did not confirm the stop in time; left_drive still has power (OPERATION ENABLED): "
+        "cut its supply if it moves; check the drives before you approach the robot"
+    )
 
 
 def test_the_last_sentence_names_the_drive_that_nobody_sees(turning):
@@ -88,6 +92,9 @@ def test_the_last_sentence_names_the_drive_that_nobody_sees(turning):
     bench.robot.shutdown("a test")
     bench.until(lambda: bench.texts("stopped"), ms=16_000)
     assert bench.texts("stopped") == ["robby has stopped, could not confirm that left_drive is disabled"]
+    assert bench.robot.failure == (
+        "could not confirm that left_drive is disabled; check the drives before you approach the robot"
+    )
 
 
 def test_a_drive_that_stops_in_time_is_not_escalated(turning):
@@ -96,6 +103,7 @@ def test_a_drive_that_stops_in_time_is_not_escalated(turning):
     bench.until(lambda: bench.texts("stopped"))
     assert bench.texts("stop_overdue") == []
     assert bench.texts("stopped") == ["robby has stopped, its drives are disabled"]
+    assert bench.robot.failure is None
 
 
 def test_the_stop_of_a_halted_axis_does_not_wait_for_a_target_that_stands_already(turning):

@@ -74,7 +74,11 @@ def test_while_the_bus_hangs(stage):
     try:
         with RobotClient.connect("hangs") as client:
             assert eventually(lambda: client.ask(GetStatus()).state == "fault")
-        assert robot.end(signal.SIGINT) == 0, robot
+        assert robot.end(signal.SIGINT) == 1, robot
+        assert robot.err == (
+            "canopen-control: could not confirm that left_drive, right_drive are disabled; "
+            "check the drives before you approach the robot\n"
+        )
     finally:
         os.kill(hub, signal.SIGCONT)
     stage.nobody_is_left(GONE_S)

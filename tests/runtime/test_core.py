@@ -548,6 +548,26 @@ def test_a_robot_runs_without_a_wheel_that_is_not_required_but_moves_none_before
     robby.until(lambda: all(joint.enabled for joint in robby.robot.joints.values()))
 
 
+def test_a_wheel_that_never_booted_is_no_doubt_about_the_stop(bench, tmp_path):
+    config = copy_robby(tmp_path, bus={"    node_id: 2\n": "    node_id: 2\n    required: false\n"})
+    robby = bench(config=str(config), drives=(LEFT,))
+    robby.start()
+    robby.robot.shutdown("a test")
+    robby.until(lambda: robby.texts("stopped"))
+    assert robby.texts("stopped") == ["robby has stopped, right_drive was not booted"]
+    assert robby.robot.failure is None
+
+
+def test_a_start_that_is_interrupted_while_the_nodes_boot_has_not_failed(bench):
+    robby = bench(drives=())
+    robby.robot.start()
+    robby.until(lambda: robby.robot.nodes["left_drive"].boot_step)
+    robby.robot.shutdown("a test")
+    robby.until(lambda: robby.texts("stopped"))
+    assert robby.texts("stopped") == ["robby has stopped, left_drive, right_drive were not booted"]
+    assert robby.robot.failure is None
+
+
 def test_a_stop_begins_in_the_next_cycle_and_takes_the_command_back(bench):
     robby = bench()
     robby.start()

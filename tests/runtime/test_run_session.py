@@ -45,6 +45,21 @@ def test_a_name_has_one_robot():
     first.close()
 
 
+def test_a_second_run_of_a_robot_is_refused_by_its_name_since_another_channel_would_not_help():
+    first = RunSession(setup("again", "memory:again"), RunOptions(drives=False))
+    with pytest.raises(RobotConfigError, match=r"a robot named again runs already .*shutdown --name again.*with --as"):
+        RunSession(setup("again", "memory:again"), RunOptions(drives=False))
+    first.close()
+
+
+def test_a_channel_that_is_busy_leaves_no_socket():
+    first = RunSession(setup("one", "memory:kept"), RunOptions(drives=False))
+    with pytest.raises(RobotConfigError, match="memory:kept is busy"):
+        RunSession(setup("two", "memory:kept"), RunOptions(drives=False))
+    assert [path.name for path in runtime_dir().glob("robot-*.sock")] == ["robot-one.sock"]
+    first.close()
+
+
 def test_closing_leaves_no_socket_and_twice_is_once():
     session = RunSession(setup("gone", "memory:c"), RunOptions(drives=False))
     assert list(runtime_dir().glob("robot-*.sock"))
@@ -59,6 +74,34 @@ def test_the_duration_counts_from_running_on():
     try:
         assert session.run() is None
         assert session.robot.pacer.count * 0.02 > 0.2
+    finally:
+        session.close()
+
+
+def latched(name, duration):
+    session = RunSession(setup(name, f"memory:{name}"), RunOptions(duration=duration))
+    session.robot.latch.hold("canopen-control stop", 0)
+    return session
+
+
+def test_the_duration_counts_from_the_boot_on_while_stop_is_latched_and_a_run_that_did_nothing_has_failed():
+    session = latched("waits", 0.2)
+    try:
+        assert session.run() == (
+            "waits did nothing within 0.2 s: STOP is latched (by canopen-control stop); "
+            "start the robot without --for, then: canopen-control stop --release"
+        )
+    finally:
+        session.close()
+
+
+def test_a_stop_that_is_released_in_time_leaves_a_run_that_ends_well():
+    session = latched("freed", 1.0)
+    booted = Observer(booted=lambda: session.reactor.call_soon(lambda: session.robot.latch.release("a test", 0)))
+    session.robot.observers.append(booted)
+    try:
+        assert session.run() is None
+        assert session.robot.has_run
     finally:
         session.close()
 

@@ -1,3 +1,4 @@
+import contextlib
 import os
 import signal
 import subprocess
@@ -7,11 +8,14 @@ import pytest
 from support.host import eventually
 
 from canopen_control.client.drive_client import DriveClient
-from canopen_control.errors import RobotConfigError
+from canopen_control.errors import CanopenError, RobotConfigError
 from canopen_control.host.sockets import list_sockets
 from canopen_control.physics.physics_file import PhysicsError
 from canopen_control.rpc.messages.drive import AddPayload, GetWorld, GetWorldShapes
-from canopen_control.runtime.shared_world import read_shared
+from canopen_control.runtime import shared_world
+from canopen_control.runtime.robot_files import find_robot
+from canopen_control.runtime.setup import read_robot
+from canopen_control.runtime.shared_world import SharedRobot, SharedRun, read_shared
 
 HALL = """robots:
   - {name: hall_a, robot: robby, at: [0, 0]}
@@ -50,6 +54,41 @@ def test_arguments_and_controllers_of_a_robot_go_to_its_runtime(tmp_path):
 def test_mistakes_are_told_with_their_place(tmp_path, old, new, error, message):
     with pytest.raises(error, match=message):
         read_shared(written(tmp_path, HALL.replace(old, new, 1)))
+
+
+class EndingChild:
+    """A child process that is ready at once, and ends with `returncode` when the run is interrupted."""
+
+    def __init__(self, returncode):
+        self.returncode, self.heard_at, self._is_robot = returncode, 1, returncode is not None
+
+    def watch(self, reactor, _on_exit):
+        if self._is_robot:
+            reactor.call_soon(lambda: signal.raise_signal(signal.SIGINT))
+
+    def watch_ready(self, reactor, on_ready):
+        reactor.call_soon(on_ready)
+
+    def last_lines(self, _count):
+        return []
+
+    def wait(self, _grace):
+        return 0
+
+    def unwatch(self, *_): ...
+
+    unwatch_ready = terminate = unwatch
+
+
+@pytest.mark.parametrize(("code", "failed"), [(0, False), (130, False), (1, True)])
+def test_a_robot_that_fails_while_the_run_ends_fails_the_run(tmp_path, monkeypatch, code, failed):
+    setup = read_robot(find_robot("robby"), name="one", can=["local:one"])
+    monkeypatch.setattr(shared_world, "write_buses", lambda folder, *_: folder / "buses.yml")
+    monkeypatch.setattr(shared_world, "_write_plant_file", lambda _setup: tmp_path)
+    monkeypatch.setattr(shared_world, "spawn", lambda *_, name, **__: EndingChild(code if name == "one" else None))
+    run = SharedRun([SharedRobot(setup, ("run", "robby"))], tmp_path, print)
+    with pytest.raises(CanopenError, match="one ended with exit code 1") if failed else contextlib.nullcontext():
+        run.run()
 
 
 def world(name, request):

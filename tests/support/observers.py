@@ -25,6 +25,9 @@ class Observer(_Calls, RobotObserver):
     def event(self, event):
         self._call("event", event)
 
+    def booted(self):
+        self._call("booted")
+
     def running(self):
         self._call("running")
 
