@@ -158,6 +158,8 @@ class _Checker:
         self.findings += [_of_problem(problem, Severity.WARNING) for problem in problems.warnings]
         for note in config.notes[len(problems.warnings) :]:
             self.findings.append(Finding(config.path, 0, Severity.NOTE, note.removeprefix(f"{config.path}: ")))
+        for text in config.substitutes:
+            self.findings.append(Finding(config.path, 0, Severity.NOTE, text.removeprefix(f"{config.path}: ")))
         self.findings += _of_eds(config)
 
     def _read_controllers(self) -> ControllersFile | None:

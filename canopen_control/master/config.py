@@ -40,6 +40,8 @@ from canopen_control.yamlfile.node import Node
 from canopen_control.yamlfile.reader import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from canopen_control.od.eds import EdsFile
     from canopen_control.od.issues import Issue
     from canopen_control.od.model import ObjectDictionary
@@ -60,13 +62,17 @@ class NotFound(ConfigError):
 
 
 class Sources:
-    """Files that a bus.yml in `folder` names; `issues` are the problems found in each EDS."""
+    """Files that a bus.yml in `folder` names; `issues` are the problems found in each EDS.
+
+    `bundled` are the folders in which each bundled file in use was searched before, by path.
+    """
 
     def __init__(self, folder: Path, dcf_path: str = "") -> None:
         self._folder, self._dcf_path = folder, dcf_path
         self._files: dict[Path, EdsFile] = {}
         self._dictionaries: dict[tuple[Path, int | None], ObjectDictionary] = {}
         self.issues: dict[Path, list[Issue]] = {}
+        self.bundled: dict[Path, list[Path]] = {}
 
     def expanded(self, text: str) -> str:
         """Substitute `@BUS_CONFIG_PATH@` and environment variables in a text."""
@@ -77,13 +83,24 @@ class Sources:
         path = Path(self.expanded(name)).expanduser()
         folders = [Path(self.expanded(text)).expanduser() for text in (dcf_path, self._dcf_path) if text]
         places = [folder / path for folder in [*folders, self._folder]]
-        places += self._folder / path.name, data_path("eds", path.name)
+        places.append(self._folder / path.name)
         for place in places:
             if place.is_file():
                 return place
-        searched = ", ".join(dict.fromkeys(str(place.parent) for place in places))
+        bundled = data_path("eds", path.name)
+        if bundled.is_file():
+            self.bundled.setdefault(bundled, []).extend(place.parent for place in places)
+            return bundled
+        searched = ", ".join(dict.fromkeys(str(place.parent) for place in (*places, bundled)))
         unset = "; an environment variable is not set" if "$" in searched or "$" in str(path) else ""
         raise NotFound(f"file {name!r} not found in {searched}{unset}")
+
+    def unused_namesake(self, bundled: Path) -> Path | None:
+        """Return a file near bus.yml with the name of a bundled file in use, in any case, and another content."""
+        folders = [self._folder, *(entry for entry in _entries(self._folder) if entry.is_dir())]
+        named = (file for folder in folders for file in _entries(folder) if file.name.lower() == bundled.name.lower())
+        readable = (file for file in named if file.is_file() and os.access(file, os.R_OK))
+        return next((file for file in readable if file.read_bytes() != bundled.read_bytes()), None)
 
     def dictionary(self, path: Path, node_id: int | None) -> ObjectDictionary:
         """Return the object dictionary of a file for a node id (None: the file's own node id); EdsError if invalid."""
@@ -110,6 +127,14 @@ class Sources:
             raise ValueError(f"cannot be read: {error.strerror}") from error
 
 
+def _entries(folder: Path) -> list[Path]:
+    """Return the entries of a folder, sorted; [] for a folder that cannot be read."""
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
+
+
 _SECTIONS = ("options", "master", "defaults", "nodes")
 _TIME_COB_ID = 0x100  # predefined (CiA 301, 7.3.3)
 _SYNCHRONOUS: Final = (*range(241), 252)  # transmission types that wait for SYNC (CiA 301, 7.5.2.35 and 7.5.2.37)
@@ -123,7 +148,7 @@ class BusConfig:
 
     The dictionary of a device with several motors in one object set is the view of its axes. `period_line` is the line
     of sync_period, 0 without that key; `sections` are the YAML nodes by name. `unreadable` are the nodes with errors in
-    their keys, with their node ids (0: unreadable).
+    their keys, with their node ids (0: unreadable). `substitutes` are sentences about bundled files in use.
     """
 
     path: str
@@ -138,6 +163,7 @@ class BusConfig:
     period_line: int = 0
     sections: dict[str, Node] = field(default_factory=dict, repr=False)
     unreadable: dict[str, int] = field(default_factory=dict)
+    substitutes: tuple[str, ...] = ()
 
     def place(self, name: str, key: str) -> Node:
         """Return the YAML node of a node's dotted key, such as `rpdo.1.mapping`, or of the nearest parent key."""
@@ -210,7 +236,26 @@ class _Reader:
             self._period_line(),
             {name: node for name, (_, node) in nodes.items()},
             self._unreadable,
+            tuple(self._substitutes(paths, nodes)),
         )
+
+    def _substitutes(self, paths: dict[str, Path], nodes: dict[str, tuple[NodeConfig, Node]]) -> Iterator[str]:
+        """Yield a sentence about each bundled file that is used instead of a missing one; warn of unused namesakes."""
+        if self._path.resolve().is_relative_to(data_path("config", "").resolve()):
+            return  # bundled robots use bundled files
+        for path, folders in self._sources.bundled.items():
+            searched = ", ".join(dict.fromkeys(map(str, folders)))
+            yield (
+                f"{self._path}: {path.name} is not in {searched}, so the bundled file {path} is used; "
+                "if your device has another file, copy it to that folder"
+            )
+            other = self._sources.unused_namesake(path)
+            user = next((nodes[name][1] for name in paths if paths[name] == path), None)
+            if other is not None and user is not None:
+                (user.get("dcf") or user).warning(
+                    f"the bundled file {path} is used, and {other}, whose content differs, is not; "
+                    f"write `dcf: {os.path.relpath(other, self._path.parent)}` to use it"
+                )
 
     # ------------------------------------------------------------------------------------------- sections
 
@@ -384,7 +429,7 @@ class _Reader:
         try:
             path = self._sources.find(config.identity.dcf, config.identity.dcf_path)
             named = Path(self._sources.expanded(config.identity.dcf)).expanduser()
-            if not path.match(str(named)):
+            if not path.match(str(named)) and path not in self._sources.bundled:
                 self._remarks.append(f"{self._path}: {named} does not exist; {path} is used instead")
             return path, self._sources.dictionary(path, config.node_id or None)
         except NotFound as error:

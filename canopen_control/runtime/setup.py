@@ -110,6 +110,7 @@ class RobotSetup:
     def notices(self) -> Iterator[tuple[str, Level, str]]:
         """Notes and warnings about the files, as kind, level and text of events at the start."""
         yield from (("note", Level.INFO, text) for text in self.notes)
+        yield from (("bundled", Level.INFO, text) for bus in self.joined.values() for text in bus.substitutes)
         yield from (("doubt", Level.WARNING, text) for text in self.uncertainties)
         yield from (("argument", Level.WARNING, f"{word} {_IDLE}") for word in self.files.idle)
         yield from (("sync", Level.INFO, text) for text in self.sync_notes)

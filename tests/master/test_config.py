@@ -55,6 +55,38 @@ def test_a_path_of_another_computer_is_the_file_of_that_name_beside_bus_yml_and_
     assert note.endswith(f"/home/robot/config/{EDS.name} does not exist; {tmp_path / EDS.name} is used instead")
 
 
+def test_a_bundled_file_that_replaces_a_missing_one_is_told_once_with_the_folders_that_lack_it(tmp_path):
+    path = write(tmp_path, NESTED)
+    assert read_bus(path).substitutes == ()
+    (tmp_path / EDS.name).unlink()
+    bus = read_bus(path)
+    assert bus.eds_paths["left_drive"] == bus.eds_paths["right_drive"] == EDS
+    (sentence,) = bus.substitutes
+    assert sentence == (
+        f"{path}: {EDS.name} is not in {tmp_path}, so the bundled file {EDS} is used; "
+        "if your device has another file, copy it to that folder"
+    )
+    assert not [note for note in bus.notes if "the bundled file" in note]
+    assert read_bus(data_path("config", "robby") / "bus.yml").substitutes == ()
+
+
+@pytest.mark.parametrize("place", ["tmcm-1270.EDS", "eds/TMCM-1270.eds"])
+def test_a_file_of_that_name_with_another_content_that_is_not_used_is_a_warning(tmp_path, place):
+    path = write(tmp_path, NESTED)
+    other = tmp_path / place
+    other.parent.mkdir(exist_ok=True)
+    (tmp_path / EDS.name).rename(other)
+    bus = read_bus(path)
+    assert len(bus.substitutes) == 1
+    assert not [note for note in bus.notes if place in note]  # the same content
+    other.write_text(other.read_text() + "; of another revision\n")
+    (note,) = [note for note in read_bus(path).notes if place in note]
+    assert f"the bundled file {EDS} is used, and {other}, whose content differs, is not; write `dcf: {place}`" in note
+    path.write_text(path.read_text().replace("dcf: TMCM-1270.eds", f"dcf: {place}"))
+    assert read_bus(path).eds_paths["left_drive"] == other
+    assert read_bus(path).substitutes == ()
+
+
 @pytest.mark.parametrize("section", ["options", "defaults", "master"])
 def test_a_node_that_is_indented_too_far_is_named(tmp_path, section):
     text = """\
